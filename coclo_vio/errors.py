@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The errors of the package: one base, one class for each part that can be at fault.
+
+A message names the value, the limit, the choices there are, and the next step. A rejected measurement is a
+result, never an error.
+"""
+
+from collections.abc import Iterable
+
+
+class CocloError(Exception):
+    """Base of every error raised on purpose by this package."""
+
+
+class ConfigError(CocloError):
+    """A configuration value, key or preset is wrong."""
+
+
+class DatasetError(CocloError):
+    """A recording cannot be read as asked."""
+
+
+class TopicNotFound(DatasetError):  # noqa: N818 -- the field says "topic not found"
+    """A recording has no such column, topic or file."""
+
+
+class TimestampError(DatasetError):
+    """Time stamps are missing, not monotonic or not usable."""
+
+
+class CalibrationMissing(DatasetError):  # noqa: N818
+    """A recording lacks a calibration that the mode needs."""
+
+
+class RobotModelError(CocloError):
+    """A robot description names what its URDF does not have."""
+
+
+class FilterError(CocloError):
+    """The filter cannot start or go on."""
+
+
+class SmootherError(CocloError):
+    """The sliding-window smoother or a GTSAM baseline cannot start or go on."""
+
+
+class EvaluationError(CocloError):
+    """Two trajectories cannot be compared."""
+
+
+def listing(choices: Iterable[str], most: int = 40) -> str:
+    """Names in alphabetical order for an error message, at most ``most`` of them."""
+    names = sorted(choices)
+    shown = ", ".join(names[:most]) if names else "none"
+    return shown if len(names) <= most else f"{shown}, ... ({len(names)} in all)"

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the estimators say: state, covariance and relative pose, as frozen values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray, checked, frozen
+from coclo_vio.measurements import Measurement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavState:
+    """Pose, velocity, rate and biases of the body at one time.
+
+    Attributes:
+        T_world_body: maps body coordinates to world, (4, 4).
+        velocity_world: of the body origin, m/s, world frame, (3,).
+        angular_velocity_body: true rate without bias, rad/s, body frame, (3,).
+        gyroscope_bias: rad/s, body frame, (3,).
+        accelerometer_bias: m/s^2, body frame, (3,).
+    """
+
+    T_world_body: Array
+    velocity_world: Array
+    angular_velocity_body: Array
+    gyroscope_bias: Array
+    accelerometer_bias: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "T_world_body", checked("NavState.T_world_body", self.T_world_body, (4, 4)))
+        for name in ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias"):
+            frozen(self, name, checked(f"NavState.{name}", getattr(self, name), (3,)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootState:
+    """Where the feet are and whether they stand, in the order of the robot's legs.
+
+    Attributes:
+        position_world: foot centres, m, world frame, (legs, 3).
+        contact_probability: in 0..1, (legs,).
+        is_stance: the feet that hold the body in this estimate, (legs,).
+    """
+
+    position_world: Array
+    contact_probability: Array
+    is_stance: BoolArray
+
+    def __post_init__(self) -> None:
+        frozen(self, "position_world", checked("FootState.position_world", self.position_world, (None, 3)))
+        legs = (len(self.position_world),)
+        probability = checked("FootState.contact_probability", self.contact_probability, legs)
+        frozen(self, "contact_probability", probability)
+        is_stance = np.array(self.is_stance, dtype=np.bool_)
+        if is_stance.shape != legs:
+            raise ValueError(f"FootState.is_stance must have shape {legs}, got {is_stance.shape}")
+        is_stance.flags.writeable = False
+        frozen(self, "is_stance", is_stance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateEstimate:
+    """An estimator's answer at one time.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        nav: the mean.
+        covariance: of the error [rotation (rad, body), position (m, body), velocity (m/s, world)], (9, 9).
+            Rotation and position are right/local: ``T = T_mean exp([rotation, position])``.
+        feet: the feet, where the estimator knows any.
+    """
+
+    stamp_ns: int
+    nav: NavState
+    covariance: Array
+    feet: FootState | None = None
+
+    def __post_init__(self) -> None:
+        frozen(self, "covariance", checked("StateEstimate.covariance", self.covariance, (9, 9)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryDelta:
+    """Relative motion between two times, what ties two keyframes together.
+
+    Attributes:
+        start_ns: time of the earlier pose in nanoseconds.
+        end_ns: time of the later pose in nanoseconds.
+        T_start_end: maps end coordinates to start, (4, 4).
+        covariance: of the right/local error ``T = T_mean exp([rotation rad, translation m])``, (6, 6).
+
+    Raises:
+        ValueError: a wrong shape, or an end before the start.
+    """
+
+    start_ns: int
+    end_ns: int
+    T_start_end: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        if self.end_ns < self.start_ns:
+            raise ValueError(f"OdometryDelta ends at {self.end_ns} ns before it starts at {self.start_ns} ns")
+        frozen(self, "T_start_end", checked("OdometryDelta.T_start_end", self.T_start_end, (4, 4)))
+        frozen(self, "covariance", checked("OdometryDelta.covariance", self.covariance, (6, 6)))
+
+
+class Estimator(Protocol):
+    """Anything that turns measurements into estimates, one at a time, online."""
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        """Take one measurement; the new estimate where this one completes a step, otherwise None."""
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each unusual thing happened: samples refused, legs left out, gaps, rejections, standstills."""
