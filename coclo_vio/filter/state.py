@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The filter's state on its manifold, and the order and meaning of its errors.
+
+Paper section III-B lists position, velocity, quaternion, angular velocity, gyroscope and accelerometer bias, feet and
+contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
+here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
+``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
+
+A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
+``v = exp(e) v_mean + e_v`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
+invariant extended Kalman filter as a stable observer", 2017). Legs and IMU cannot see a turned or shifted world, and
+with this error their sigma points do not see it either: yaw never becomes falsely observable, however large its
+uncertainty. ``plain_jacobian`` leads from these errors to ordinary ones.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.filter.square_root import SigmaSpread
+from coclo_vio.geometry import so3
+
+ROTATION = slice(0, 3)
+RATE = slice(3, 6)
+GYROSCOPE_BIAS = slice(6, 9)
+ACCELEROMETER_BIAS = slice(9, 12)
+VELOCITY = slice(12, 15)
+POSITION = slice(15, 18)
+_BODY = 18
+
+
+@dataclass(frozen=True, slots=True)
+class StateLayout:
+    """Where the errors of feet, contacts, leg scale and cloned pose stand behind the 18 of the body.
+
+    Attributes:
+        legs: number of legs.
+        has_contacts: whether contact probabilities are states (paper) or taken from the detector (robust).
+        has_scale: whether the relative error of the effective leg length is a state.
+    """
+
+    legs: int
+    has_contacts: bool
+    has_scale: bool
+
+    @property
+    def world(self) -> slice:
+        """Velocity, position and feet: all vectors that turn with the world, (2 + legs) x 3 errors."""
+        return slice(VELOCITY.start, _BODY + 3 * self.legs)
+
+    @property
+    def feet(self) -> slice:
+        """Foot centres, world frame, m, leg by leg."""
+        return slice(_BODY, _BODY + 3 * self.legs)
+
+    @property
+    def contacts(self) -> slice:
+        """Contact probabilities; empty where they are no states."""
+        return slice(self.feet.stop, self.feet.stop + self.legs * self.has_contacts)
+
+    @property
+    def scale(self) -> slice:
+        """Relative error of the effective leg length; empty where it is no state."""
+        return slice(self.contacts.stop, self.contacts.stop + self.has_scale)
+
+    @property
+    def clone_rotation(self) -> slice:
+        """Rotation error of the cloned keyframe pose, turning its position."""
+        return slice(self.scale.stop, self.scale.stop + 3)
+
+    @property
+    def clone_position(self) -> slice:
+        """Position of the cloned keyframe pose, world frame, m."""
+        return slice(self.scale.stop + 3, self.scale.stop + 6)
+
+    @property
+    def dimension(self) -> int:
+        """Length of the error state."""
+        return self.clone_position.stop
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One state, or a stack of sigma points of it.
+
+    Attributes:
+        layout: the order of ``vector``.
+        rotation: ``R_world_body``, (..., 3, 3).
+        vector: everything else, (..., L); the places of the two rotations are zero and mean nothing.
+        clone_rotation: ``R_world_clone`` of the mean, (3, 3).
+    """
+
+    layout: StateLayout
+    rotation: Array
+    vector: Array
+    clone_rotation: Array
+
+    @property
+    def feet(self) -> Array:
+        """Foot centres in the world, m, (..., legs, 3)."""
+        return self.vector[..., self.layout.feet].reshape(*self.vector.shape[:-1], self.layout.legs, 3)
+
+    def spread(self, errors: Array) -> "State":
+        """The stack of states that differ from this mean by error vectors (points, L); the clone is left alone."""
+        turn = so3.exp(errors[:, ROTATION])
+        world = self.layout.world
+        vector = self.vector + errors
+        vectors_world = self.vector[world].reshape(-1, 3)
+        turned = vectors_world @ np.swapaxes(turn, -1, -2)
+        vector[:, world] = turned.reshape(len(errors), -1) + errors[:, world]
+        return replace(self, rotation=turn @ self.rotation, vector=vector)
+
+    def corrected(self, step: Array) -> "State":
+        """This mean moved by one error vector (L,), the clone with it."""
+        layout = self.layout
+        moved = self.spread(step[None])
+        clone_turn = so3.exp(step[layout.clone_rotation])
+        vector = moved.vector[0]
+        clone_at = layout.clone_position
+        vector[clone_at] = clone_turn @ self.vector[clone_at] + step[clone_at]
+        vector[ROTATION] = 0.0
+        vector[layout.clone_rotation] = 0.0
+        return State(layout, moved.rotation[0], vector, clone_turn @ self.clone_rotation)
+
+    def errors_of(self, stack: "State") -> Array:
+        """Error vectors (points, L) of a stack of states about this mean; inverse of ``spread``."""
+        turn = stack.rotation @ self.rotation.T
+        world = self.layout.world
+        errors = stack.vector - self.vector
+        turned = self.vector[world].reshape(-1, 3) @ np.swapaxes(turn, -1, -2)
+        errors[:, world] = stack.vector[:, world] - turned.reshape(len(errors), -1)
+        errors[:, ROTATION] = so3.log_below_pi(turn)
+        return errors
+
+    def mean_and_deviations(self, points: SigmaSpread) -> tuple["State", Array]:
+        """The weighted mean of this stack of sigma points, and their error vectors (points, L) about it.
+
+        The mean is one Gauss-Newton step from the centre, exact to third order in the spread.
+        """
+        layout = self.layout
+        vector = self.vector[0].copy()
+        vector[ROTATION] = 0.0
+        vector[layout.clone_rotation] = 0.0
+        centre = State(layout, self.rotation[0], vector, self.clone_rotation)
+        shift = points.mean(centre.errors_of(self))
+        shift[layout.clone_rotation.start :] = 0.0
+        mean = centre.corrected(shift)
+        deviations = mean.errors_of(self)
+        return mean, deviations
+
+    def plain_jacobian(self) -> Array:
+        """d(plain) / d(error), (9, L): plain = [rotation (body), position (body), velocity (world)].
+
+        The plain errors are those of ``StateEstimate``: ``T = T_mean exp([rotation, position])``.
+        """
+        to_body = self.rotation.T
+        jacobian = np.zeros((9, self.layout.dimension))
+        jacobian[0:3, ROTATION] = to_body
+        jacobian[3:6, POSITION] = to_body
+        jacobian[3:6, ROTATION] = -to_body @ so3.hat(self.vector[POSITION])
+        jacobian[6:9, VELOCITY] = np.eye(3)
+        jacobian[6:9, ROTATION] = -so3.hat(self.vector[VELOCITY])
+        return jacobian
