@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a user says about a robot: which joints make a leg, where its foot is, how contact is sensed.
+
+A description is a YAML file beside a URDF. Those of this package (``robot_names``) serve as examples.
+"""
+
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from coclo_vio.calibration import ImuCalibration
+from coclo_vio.config import StageConfig, read_yaml
+from coclo_vio.errors import ConfigError, RobotModelError, listing
+from coclo_vio.robot.contact import ContactConfig
+
+_EXTRA_SCHEME = "example-robot-data:"
+_EXTRA_DISTRIBUTION = "example-robot-data"
+_EXTRA_FOLDER = "/example-robot-data/robots/"
+
+
+class LegDescription(StageConfig):
+    """One leg: the joints that move its foot, and the foot."""
+
+    name: Annotated[str, Field(min_length=1, description="short name of the leg, such as FL")]
+    joints: Annotated[
+        tuple[str, ...], Field(min_length=1, description="URDF joint names from the body to the foot, in log order")
+    ]
+    foot_frame: Annotated[str, Field(min_length=1, description="URDF link or frame at the centre of the foot")]
+    foot_radius_m: Annotated[float, Field(ge=0, lt=1, description="radius of a spherical foot, 0 for a point, m")] = 0.0
+
+
+class RobotDescription(StageConfig):
+    """A robot: its URDF, legs, contact sensing and IMU. No joint and no leg name stands twice."""
+
+    name: Annotated[str, Field(min_length=1, description="name of the robot")]
+    urdf: Annotated[
+        str, Field(min_length=1, description="URDF file: relative to the YAML, absolute, or example-robot-data:<path>")
+    ]
+    body_frame: Annotated[
+        str | None, Field(description="URDF link that is the body frame; null takes the root link")
+    ] = None
+    legs: Annotated[tuple[LegDescription, ...], Field(min_length=1, description="the legs, in log order")]
+    contact: Annotated[ContactConfig, Field(description="how a foot's load becomes contact")] = ContactConfig()
+    imu: Annotated[ImuCalibration, Field(description="mounting and noise of the body IMU")] = ImuCalibration()
+    joint_aliases: Annotated[
+        dict[str, str],
+        Field(default_factory=dict, description="names that logs use for joints, each with its URDF joint name"),
+    ]
+    encoder_noise_rad: Annotated[float, Field(gt=0, lt=1, description="one sigma of a joint position, rad")] = 1e-3
+    joint_velocity_noise_radps: Annotated[
+        float, Field(gt=0, lt=10, description="one sigma of a joint velocity, rad/s")
+    ] = 0.05
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        joints = self.joint_names
+        for kind, names in (("leg", self.leg_names), ("joint", joints)):
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f"{kind} {listing(twice)} stands twice; each {kind} belongs in one place")
+        strangers = set(self.joint_aliases.values()) - set(joints)
+        if strangers:
+            raise ValueError(
+                f"joint_aliases lead to {listing(strangers)}, no joint of a leg; the joints are: {listing(joints)}"
+            )
+        return self
+
+    @property
+    def leg_names(self) -> tuple[str, ...]:
+        """Leg names, in the order of every per-leg array."""
+        return tuple(leg.name for leg in self.legs)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """URDF joint names leg by leg, in the order of the arrays of ``JointSample``."""
+        return tuple(joint for leg in self.legs for joint in leg.joints)
+
+
+def robot_names() -> tuple[str, ...]:
+    """The names of the robots that come with the package, in alphabetical order."""
+    presets = resources.files("coclo_vio.robot") / "presets"
+    return tuple(sorted(entry.name[: -len(".yaml")] for entry in presets.iterdir() if entry.name.endswith(".yaml")))
+
+
+def load_robot(name_or_path: str | Path) -> RobotDescription:
+    """The description of a packaged robot (``"go1"``) or of a YAML file (``"my_robot.yaml"``).
+
+    A relative ``urdf`` is taken from the YAML's own folder and comes out absolute.
+
+    Raises:
+        ConfigError: no such robot or file, or a key or value that is wrong.
+    """
+    path = _yaml_path(str(name_or_path))
+    description = RobotDescription.parse(read_yaml(path), str(path))
+    if description.urdf.startswith(_EXTRA_SCHEME):
+        return description
+    return description.model_copy(update={"urdf": str(path.parent.resolve() / description.urdf)})
+
+
+def _yaml_path(name_or_path: str) -> Path:
+    path = Path(name_or_path)
+    if path.suffix in {".yaml", ".yml"}:
+        return path
+    if name_or_path not in robot_names():
+        raise ConfigError(
+            f"no robot {name_or_path!r}; the known robots are: {listing(robot_names())}; "
+            "for your own give the path of a file ending in .yaml"
+        )
+    return Path(str(resources.files("coclo_vio.robot") / "presets" / f"{name_or_path}.yaml"))
+
+
+def urdf_path(description: RobotDescription) -> Path:
+    """The URDF file of a description.
+
+    Raises:
+        RobotModelError: there is no such file, or it needs the ``robots`` extra that is not installed.
+    """
+    if not description.urdf.startswith(_EXTRA_SCHEME):
+        path = Path(description.urdf)
+    else:
+        path = _path_in_extra(description.name, description.urdf.removeprefix(_EXTRA_SCHEME))
+    if not path.is_file():
+        raise RobotModelError(f"robot {description.name!r}: there is no URDF file {path}; correct `urdf` in its YAML")
+    return path
+
+
+def _path_in_extra(robot: str, below: str) -> Path:
+    try:
+        files = metadata.files(_EXTRA_DISTRIBUTION) or []
+    except metadata.PackageNotFoundError as error:
+        raise RobotModelError(
+            f"robot {robot!r} takes its URDF from the package {_EXTRA_DISTRIBUTION}, which is not installed; "
+            "pip install coclo-vio[robots]"
+        ) from error
+    urdfs = {str(file).partition(_EXTRA_FOLDER)[2]: file for file in files if str(file).endswith(".urdf")}
+    if below not in urdfs:
+        raise RobotModelError(
+            f"robot {robot!r}: {_EXTRA_DISTRIBUTION} has no {below!r}; it has: {listing(urdfs)}; "
+            "correct `urdf` in its YAML"
+        )
+    return Path(str(urdfs[below].locate()))
