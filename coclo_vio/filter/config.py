@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of the filter. Noise that belongs to a robot's sensors stands in its description, not here."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from coclo_vio.config import StageConfig
+from coclo_vio.robot.standstill import StandstillConfig
+
+Noise = Annotated[float, Field(gt=0)]
+
+
+class InitialConfig(StageConfig):
+    """One-sigma uncertainties at the start from rest. Yaw and position are zero by definition of the world."""
+
+    tilt_rad: Annotated[float, Field(gt=0, lt=1, description="before gravity has been seen, rad")] = 0.2
+    moving_tilt_rad: Annotated[float, Field(gt=0, lt=1, description="tilt of a start without rest, rad")] = 0.1
+    velocity_mps: Annotated[float, Field(gt=0, description="at rest, m/s")] = 0.01
+    moving_velocity_mps: Annotated[float, Field(gt=0, description="of a start without rest, m/s")] = 1.0
+    gyroscope_bias_radps: Annotated[float, Field(gt=0, description="before rest has been seen, rad/s")] = 0.02
+    accelerometer_bias_mps2: Annotated[float, Field(gt=0, description="m/s^2")] = 0.05
+    leg_scale: Annotated[float, Field(gt=0, lt=0.5, description="relative error of the effective leg length")] = 0.03
+
+
+class RobustConfig(StageConfig):
+    """The ``robust`` profile."""
+
+    angular_acceleration_density: Annotated[
+        float, Field(gt=0, description="white angular acceleration of the body, rad/s^2/sqrt(Hz)")
+    ] = 20.0
+    acceleration_density: Annotated[
+        float, Field(gt=0, description="white acceleration of the body, m/s^2/sqrt(Hz)")
+    ] = 1.0
+    foothold_creep: Annotated[
+        float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
+    ] = 0.005
+    foot_position_noise_m: Annotated[
+        float, Field(gt=0, description="one sigma of a foot position beyond its encoders (bending), m")
+    ] = 0.0005
+    foot_velocity_noise_mps: Annotated[
+        float, Field(gt=0, description="one sigma of a stance foot's velocity (slip, bending), m/s")
+    ] = 0.05
+    gravity_noise_mps2: Annotated[
+        float, Field(gt=0, description="one sigma of the specific force against gravity, all feet down, m/s^2")
+    ] = 0.3
+    rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
+    estimates_leg_scale: Annotated[bool, Field(description="whether the effective leg length is a state")] = False
+    gate_probability: Annotated[
+        float, Field(gt=0.5, lt=1, description="share of good leg measurements that pass the innovation gate")
+    ] = 0.997
+    recovery_s: Annotated[
+        float, Field(gt=0, description="time without any accepted stance leg after which all are believed again, s")
+    ] = 0.1
+    standstill_velocity_noise_mps: Annotated[
+        float, Field(gt=0, description="one sigma of the body velocity at standstill, m/s")
+    ] = 0.005
+    standstill_rate_noise_radps: Annotated[
+        float, Field(gt=0, description="one sigma of the body rate at standstill, rad/s")
+    ] = 0.02
+
+
+class PaperConfig(StageConfig):
+    """The ``paper`` profile: sections III-B to III-E as printed. The paper gives no numbers for Q and R."""
+
+    swing_probability: Annotated[
+        float, Field(gt=0, lt=1, description="isSwing: a foot swings below this contact probability")
+    ] = 0.5
+    certain_stance_probability: Annotated[
+        float, Field(gt=0, le=1, description="from here on a stance is certain and its Q entries shrink")
+    ] = 0.9
+    certain_stance_ratio: Annotated[
+        float, Field(gt=0, le=1, description="what Q of a foot in certain stance is multiplied by (section III-E)")
+    ] = 0.01
+    position_walk: Annotated[float, Field(gt=0, description="Q of position, m/sqrt(s)")] = 0.01
+    velocity_walk: Annotated[float, Field(gt=0, description="Q of velocity, m/s/sqrt(s)")] = 1.0
+    rotation_walk: Annotated[float, Field(gt=0, description="Q of rotation, rad/sqrt(s)")] = 0.01
+    rate_walk: Annotated[float, Field(gt=0, description="Q of angular velocity, rad/s/sqrt(s)")] = 10.0
+    foot_walk: Annotated[float, Field(gt=0, description="Q of a foot, m/sqrt(s)")] = 0.1
+    contact_walk: Annotated[float, Field(gt=0, description="Q of a contact probability, 1/sqrt(s)")] = 5.0
+    gravity_noise_mps2: Annotated[float, Field(gt=0, description="R of the gravity rows, m/s^2")] = 0.5
+    velocity_noise_mps: Annotated[float, Field(gt=0, description="R of the body velocity rows, m/s")] = 0.05
+    rate_noise_radps: Annotated[float, Field(gt=0, description="R of the angular velocity rows, rad/s")] = 0.05
+    foot_noise_m: Annotated[float, Field(gt=0, description="R of the relative foot positions, m")] = 0.002
+    contact_noise: Annotated[float, Field(gt=0, description="R of the contact probabilities")] = 0.1
+
+
+class FilterConfig(StageConfig):
+    """COCLO: the profile, its parameters, and how a run starts and copes with gaps."""
+
+    profile: Annotated[
+        Literal["robust", "paper"], Field(description="paper: section III as printed; robust: what we recommend")
+    ] = "robust"
+    robust: Annotated[RobustConfig, Field(description="parameters of the robust profile")] = RobustConfig()
+    paper: Annotated[PaperConfig, Field(description="parameters of the paper profile")] = PaperConfig()
+    initial: Annotated[InitialConfig, Field(description="uncertainty at the start")] = InitialConfig()
+    standstill: Annotated[StandstillConfig, Field(description="what counts as standing still")] = StandstillConfig()
+    rest_timeout_s: Annotated[
+        float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")
+    ] = 3.0
+    max_gap_s: Annotated[
+        float, Field(gt=0, description="a longer pause between joint samples lets go of every foothold, s")
+    ] = 0.1
+    force_timeout_s: Annotated[
+        float, Field(gt=0, description="foot forces older than this count as missing, s")
+    ] = 0.1

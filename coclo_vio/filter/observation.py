@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Measurements of the ``robust`` profile, built from blocks of rows. A block that has nothing to say is not there.
+
+Blocks (paper section III-D): gyroscope, gravity while all feet stand, body velocity and rate seen by each stance leg
+(the rows of the least squares of eq. (6), so that the filter weighs them itself and one leg can be turned down),
+relative position of each foot that holds; and rest, while the robot stands still.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.process import UP
+from coclo_vio.filter.stance import FootMotion, Reading
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State
+from coclo_vio.geometry import so3
+from coclo_vio.robot.description import RobotDescription
+
+GRAVITY_MPS2 = 9.81
+CURVED_COLUMNS = 3  # only the rotation bends these models
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """A few rows of measurement with their model and noise.
+
+    Attributes:
+        measured: (m,).
+        model: from a stack of states to predicted measurements (points, m).
+        noise: lower factor of the noise covariance, (m, m).
+        leg: the leg that the rows come from, None for the IMU.
+    """
+
+    measured: Array
+    model: Callable[[State], Array]
+    noise: Array
+    leg: int | None = None
+
+
+def _gyroscope(stack: State) -> Array:
+    rate: Array = stack.vector[:, RATE] + stack.vector[:, GYROSCOPE_BIAS]
+    return rate
+
+
+def _specific_force_at_rest(stack: State) -> Array:
+    up_body = GRAVITY_MPS2 * stack.rotation[:, 2, :]
+    force: Array = up_body + stack.vector[:, ACCELEROMETER_BIAS]
+    return force
+
+
+def _rest(stack: State) -> Array:
+    return np.concatenate((stack.vector[:, VELOCITY], stack.vector[:, RATE]), axis=1)
+
+
+def _velocity_of(lever: Array) -> Callable[[State], Array]:
+    """Velocity ``R^T v + w x lever`` of the body point at the contact, body frame."""
+    cross = so3.hat(lever)
+
+    def model(stack: State) -> Array:
+        body = (stack.vector[:, None, VELOCITY] @ stack.rotation)[:, 0]
+        velocity: Array = body + stack.vector[:, RATE] @ cross
+        return velocity
+
+    return model
+
+
+def _position_of(leg: int) -> Callable[[State], Array]:
+    """Position ``R^T (p - r)`` of a foot centre in the body frame."""
+
+    def model(stack: State) -> Array:
+        relative = stack.feet[:, leg] - stack.vector[:, POSITION]
+        position: Array = (relative[:, None] @ stack.rotation)[:, 0]
+        return position
+
+    return model
+
+
+def blocks(
+    reading: Reading,
+    motion: FootMotion,
+    mean: State,
+    radii_m: Array,
+    foot_noise: Array,
+    robot: RobotDescription,
+    config: RobustConfig,
+    gyroscope_noise_radps: float,
+) -> list[Block]:
+    """The measurements of one joint sample.
+
+    Args:
+        reading: what the sensors say.
+        motion: how the feet moved.
+        mean: the predicted mean, for the direction of the ground under a rolling foot.
+        radii_m: radius of each foot, (n,).
+        foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
+        robot: noise of its sensors.
+        config: parameters.
+        gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
+    """
+    identity = np.eye(3)
+    result: list[Block] = []
+    if reading.angular_velocity is not None:
+        result.append(Block(reading.angular_velocity, _gyroscope, gyroscope_noise_radps * identity))
+    stance = reading.is_stance
+    if reading.specific_force is not None and stance.all():
+        result.append(Block(reading.specific_force, _specific_force_at_rest, config.gravity_noise_mps2 * identity))
+    if reading.is_stationary:
+        sigma = np.repeat((config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps), 3)
+        result.append(Block(np.zeros(6), _rest, np.diag(sigma)))
+    up_body = mean.rotation.T @ UP
+    feet = reading.feet
+    contact_jacobian = feet.jacobian[:, 3:] + so3.hat(radii_m[:, None] * up_body) @ feet.jacobian[:, :3]
+    squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
+    for leg in np.flatnonzero(stance):
+        contact_arm = radii_m[leg] * up_body
+        measured = -feet.velocity_body[leg] + np.cross(feet.angular_velocity_body[leg], contact_arm)
+        noise = np.linalg.cholesky(squared[leg] + config.foot_velocity_noise_mps**2 * identity)
+        lever = feet.position_body[leg] - contact_arm
+        result.append(Block(measured, _velocity_of(lever), noise, int(leg)))
+        if motion.holds[leg]:
+            result.append(Block(feet.position_body[leg], _position_of(int(leg)), foot_noise[leg], int(leg)))
+    return result

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Prediction of the ``robust`` profile: constant velocity and rate, feet that roll or are carried. No IMU data.
+
+Body: white acceleration on velocity and rate, with the exact correlation to position and rotation, so that a rate
+measured at both ends of a step integrates as a trapezoid.
+Foot in stance: the contact point is at rest, not the centre of the spherical foot, so the centre moves by the foot
+link's rotation, ``dp = phi x (radius normal)``. Foot in swing: carried with the body by its own kinematics, which
+is what integrating its joint velocities aims at (paper section III-C), without their noise.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import ImuCalibration
+from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.stance import FootMotion
+from coclo_vio.filter.state import (
+    ACCELEROMETER_BIAS,
+    GYROSCOPE_BIAS,
+    POSITION,
+    RATE,
+    ROTATION,
+    VELOCITY,
+    State,
+)
+from coclo_vio.geometry import so3
+
+UP = np.array([0.0, 0.0, 1.0])
+CURVED_COLUMNS = 6  # rotation and rate bend the prediction; all else is linear given them
+_LOST_LEG_NOISE_M = 0.1  # of a foot whose joints say nothing: it is somewhere near where it was
+_HAT_UP = so3.hat(UP)
+
+
+def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array) -> State:
+    """Sigma points one step later.
+
+    Args:
+        stack: sigma points of the state.
+        dt_s: the step, s.
+        motion: what the joints say of the feet.
+        radii_m: radius of each foot, (n,); 0 lets the foot centre itself hold.
+    """
+    turn = stack.vector[:, RATE] * dt_s
+    rotation = stack.rotation @ so3.exp(turn)
+    vector = stack.vector.copy()
+    vector[:, POSITION] += vector[:, VELOCITY] * dt_s
+    commutator = -0.5 * np.einsum("nij,pj->pni", so3.hat(motion.turn_body), turn)
+    foot_turn = turn[:, None, :] + motion.turn_body + commutator
+    foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
+    rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
+    carried = vector[:, None, POSITION] + motion.position_body @ np.swapaxes(rotation, -1, -2)
+    feet = np.where(motion.holds[:, None], rolled, carried)
+    vector[:, stack.layout.feet] = feet.reshape(len(vector), -1)
+    return replace(stack, rotation=rotation, vector=vector)
+
+
+def noise_rows(
+    mean: State,
+    dt_s: float,
+    motion: FootMotion,
+    radii_m: Array,
+    foot_noise: Array,
+    config: RobustConfig,
+    imu: ImuCalibration,
+) -> Array:
+    """Rows ``N``, (18 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
+
+    Args:
+        mean: the predicted mean.
+        dt_s: the step, s.
+        motion: as in ``predict``.
+        radii_m: as in ``predict``.
+        foot_noise: lower factors of the covariance of each foot position in the body frame, m, (n, 3, 3).
+        config: densities of the process.
+        imu: bias walks.
+    """
+    layout = mean.layout
+    legs = layout.legs
+    rows = np.zeros((18 + 3 * legs, layout.dimension))
+    position_step = np.sqrt(dt_s**3 / 3.0)
+    rate_with_position = np.sqrt(0.75 * dt_s)
+    rate_alone = np.sqrt(0.25 * dt_s)
+    identity = np.eye(3)
+    turn_rows, move_rows = rows[0:3], rows[6:9]
+    turn_rows[:, ROTATION] = config.angular_acceleration_density * position_step * mean.rotation.T
+    turn_rows[:, RATE] = config.angular_acceleration_density * rate_with_position * identity
+    rows[3:6, RATE] = config.angular_acceleration_density * rate_alone * identity
+    move_rows[:, POSITION] = config.acceleration_density * position_step * identity
+    move_rows[:, VELOCITY] = config.acceleration_density * rate_with_position * identity
+    rows[9:12, VELOCITY] = config.acceleration_density * rate_alone * identity
+    rows[12:15, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * np.sqrt(dt_s) * identity
+    rows[15:18, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * np.sqrt(dt_s) * identity
+    world_turn = turn_rows[:, ROTATION]
+    lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
+    feet = rows[:, layout.feet].reshape(len(rows), legs, 3)  # a copy: written back below
+    feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
+    feet[6:9, ~motion.holds] = move_rows[:, None, POSITION]
+    carried = np.where(motion.is_known[:, None, None], foot_noise, _LOST_LEG_NOISE_M * identity)
+    for leg in range(legs):
+        own = slice(18 + 3 * leg, 21 + 3 * leg)
+        if motion.holds[leg]:
+            feet[own, leg] = config.foothold_creep * np.sqrt(dt_s) * identity
+        else:
+            feet[own, leg] = (mean.rotation @ carried[leg]).T
+    rows[:, layout.feet] = feet.reshape(len(rows), -1)
+    world = mean.vector[layout.world].reshape(-1, 3)
+    turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)
+    rows[0:3, layout.world] -= turned.reshape(3, -1)
+    return rows

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What one joint sample says about the legs, and how each foot moved since the last one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.geometry import so3
+from coclo_vio.robot.contact import ContactState
+from coclo_vio.robot.model import FeetKinematics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """All that the sensors say at one joint sample; what said nothing is None or NaN.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        feet: foot kinematics; rows of an unknown leg are NaN.
+        contact: probability and decision for each leg.
+        angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
+        specific_force: accelerometer, last two readings averaged (section III-D), body frame, m/s^2, (3,).
+        is_stationary: whether the robot stands still.
+    """
+
+    stamp_ns: int
+    feet: FeetKinematics
+    contact: ContactState
+    angular_velocity: Array | None
+    specific_force: Array | None
+    is_stationary: bool
+
+    @property
+    def is_known(self) -> BoolArray:
+        """Legs whose kinematics are known, (n,)."""
+        return np.isfinite(self.feet.velocity_body[:, 0])
+
+    @property
+    def is_stance(self) -> BoolArray:
+        """Legs that stand, (n,): by contact, or all of them while the robot stands still; unknown legs never."""
+        return self.is_known & (self.contact.is_stance | self.is_stationary)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootMotion:
+    """How the feet moved from one joint sample to the next.
+
+    Attributes:
+        holds: feet that stood at both ends and whose foothold is trusted, (n,).
+        position_body: foot centres now, m, body frame, (n, 3); for an unknown leg its last known place.
+        turn_body: rotation of the foot link relative to the body, as a rotation vector in the body axes of the
+            earlier time, (n, 3): ``exp(turn) = R_body_foot(now) R_body_foot(before)^T``.
+        is_known: legs whose kinematics are known now, (n,).
+    """
+
+    holds: BoolArray
+    position_body: Array
+    turn_body: Array
+    is_known: BoolArray
+
+
+class Footholds:
+    """Remembers the last kinematics and which footholds can still be trusted.
+
+    A foot that swings, slips or says nothing is carried along with the body until it stands again.
+    """
+
+    def __init__(self, reading: Reading) -> None:
+        self._is_anchored = reading.is_stance
+        self._rotation_body_foot = np.nan_to_num(reading.feet.rotation_body_foot)
+        self._position_body = np.nan_to_num(reading.feet.position_body)
+
+    def advance(self, reading: Reading, *, is_gap: bool) -> FootMotion:
+        """Take the next reading; after a gap no foothold is trusted."""
+        is_known = reading.is_known
+        holds = self._is_anchored & reading.is_stance & (not is_gap)
+        rotation = reading.feet.rotation_body_foot
+        relative = np.where(
+            holds[:, None, None], rotation @ np.swapaxes(self._rotation_body_foot, 1, 2), np.eye(3)
+        )
+        position = np.where(is_known[:, None], reading.feet.position_body, self._position_body)
+        self._is_anchored = reading.is_stance
+        self._rotation_body_foot = rotation
+        self._position_body = position
+        return FootMotion(holds, position, so3.log_below_pi(relative), is_known)
+
+    def release(self, legs: BoolArray) -> None:
+        """Stop trusting the footholds of these legs (n,): they slipped."""
+        self._is_anchored = self._is_anchored & ~legs
