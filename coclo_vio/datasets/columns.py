@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which columns of a log hold what: name patterns as configuration, found in a header for a robot's joints and legs."""
+
+import string
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.config import StageConfig
+from coclo_vio.datasets.csv_table import CsvRow
+from coclo_vio.errors import DatasetError, TopicNotFound, listing
+from coclo_vio.robot.description import RobotDescription
+
+Patterns = tuple[str, ...]
+
+
+class ColumnNames(StageConfig):
+    """Patterns of column names, the first that occurs is taken; ``{joint}``, ``{leg}``, ``{axis}`` stand for a name.
+
+    A joint is looked for under its URDF name and under the aliases that the robot's description gives it.
+    """
+
+    stamp_ns: Annotated[Patterns, Field(description="time in integer nanoseconds")] = ("stamp_ns", "timestamp")
+    stamp_s: Annotated[Patterns, Field(description="time in decimal seconds")] = ("time_s", "Time(s)")
+    gyroscope: Annotated[Patterns, Field(description="rad/s, imu frame; {axis} is x, y, z")] = (
+        "gyro_{axis}_radps",
+        "BaseW{axis}",
+        "w_RS_S_{axis}",
+    )
+    accelerometer: Annotated[Patterns, Field(description="specific force, m/s^2, imu frame; {axis} is x, y, z")] = (
+        "accel_{axis}_mps2",
+        "BaseA{axis}",
+        "a_RS_S_{axis}",
+    )
+    position: Annotated[Patterns, Field(description="joint angle, rad")] = ("{joint}.position", "JointPos{joint}")
+    velocity: Annotated[Patterns, Field(description="joint velocity, rad/s")] = ("{joint}.velocity", "JointVel{joint}")
+    effort: Annotated[Patterns, Field(description="joint torque, Nm")] = ("{joint}.effort", "JointTau{joint}")
+    force: Annotated[Patterns, Field(description="foot force, in the unit of the robot's thresholds")] = (
+        "{leg}.force",
+        "{leg}_Force",
+    )
+
+    @field_validator("gyroscope", "accelerometer")
+    @classmethod
+    def _has_axis(cls, patterns: Patterns) -> Patterns:
+        return _checked_patterns(patterns, "axis")
+
+    @field_validator("position", "velocity", "effort")
+    @classmethod
+    def _has_joint(cls, patterns: Patterns) -> Patterns:
+        return _checked_patterns(patterns, "joint")
+
+    @field_validator("force")
+    @classmethod
+    def _has_leg(cls, patterns: Patterns) -> Patterns:
+        return _checked_patterns(patterns, "leg")
+
+
+def _checked_patterns(patterns: Patterns, placeholder: str) -> Patterns:
+    for pattern in patterns:
+        names = [name for _, name, _, _ in string.Formatter().parse(pattern) if name is not None]
+        if names != [placeholder]:
+            raise ValueError(f"the pattern {pattern!r} must hold {{{placeholder}}} once and nothing else in braces")
+    return patterns
+
+
+@dataclass(frozen=True, slots=True)
+class StampColumn:
+    """The column that holds time: its index, and whether in decimal seconds."""
+
+    index: int
+    in_seconds: bool
+
+    def read(self, row: CsvRow) -> int | None:
+        """The row's stamp in nanoseconds, None where it has none."""
+        return row.stamp_ns(self.index, in_seconds=self.in_seconds)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OptionalColumns:
+    """Columns of a vector of which some entries may have none.
+
+    Attributes:
+        indices: the column of every entry that has one, in order.
+        is_present: which entries have a column, (entries,).
+    """
+
+    indices: tuple[int, ...]
+    is_present: BoolArray
+
+    @classmethod
+    def of(cls, found: Sequence[int | None]) -> "OptionalColumns":
+        """From one index or None for each entry."""
+        return cls(tuple(i for i in found if i is not None), np.array([i is not None for i in found], dtype=np.bool_))
+
+    def read(self, row: CsvRow) -> Array:
+        """The entries, (entries,), NaN where there is no column or no number."""
+        values = np.full(len(self.is_present), np.nan)
+        values[self.is_present] = row.numbers(self.indices)
+        return values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointColumns:
+    """Where the joints' angles, velocities and torques stand, in the order of ``RobotModel.joint_names``."""
+
+    names: tuple[str, ...]
+    position: OptionalColumns
+    velocity: OptionalColumns
+    effort: OptionalColumns
+
+    @property
+    def all_indices(self) -> tuple[int, ...]:
+        """Every column of the joints."""
+        return self.position.indices + self.velocity.indices + self.effort.indices
+
+
+class Header:
+    """A file's column names, and what is found among them."""
+
+    def __init__(self, path: Path, names: Sequence[str], patterns: ColumnNames) -> None:
+        self._path = path
+        self._names = tuple(names)
+        self._patterns = patterns
+        self._index = {name: i for i, name in reversed(list(enumerate(names)))}
+        self._repeated = {name for name, count in Counter(names).items() if count > 1}
+
+    def find_stamp(self) -> StampColumn | None:
+        """The column of time, nanoseconds before seconds, or None."""
+        for patterns, in_seconds in ((self._patterns.stamp_ns, False), (self._patterns.stamp_s, True)):
+            index = self._first(patterns)
+            if index is not None:
+                return StampColumn(index, in_seconds)
+        return None
+
+    def stamp(self) -> StampColumn:
+        """The column of time.
+
+        Raises:
+            TopicNotFound: there is none; names what was looked for.
+        """
+        found = self.find_stamp()
+        if found is None:
+            wanted = listing(self._patterns.stamp_ns + self._patterns.stamp_s)
+            raise TopicNotFound(
+                f"{self._path} has no column of time: looked for {wanted} among {listing(self._names)}; "
+                "name yours in datasets.columns.stamp_ns or stamp_s"
+            )
+        return found
+
+    def imu(self) -> tuple[int, ...] | None:
+        """Columns of gyroscope x, y, z and accelerometer x, y, z, or None where there is none of the six.
+
+        Raises:
+            TopicNotFound: some of the six are there and some are not.
+        """
+        patterns = (self._patterns.gyroscope, self._patterns.accelerometer)
+        found = [self._first(_filled(group, "axis", ("xyz"[axis],))) for group in patterns for axis in range(3)]
+        indices = tuple(i for i in found if i is not None)
+        if 0 < len(indices) < 6:
+            raise TopicNotFound(
+                f"{self._path} has {len(indices)} of the 6 IMU columns, {listing(self._names[i] for i in indices)}; "
+                f"name the others in datasets.columns.gyroscope and accelerometer; there are {listing(self._names)}"
+            )
+        return indices or None
+
+    def find_joints(self, robot: RobotDescription) -> tuple[int | None, ...]:
+        """The column of every joint's angle, None where there is none."""
+        return self._of_joints(self._patterns.position, robot)
+
+    def joints(self, robot: RobotDescription) -> JointColumns:
+        """The columns of all joints of ``robot``.
+
+        Raises:
+            TopicNotFound: a joint without a column of its angle; lists the columns and the joints.
+        """
+        names = robot.joint_names
+        position = self.find_joints(robot)
+        missing = [name for name, index in zip(names, position, strict=True) if index is None]
+        if missing:
+            raise TopicNotFound(
+                f"{self._path} has no angle of {listing(missing)}: the robot wants the joints {listing(names)}, the "
+                f"columns are {listing(self._names)}; add joint_aliases to the robot's description, patterns to "
+                "datasets.columns.position, or name another robot"
+            )
+        velocity = self._of_joints(self._patterns.velocity, robot)
+        effort = self._of_joints(self._patterns.effort, robot)
+        return JointColumns(names, *(OptionalColumns.of(found) for found in (position, velocity, effort)))
+
+    def forces(self, robot: RobotDescription) -> OptionalColumns | None:
+        """The columns of the legs' foot force, or None where no leg has one."""
+        found = [self._first(_filled(self._patterns.force, "leg", (leg.name,))) for leg in robot.legs]
+        return OptionalColumns.of(found) if any(index is not None for index in found) else None
+
+    def unused(self, used: Iterable[int]) -> tuple[str, ...]:
+        """The names of the other columns."""
+        taken = set(used)
+        return tuple(name for i, name in enumerate(self._names) if i not in taken)
+
+    def _of_joints(self, patterns: Patterns, robot: RobotDescription) -> tuple[int | None, ...]:
+        spellings = {name: [name] for name in robot.joint_names}
+        for alias, name in robot.joint_aliases.items():
+            spellings.setdefault(name, []).append(alias)
+        return tuple(self._first(_filled(patterns, "joint", spellings[name])) for name in robot.joint_names)
+
+    def _first(self, names: Iterable[str]) -> int | None:
+        for name in names:
+            if name in self._repeated:
+                raise DatasetError(f"{self._path} names the column {name} more than once; rename or delete the others")
+            if name in self._index:
+                return self._index[name]
+        return None
+
+
+def _filled(patterns: Patterns, placeholder: str, names: Sequence[str]) -> list[str]:
+    return [pattern.replace(f"{{{placeholder}}}", name) for pattern in patterns for name in names]

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How recordings are read: column names, order, and what is estimated where a log is silent."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from coclo_vio.config import StageConfig
+from coclo_vio.datasets.columns import ColumnNames
+from coclo_vio.datasets.joint_velocity import JointVelocityConfig
+
+
+class DatasetConfig(StageConfig):
+    """Everything a reader may be told."""
+
+    columns: Annotated[ColumnNames, Field(description="patterns of column names")] = ColumnNames()
+    joint_velocity: Annotated[
+        JointVelocityConfig, Field(description="the estimate where a log has no joint velocity")
+    ] = JointVelocityConfig()
+    sort: Annotated[
+        bool, Field(description="put measurements in time order (holds them all in memory); else as in the file")
+    ] = False
+    gap_s: Annotated[float, Field(gt=0, description="a longer pause is counted as a gap, s")] = 0.1

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A CSV file as a stream of rows, read once from top to bottom: what every text format of this package stands on.
+
+A file that was cut off in the middle of a line is read up to that line; any other malformed row is an error that
+names the file, the line and the column.
+"""
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import TextIO
+
+from coclo_vio.errors import DatasetError, TimestampError
+from coclo_vio.trajectory import seconds_to_ns
+
+_STAMP_LIMIT_NS = 2**63
+
+
+@dataclass(slots=True)
+class CsvTable:
+    """A header and the rows under it; the rows are streamed, so that a file may be larger than memory.
+
+    Attributes:
+        path: the file.
+        header: column names, without surrounding blanks, a leading ``#`` and a unit in square brackets.
+        has_cut_line: after the rows were read: whether the last line was cut off and left out.
+        lacks_newline: after the rows were read: whether the last line, though complete, ends without a newline.
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    has_cut_line: bool = field(default=False, init=False)
+    lacks_newline: bool = field(default=False, init=False)
+
+    @classmethod
+    def open(cls, path: Path) -> "CsvTable":
+        """The table in ``path``.
+
+        Raises:
+            DatasetError: the file cannot be read or has no header.
+        """
+        with _opened(path) as file, _explained(path):
+            header = next(csv.reader(file), None)
+        if not header:
+            raise DatasetError(f"{path} is empty: its first line must name the columns")
+        return cls(path, tuple(_plain_name(name) for name in header))
+
+    def rows(self) -> Iterator["CsvRow"]:
+        """The rows under the header, in file order; blank lines are passed over.
+
+        Raises:
+            DatasetError: a row before the last one with another number of cells than the header.
+        """
+        width = len(self.header)
+        held: CsvRow | None = None
+        ends_with_newline = [True]
+        with _opened(self.path) as file, _explained(self.path):
+            reader = csv.reader(_watched(file, ends_with_newline))
+            next(reader, None)
+            for cells in reader:
+                if held is not None:
+                    yield held.of_width(width)
+                    held = None
+                if cells:
+                    held = CsvRow(self, reader.line_num, cells)
+        if held is None:
+            return
+        self.has_cut_line = held.is_cut(width, ends_with_newline[0])
+        self.lacks_newline = not self.has_cut_line and not ends_with_newline[0]
+        if not self.has_cut_line:
+            yield held.of_width(width)
+
+
+@dataclass(slots=True)
+class CsvRow:
+    """One row: its cells as text, and where it stands for an error message."""
+
+    table: CsvTable
+    line: int
+    cells: list[str]
+
+    def of_width(self, width: int) -> "CsvRow":
+        """This row, after a check that it has ``width`` cells.
+
+        Raises:
+            DatasetError: it has more or fewer.
+        """
+        if len(self.cells) != width:
+            raise DatasetError(
+                f"{self.table.path}, line {self.line}: {len(self.cells)} cells under a header of {width} columns; "
+                "mend or delete the line"
+            )
+        return self
+
+    def is_cut(self, width: int, ends_with_newline: bool) -> bool:
+        """Whether this row, the last of its file, was cut off: too short, or no newline and no number at its end."""
+        if len(self.cells) < width:
+            return True
+        return not ends_with_newline and len(self.cells) == width and _number(self.cells[-1]) is None
+
+    def numbers(self, columns: Sequence[int]) -> list[float]:
+        """The numbers in ``columns``, NaN where a cell is empty or not finite.
+
+        Raises:
+            DatasetError: a cell that is neither empty nor a number.
+        """
+        cells = self.cells
+        values = []
+        for column in columns:
+            value = _number(cells[column])
+            if value is None:
+                if cells[column].strip():
+                    raise self._not_a_number(column)
+                value = math.nan
+            values.append(value if math.isfinite(value) else math.nan)
+        return values
+
+    def is_blank(self, columns: Sequence[int]) -> bool:
+        """Whether all cells in ``columns`` are empty: the row says nothing of that stream."""
+        cells = self.cells
+        return not any(cells[column].strip() for column in columns)
+
+    def stamp_ns(self, column: int, *, in_seconds: bool) -> int | None:
+        """The stamp in ``column`` in nanoseconds; None where the cell is empty or NaN.
+
+        Args:
+            column: index of the column.
+            in_seconds: whether it holds decimal seconds; otherwise integer nanoseconds.
+
+        Raises:
+            DatasetError: the cell is not a number.
+            TimestampError: it is too large for 64-bit nanoseconds.
+        """
+        text = self.cells[column].strip()
+        if not text or text.lower().lstrip("+-") == "nan":
+            return None
+        try:
+            stamp_ns = seconds_to_ns(text) if in_seconds else int(Decimal(text))
+        except (ValueError, InvalidOperation, OverflowError) as error:
+            raise self._not_a_number(column) from error
+        if abs(stamp_ns) >= _STAMP_LIMIT_NS:
+            raise TimestampError(
+                f"{self.table.path}, line {self.line}: the stamp {text} in column {self.table.header[column]} is "
+                f"beyond 64-bit nanoseconds; check whether the column is in {'' if in_seconds else 'nano'}seconds"
+            )
+        return stamp_ns
+
+    def _not_a_number(self, column: int) -> DatasetError:
+        return DatasetError(
+            f"{self.table.path}, line {self.line}, column {self.table.header[column]}: {self.cells[column]!r} is not a "
+            "number; mend the cell, or leave it empty where the sensor said nothing"
+        )
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _plain_name(name: str) -> str:
+    return name.strip().lstrip("#").partition("[")[0].strip()
+
+
+def _watched(file: TextIO, ends_with_newline: list[bool]) -> Iterator[str]:
+    for line in file:
+        ends_with_newline[0] = line.endswith("\n")
+        yield line
+
+
+def _opened(path: Path) -> TextIO:
+    try:
+        return path.open(encoding="utf-8-sig", newline="")
+    except OSError as error:
+        raise DatasetError(f"cannot read {path}: {error.strerror}") from error
+
+
+class _explained:  # noqa: N801 -- reads as a verb in a with statement
+    """Turns what the csv module and the decoder raise into a DatasetError that names the file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, csv.Error | UnicodeDecodeError | OSError):
+            raise DatasetError(f"{self._path} is not a CSV text file: {error}") from error

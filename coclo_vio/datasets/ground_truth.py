@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ground truth from text files: TUM, EuRoC's CSV, motion-capture CSV with and without stamps."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from coclo_vio.arrays import Array, IntArray
+from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
+from coclo_vio.datasets.csv_table import CsvTable
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.errors import DatasetError, TimestampError, listing
+from coclo_vio.geometry import se3, so3
+from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
+
+UNSTAMPED_PERIOD_NS = 10_000_000
+"""Poses without stamps are numbered in this step; only their order means anything."""
+
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_SPELLINGS: Mapping[str, tuple[str, ...]] = {
+    **{axis: (axis, f"t{axis}", f"p{axis}", f"p_{axis}", f"p_RS_R_{axis}") for axis in "xyz"},
+    **{f"q{axis}": (f"q{axis}", f"q_{axis}", f"q_RS_{axis}") for axis in "xyzw"},
+    **{f"v{axis}": (f"v{axis}", f"v_{axis}", f"v_RS_R_{axis}") for axis in "xyz"},
+}
+_QUATERNION_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class _PoseColumns:
+    """Indices of x y z qx qy qz qw, of the velocity where there is one, and of time."""
+
+    pose: tuple[int, ...]
+    velocity: tuple[int, ...]
+    stamp: StampColumn | None
+
+
+def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> GroundTruth:
+    """The reference trajectory in a ``.tum`` or ``.csv`` file; what was assumed or left out goes to ``tally``.
+
+    A CSV's columns are taken by name (x y z qx qy qz qw, or EuRoC's ``p_RS_R_x`` ... ``q_RS_w``, with
+    ``v_RS_R_x`` ... where present). Where the names repeat or say nothing and there are seven of them beside time, they
+    are taken in the order x y z qx qy qz qw.
+
+    Raises:
+        DatasetError: the file cannot be read, or its columns cannot be told apart, or hold no unit quaternion.
+        TimestampError: no pose, or a TUM file whose stamps do not increase.
+    """
+    if path.suffix == ".tum":
+        return GroundTruth(read_tum(path), has_stamps=True, source=path.name)
+    table = CsvTable.open(path)
+    found = _pose_columns(table, columns, tally)
+    stamps_ns, poses = _poses(table, found, tally)
+    _check_quaternions(path, poses[:, 3:7])
+    transforms = se3.transform(so3.from_quat_xyzw(poses[:, 3:7]), poses[:, :3])
+    velocity = poses[:, 7:] if found.velocity else None
+    if found.stamp is None:
+        tally.note(f"{path.name}: ground truth has no stamps, offset and rate of its clock have to be estimated")
+    trajectory = Trajectory(stamps_ns, transforms, velocity)
+    return GroundTruth(trajectory, has_stamps=found.stamp is not None, source=path.name)
+
+
+def _pose_columns(table: CsvTable, columns: ColumnNames, tally: ReadTally) -> _PoseColumns:
+    names = table.header
+    stamp = Header(table.path, names, columns).find_stamp()
+    by_name = {key: [i for i, name in enumerate(names) if name in _SPELLINGS[key]] for key in _SPELLINGS}
+    if all(len(by_name[key]) == 1 for key in _POSE):
+        velocity = [i for axis in "xyz" for i in by_name[f"v{axis}"]]
+        return _PoseColumns(
+            tuple(by_name[key][0] for key in _POSE), tuple(velocity) if len(velocity) == 3 else (), stamp
+        )
+    others = tuple(i for i in range(len(names)) if stamp is None or i != stamp.index)
+    if len(others) != len(_POSE):
+        raise DatasetError(
+            f"{table.path}: no ground truth can be read from the columns {listing(names)}; name them "
+            f"{', '.join(_POSE)} (metres, unit quaternion), with stamp_ns or time_s beside them"
+        )
+    tally.note(f"{table.path.name}: the header does not name x y z qx qy qz qw, the columns are taken in that order")
+    return _PoseColumns(others, (), stamp)
+
+
+def _poses(table: CsvTable, found: _PoseColumns, tally: ReadTally) -> tuple[IntArray, Array]:
+    """Stamps (N,) and [x y z qx qy qz qw, velocity] (N, 7 or 10) of the complete rows in increasing time."""
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    for number, row in enumerate(table.rows()):
+        stamp_ns = number * UNSTAMPED_PERIOD_NS if found.stamp is None else found.stamp.read(row)
+        values = row.numbers(found.pose + found.velocity)
+        if stamp_ns is None or np.isnan(values).any():
+            tally.dropped["ground truth: empty or NaN"] += 1
+        elif stamps and stamp_ns <= stamps[-1]:
+            tally.dropped["ground truth: stamp repeated or out of order"] += 1
+        else:
+            stamps.append(stamp_ns)
+            rows.append(values)
+    if table.has_cut_line:
+        tally.dropped["ground truth: last line cut off"] += 1
+    if not rows:
+        raise TimestampError(f"{table.path} holds no complete pose; delete it to run without ground truth")
+    return np.array(stamps, dtype=np.int64), np.array(rows)
+
+
+def _check_quaternions(path: Path, quat_xyzw: Array) -> None:
+    norms = np.linalg.norm(quat_xyzw, axis=1)
+    worst = int(np.argmax(np.abs(norms - 1.0)))
+    if abs(norms[worst] - 1.0) > _QUATERNION_TOLERANCE:
+        raise DatasetError(
+            f"{path}, pose {worst + 1}: the quaternion has norm {norms[worst]:.3f}, not 1; "
+            "check the order of the columns"
+        )

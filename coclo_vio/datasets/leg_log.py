@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The leg log: one CSV file with a row a time, read by its header.
+
+Canonical columns, as ``writer.write_leg_log`` writes them; all but the stamp and the joints' angles may be absent::
+
+    stamp_ns  (or time_s)                                 integer nanoseconds (or decimal seconds)
+    gyro_x_radps  gyro_y_radps  gyro_z_radps              rad/s, imu frame
+    accel_x_mps2  accel_y_mps2  accel_z_mps2              specific force, m/s^2, imu frame
+    <joint>.position  <joint>.velocity  <joint>.effort    rad, rad/s, Nm
+    <leg>.force                                           in the unit of the robot's contact thresholds
+
+``nan`` is a reading that failed; where all cells of a sensor are empty it has no sample in that row. Other spellings
+are patterns in ``DatasetConfig.columns``; those of the Unitree Go1 motion-capture log (``Time(s)``, ``FR_Force``,
+``BaseAx``, ``BaseWx``, ``JointPosFR_hip``) are among the defaults.
+
+A folder holds the log under any name, and at most one of ``groundtruth.tum``, ``groundtruth.csv`` and ``mocap.csv``.
+"""
+
+from pathlib import Path
+
+from coclo_vio.datasets.columns import ColumnNames, Header
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.csv_table import CsvTable
+from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.recording import Recording
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.samples import SampleTable
+from coclo_vio.errors import DatasetError, TopicNotFound, listing
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.trajectory import GroundTruth
+
+GROUND_TRUTH_NAMES = ("groundtruth.tum", "groundtruth.csv", "mocap.csv")
+LOOKS_FOR = "a leg log: a .csv file, or a folder with one (columns stamp_ns or time_s, gyro_x_radps, <joint>.position)"
+
+
+class LegLog(Recording):
+    """A leg log, alone or in its folder."""
+
+    format_name = "leg log"
+
+    def __init__(self, path: Path, robot: RobotDescription | None, config: DatasetConfig) -> None:
+        """Find the columns that ``robot`` wants; without a robot only the IMU is read.
+
+        Raises:
+            TopicNotFound: a column is missing; lists those that exist.
+            DatasetError: several logs in the folder, or a file that cannot be read.
+        """
+        self._log = find_log(path, config.columns)
+        super().__init__(path.name if path.is_dir() else path.stem, config)
+        self._header = CsvTable.open(self._log).header
+        self._robot = robot
+        self._tables(ReadTally(self.format_name, config.gap_s))
+
+    def _tables(self, tally: ReadTally) -> list[SampleTable]:
+        header = Header(self._log, self._header, self._config.columns)
+        table = SampleTable(
+            CsvTable(self._log, self._header),
+            self._log.name,
+            header.stamp(),
+            imu=header.imu(),
+            joints=None if self._robot is None else header.joints(self._robot),
+            force=None if self._robot is None else header.forces(self._robot),
+        )
+        if self._robot is None and table.imu is None:
+            raise TopicNotFound(
+                f"{self._log} has no IMU column among {listing(self._header)}; name the robot to read its joints"
+            )
+        if table.imu is None:
+            tally.note(f"{table.label}: no IMU in the log")
+        table.describe(header, tally)
+        return [table]
+
+    def _read_ground_truth(self, tally: ReadTally) -> GroundTruth | None:
+        folder = self._log.parent
+        if len(_logs_in(folder, self._config.columns)) > 1:
+            tally.note(
+                f"{folder.name} holds several logs: whose ground truth is beside them is not known, none is read"
+            )
+            return None
+        found = [folder / name for name in GROUND_TRUTH_NAMES if (folder / name).is_file()]
+        if not found:
+            return None
+        if len(found) > 1:
+            tally.note(
+                f"several ground truths: {found[0].name} is read, not {listing(path.name for path in found[1:])}"
+            )
+        return read_ground_truth(found[0], self._config.columns, tally)
+
+
+def is_leg_log(path: Path) -> bool:
+    """Whether ``path`` is a CSV file or a folder with one that is not ground truth."""
+    return path.suffix == ".csv" if path.is_file() else bool(_csv_files(path))
+
+
+def find_log(path: Path, columns: ColumnNames) -> Path:
+    """The log at ``path``, or the only one in the folder ``path``.
+
+    Raises:
+        DatasetError: none, or several.
+    """
+    if path.is_file():
+        return path
+    logs = _logs_in(path, columns)
+    if len(logs) != 1:
+        listed = listing(log.name for log in logs)
+        raise DatasetError(f"{path} holds {len(logs)} leg logs ({listed}); give the path of one of them")
+    return logs[0]
+
+
+def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
+    """The file that holds the joints, and its column names."""
+    log = find_log(path, columns)
+    return log, CsvTable.open(log).header
+
+
+def _csv_files(folder: Path) -> list[Path]:
+    return [path for path in sorted(folder.glob("*.csv")) if path.name not in GROUND_TRUTH_NAMES]
+
+
+def _logs_in(folder: Path, columns: ColumnNames) -> list[Path]:
+    """The CSV files that can be logs: the only one there is, or those with a column of time."""
+    files = _csv_files(folder)
+    if len(files) <= 1:
+        return files
+    return [path for path in files if Header(path, CsvTable.open(path).header, columns).find_stamp() is not None]

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Recordings written to disk: a leg-log folder and an EuRoC-style folder.
+
+Every reading is written with as many digits as its float needs (``repr``), so that a log read back is equal to what was
+written, value by value; ``nan`` is written for a reading that failed, an empty cell where a sensor has no sample.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+import yaml
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import ImuCalibration
+from coclo_vio.datasets.sequencer import order_key
+from coclo_vio.errors import DatasetError
+from coclo_vio.geometry import so3
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.trajectory import GroundTruth, Trajectory, write_tum
+
+_IMU_COLUMNS = (*(f"gyro_{axis}_radps" for axis in "xyz"), *(f"accel_{axis}_mps2" for axis in "xyz"))
+_EUROC_IMU_COLUMNS = (
+    *(f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz"),
+    *(f"a_RS_S_{axis} [m s^-2]" for axis in "xyz"),
+)
+_POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_EUROC_POSE_COLUMNS = (*(f"p_RS_R_{axis} [m]" for axis in "xyz"), *(f"q_RS_{axis} []" for axis in "wxyz"))
+_SENSORS: Mapping[type, str] = {FootForceSample: "foot_force0", ImuSample: "imu0", JointSample: "joints0"}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedJoints:
+    """Which of the joints' readings are written; a column that is left out is read back as absent."""
+
+    with_velocity: bool = True
+    with_effort: bool = True
+
+    def columns(self, robot: RobotDescription) -> list[str]:
+        """Column names: all angles, all velocities, all torques."""
+        kinds = ["position", *(["velocity"] if self.with_velocity else []), *(["effort"] if self.with_effort else [])]
+        return [f"{joint}.{kind}" for kind in kinds for joint in robot.joint_names]
+
+    def cells_of(self, sample: Measurement) -> list[str]:
+        """The cells of a sample: those of joints under ``columns``, those of the other sensors all."""
+        match sample:
+            case FootForceSample():
+                arrays = [sample.force]
+            case ImuSample():
+                arrays = [sample.angular_velocity, sample.specific_force]
+            case JointSample():
+                velocity = [sample.velocity] if self.with_velocity else []
+                arrays = [sample.position, *velocity, *([sample.effort] if self.with_effort else [])]
+        return [cell for array in arrays for cell in _cells(array)]
+
+
+ALL_JOINT_READINGS = RecordedJoints()
+
+
+def write_leg_log(
+    folder: Path,
+    robot: RobotDescription,
+    measurements: Iterable[Measurement],
+    ground_truth: GroundTruth | None = None,
+    *,
+    joints: RecordedJoints = ALL_JOINT_READINGS,
+) -> Path:
+    """Write ``leg_log.csv`` with the canonical columns, and the ground truth beside it.
+
+    Ground truth goes to ``groundtruth.tum`` (12 digits), or to ``mocap.csv`` where it has no stamps.
+
+    Returns:
+        The path of the log.
+
+    Raises:
+        DatasetError: the folder cannot be written.
+    """
+    path = folder / "leg_log.csv"
+    headers = _headers(robot, _IMU_COLUMNS, joints)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("w", encoding="ascii", newline="\n") as out:
+            out.write(_line(["stamp_ns", *chain.from_iterable(headers.values())]))
+            for row in _rows(measurements):
+                cells = {type(sample): joints.cells_of(sample) for sample in row}
+                blanks = {kind: [""] * len(names) for kind, names in headers.items()}
+                out.write(_line([str(row[0].stamp_ns), *chain.from_iterable((blanks | cells).values())]))
+        if ground_truth is not None:
+            _write_leg_log_truth(folder, ground_truth)
+    except OSError as error:
+        raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another folder") from error
+    return path
+
+
+def write_euroc_folder(
+    folder: Path,
+    robot: RobotDescription,
+    measurements: Iterable[Measurement],
+    ground_truth: GroundTruth | None = None,
+    *,
+    joints: RecordedJoints = ALL_JOINT_READINGS,
+    imu: ImuCalibration | None = None,
+) -> Path:
+    """Write ``mav0`` with ``imu0``, ``joints0``, ``foot_force0`` and ``state_groundtruth_estimate0``.
+
+    Returns:
+        The path of ``mav0``.
+
+    Raises:
+        DatasetError: the folder cannot be written, or the ground truth has no stamps, for which the layout has no
+            place.
+    """
+    if ground_truth is not None and not ground_truth.has_stamps:
+        raise DatasetError("an EuRoC folder has no place for ground truth without stamps; write a leg log instead")
+    mav0 = folder / "mav0"
+    headers = _headers(robot, _EUROC_IMU_COLUMNS, joints)
+    try:
+        with ExitStack() as stack:
+            sheets: dict[type, TextIO] = {}
+            for sample in measurements:
+                kind = type(sample)
+                if kind not in sheets:
+                    sheets[kind] = stack.enter_context(_sheet(mav0 / _SENSORS[kind], headers[kind]))
+                sheets[kind].write(_line([str(sample.stamp_ns), *joints.cells_of(sample)]))
+        if imu is not None:
+            _write_sensor_yaml(mav0 / "imu0", imu)
+        if ground_truth is not None:
+            _write_euroc_truth(mav0 / "state_groundtruth_estimate0", ground_truth.trajectory)
+    except OSError as error:
+        raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another folder") from error
+    return mav0
+
+
+def _rows(measurements: Iterable[Measurement]) -> Iterator[list[Measurement]]:
+    """Runs of samples that can share a row: one stamp, and in the order in which a row is read back."""
+    row: list[Measurement] = []
+    for sample in measurements:
+        if row and (sample.stamp_ns != row[-1].stamp_ns or order_key(sample) <= order_key(row[-1])):
+            yield row
+            row = []
+        row.append(sample)
+    if row:
+        yield row
+
+
+def _write_leg_log_truth(folder: Path, ground_truth: GroundTruth) -> None:
+    if ground_truth.has_stamps:
+        write_tum(ground_truth.trajectory, folder / "groundtruth.tum")
+        return
+    poses = _poses_xyzw(ground_truth.trajectory)
+    with (folder / "mocap.csv").open("w", encoding="ascii", newline="\n") as out:
+        out.write(_line(_POSE_COLUMNS))
+        out.writelines(_line(_cells(pose)) for pose in poses)
+
+
+def _write_euroc_truth(folder: Path, trajectory: Trajectory) -> None:
+    poses = _poses_xyzw(trajectory)[:, [0, 1, 2, 6, 3, 4, 5]]
+    columns = list(_EUROC_POSE_COLUMNS)
+    if trajectory.velocity_world is not None:
+        poses = np.hstack((poses, trajectory.velocity_world))
+        columns += [f"v_RS_R_{axis} [m s^-1]" for axis in "xyz"]
+    with _sheet(folder, columns) as out:
+        for stamp_ns, pose in zip(trajectory.stamps_ns, poses, strict=True):
+            out.write(_line([str(int(stamp_ns)), *_cells(pose)]))
+
+
+def _write_sensor_yaml(folder: Path, imu: ImuCalibration) -> None:
+    values = {
+        "sensor_type": "imu",
+        "T_BS": {"cols": 4, "rows": 4, "data": imu.T_body_imu.ravel().tolist()},
+        "gyroscope_noise_density": imu.gyroscope_noise_density,
+        "gyroscope_random_walk": imu.gyroscope_bias_walk,
+        "accelerometer_noise_density": imu.accelerometer_noise_density,
+        "accelerometer_random_walk": imu.accelerometer_bias_walk,
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
+    (folder / "sensor.yaml").write_text(text, encoding="ascii")
+
+
+def _sheet(folder: Path, columns: Iterable[str]) -> TextIO:
+    """``data.csv`` of a sensor, with its header written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    out = (folder / "data.csv").open("w", encoding="ascii", newline="\n")
+    out.write(_line(["#timestamp [ns]", *columns]))
+    return out
+
+
+def _headers(robot: RobotDescription, imu: Sequence[str], joints: RecordedJoints) -> dict[type, Sequence[str]]:
+    """Column names a sensor, in the order in which they stand in a row."""
+    return {
+        FootForceSample: [f"{leg}.force" for leg in robot.leg_names],
+        ImuSample: imu,
+        JointSample: joints.columns(robot),
+    }
+
+
+def _poses_xyzw(trajectory: Trajectory) -> Array:
+    """[x y z qx qy qz qw] (N, 7)."""
+    return np.hstack((trajectory.positions, so3.to_quat_xyzw(trajectory.rotations)))
+
+
+def _cells(values: Array) -> list[str]:
+    return [repr(value) for value in values.tolist()]
+
+
+def _line(cells: Iterable[str]) -> str:
+    return ",".join(cells) + "\n"
