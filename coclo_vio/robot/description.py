@@ -44,10 +44,9 @@ class RobotDescription(StageConfig):
     legs: Annotated[tuple[LegDescription, ...], Field(min_length=1, description="the legs, in log order")]
     contact: Annotated[ContactConfig, Field(description="how a foot's load becomes contact")] = ContactConfig()
     imu: Annotated[ImuCalibration, Field(description="mounting and noise of the body IMU")] = ImuCalibration()
-    joint_aliases: Annotated[
-        dict[str, str],
-        Field(default_factory=dict, description="names that logs use for joints, each with its URDF joint name"),
-    ]
+    joint_aliases: dict[str, str] = Field(
+        default_factory=dict, description="names that logs use for joints, each with its URDF joint name"
+    )
     encoder_noise_rad: Annotated[float, Field(gt=0, lt=1, description="one sigma of a joint position, rad")] = 1e-3
     joint_velocity_noise_radps: Annotated[
         float, Field(gt=0, lt=10, description="one sigma of a joint velocity, rad/s")

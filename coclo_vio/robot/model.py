@@ -17,6 +17,7 @@ from coclo_vio.robot.description import LegDescription, RobotDescription, urdf_p
 
 _BASE = 6  # the free base comes first in every Pinocchio vector, with six velocities
 _ROOT_JOINT = 1
+_STICTION_RADPS = 0.1  # dry friction grows to its full value over about this joint speed
 _SINGULAR = 0.02  # singular value (m for revolute joints) of a foot Jacobian below which a direction is damped
 
 
@@ -63,6 +64,8 @@ class RobotModel:
         joints = [self._model.joints[self._model.getJointId(name)] for name in self.joint_names]
         self._q_index = np.array([joint.idx_q for joint in joints])
         self._v_index = np.array([joint.idx_v for joint in joints])
+        self._damping: Array = np.array(self._model.damping)[self._v_index]
+        self._dry_friction: Array = np.array(self._model.upperDryFrictionLimit)[self._v_index]
         self._q = pin.neutral(self._model)
         self._q[:7] = pin.SE3ToXYZQUAT(T_body_root)
         self._frames = [_frame_id(self._model, leg.foot_frame, description) for leg in description.legs]
@@ -108,12 +111,12 @@ class RobotModel:
         """The force that the ground exerts on each foot, N, body frame, (n, 3).
 
         Solves ``J^T F = h - tau`` for each leg, with h the torques that the leg's own weight and motion need (recursive
-        Newton-Euler) and J the linear Jacobian of the foot centre: the paper's eq. (7), ``F = R J^-T tau``, with the
-        sign of the ground's force on the foot, in the body frame, and with h, which the paper leaves out. A leg of
-        other than three joints is solved by least squares, of smallest norm where joints are too few: forces that
-        its torques cannot show come out as zero. A direction in which the singular value s of J is below 0.02 m (a
-        stretched leg) is damped, ``1/s -> s / (s^2 + d^2)`` with ``d^2 = 0.02^2 - s^2``: its force tends to zero
-        instead of infinity.
+        Newton-Euler, and the joint friction of the URDF's ``<dynamics>``) and J the linear Jacobian of the foot centre:
+        the paper's eq. (7), ``F = R J^-T tau``, with the sign of the ground's force on the foot, in the body frame, and
+        with h, which the paper leaves out. A leg of other than three joints is solved by least squares, of smallest
+        norm where joints are too few: forces that its torques cannot show come out as zero. A direction in which the
+        singular value s of J is below 0.02 m (a stretched leg) is damped, ``1/s -> s / (s^2 + d^2)`` with
+        ``d^2 = 0.02^2 - s^2``: its force tends to zero instead of infinity.
 
         Args:
             position: joint positions, rad, (J,).
@@ -122,7 +125,8 @@ class RobotModel:
             specific_force_body: of the body origin, m/s^2, body frame, (3,): 9.81 times "up" compensates gravity, an
                 accelerometer's reading the body's acceleration too. None: the legs are taken to weigh nothing.
             angular_velocity_body: of the body, rad/s, body frame, (3,); used only where ``acceleration`` is given.
-            acceleration: joint accelerations, rad/s^2, (J,): compensates inertia. None: the legs are taken at rest.
+            acceleration: joint accelerations, rad/s^2, (J,): compensates inertia and joint friction. None: the legs
+                are taken at rest.
 
         Returns:
             Forces; a leg with any NaN among its own readings has NaN.
@@ -168,7 +172,7 @@ class RobotModel:
         acceleration: Array | None,
     ) -> Array:
         """Torques (J,) that weight and motion of the legs need at the configuration in ``_q``, nothing at the feet."""
-        zero = np.zeros(3)
+        zero, friction = np.zeros(3), 0.0
         rates, accelerations = np.zeros(self._model.nv), np.zeros(self._model.nv)
         force = zero if specific_force_body is None else specific_force_body
         accelerations[:_BASE] = self._T_root_body.act(pin.Motion(force, zero)).vector
@@ -177,8 +181,9 @@ class RobotModel:
             rates[:_BASE] = self._T_root_body.act(pin.Motion(zero, rate)).vector
             rates[self._v_index] = velocity
             accelerations[self._v_index] = acceleration
+            friction = self._damping * velocity + self._dry_friction * np.tanh(velocity / _STICTION_RADPS)
         torques: Array = pin.rnea(self._model, self._data, self._q, rates, accelerations)[self._v_index]
-        return torques
+        return torques + friction
 
     def _check_chains(self) -> None:
         for leg, frame in zip(self.description.legs, self._frames, strict=True):

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the robot stands still, and what its IMU reads then.
+
+At rest the mean specific force points up and the mean angular velocity is the gyroscope's bias: the filter starts from
+them, and later takes the standstill itself as a measurement.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from coclo_vio.arrays import Array
+from coclo_vio.config import StageConfig
+from coclo_vio.measurements import ImuSample, JointSample
+
+_NS_PER_S = 1_000_000_000
+_FEWEST_SAMPLES = 5
+_SPANNED = 0.8  # the part of the window that samples must span; slow sensors never span all of it
+
+
+class StandstillConfig(StageConfig):
+    """How still is still. Every limit holds over the window; all must be kept."""
+
+    window_s: Annotated[float, Field(ge=0.1, le=10, description="time over which the robot is watched, s")] = 0.5
+    gyroscope_std_radps: Annotated[
+        float, Field(gt=0, le=1, description="most the angular velocity may scatter, all axes together, rad/s")
+    ] = 0.05
+    gyroscope_mean_radps: Annotated[
+        float,
+        Field(gt=0, le=1, description="largest mean angular velocity that may still be a gyroscope's bias, rad/s"),
+    ] = 0.05
+    accelerometer_std_mps2: Annotated[
+        float, Field(gt=0, le=10, description="most the specific force may scatter, all axes together, m/s^2")
+    ] = 0.4
+    joint_speed_radps: Annotated[
+        float, Field(gt=0, le=10, description="largest root-mean-square speed of any joint, rad/s")
+    ] = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """What the IMU read while the robot stood still: means over the window, imu frame.
+
+    Attributes:
+        stamp_ns: time of the newest reading, nanoseconds.
+        angular_velocity: rad/s, (3,): at rest the gyroscope's bias.
+        specific_force: m/s^2, (3,): at rest it points up, with 9.81 and the accelerometer's bias.
+        sample_count: readings in the means.
+    """
+
+    stamp_ns: int
+    angular_velocity: Array
+    specific_force: Array
+    sample_count: int
+
+
+class StandstillDetector:
+    """Watches IMU and joints over a sliding window; each sample costs the same, however long the window.
+
+    The IMU must span the window. Joints must keep their limit where they say anything: a joint of NaN says nothing. A
+    steady rotation counts as motion once it is faster than a bias can be; a slower one, with still joints, can not be
+    told from rest. Samples whose stamp does not pass the last of their kind are left out and counted.
+    """
+
+    def __init__(self, config: StandstillConfig | None = None) -> None:
+        self.config = config or StandstillConfig()
+        window_ns = round(self.config.window_s * _NS_PER_S)
+        self._imu = _SlidingMoments(window_ns)
+        self._joints = _SlidingMoments(window_ns)
+        self._counts = {"standstill_stamp_refused": 0}
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Samples left out for their stamp."""
+        return self._counts
+
+    def push(self, sample: ImuSample | JointSample) -> None:
+        """Take one sample of either kind; the two need not come in step."""
+        match sample:
+            case ImuSample():
+                values = np.concatenate((sample.angular_velocity, sample.specific_force))
+                is_taken = self._imu.push(sample.stamp_ns, values)
+            case JointSample():
+                is_taken = self._joints.push(sample.stamp_ns, np.nan_to_num(sample.velocity, nan=0.0))
+        if not is_taken:
+            self._counts["standstill_stamp_refused"] += 1
+
+    @property
+    def is_stationary(self) -> bool:
+        """Whether every limit was kept over the whole window."""
+        imu, config = self._imu, self.config
+        if imu.count < _FEWEST_SAMPLES or imu.span_ns < _SPANNED * imu.window_ns:
+            return False
+        mean, variance = imu.mean(), imu.variance()
+        if float(mean[:3] @ mean[:3]) > config.gyroscope_mean_radps**2:
+            return False
+        if float(variance[:3].sum()) > config.gyroscope_std_radps**2:
+            return False
+        if float(variance[3:].sum()) > config.accelerometer_std_mps2**2:
+            return False
+        self._joints.forget_before(imu.newest_ns - imu.window_ns)
+        return self._joints.count == 0 or float(self._joints.mean_square().max()) <= config.joint_speed_radps**2
+
+    @property
+    def rest(self) -> Rest | None:
+        """The means over the window while the robot stands still, otherwise None."""
+        if not self.is_stationary:
+            return None
+        mean = self._imu.mean()
+        return Rest(self._imu.newest_ns, mean[:3], mean[3:], self._imu.count)
+
+
+class _SlidingMoments:
+    """Mean and variance of the vectors of the last ``window_ns``, by sums of deviations from a first reading.
+
+    A sum that is added to and taken from for ever gathers rounding of about 1e-16 times the largest square it met
+    per step; the sums start afresh once as many samples as fill the window several times have passed.
+    """
+
+    def __init__(self, window_ns: int) -> None:
+        self.window_ns = window_ns
+        self._samples: deque[tuple[int, Array]] = deque()
+        self._reference: Array = np.zeros(0)
+        self._sum: Array = np.zeros(0)
+        self._sum_of_squares: Array = np.zeros(0)
+        self._dropped = 0
+
+    @property
+    def count(self) -> int:
+        return len(self._samples)
+
+    @property
+    def newest_ns(self) -> int:
+        return self._samples[-1][0]
+
+    @property
+    def span_ns(self) -> int:
+        return self._samples[-1][0] - self._samples[0][0] if self._samples else 0
+
+    def push(self, stamp_ns: int, values: Array) -> bool:
+        """Add a sample and drop those that left the window; False where the stamp is not newer than the last."""
+        if self._samples and stamp_ns <= self.newest_ns:
+            return False
+        self.forget_before(stamp_ns - self.window_ns)
+        self._samples.append((stamp_ns, values))
+        if len(self._samples) == 1 or self._dropped > 10 * len(self._samples):
+            self._start_afresh(values)
+        else:
+            deviation = values - self._reference
+            self._sum += deviation
+            self._sum_of_squares += deviation * deviation
+        return True
+
+    def forget_before(self, stamp_ns: int) -> None:
+        while self._samples and self._samples[0][0] < stamp_ns:
+            deviation = self._samples.popleft()[1] - self._reference
+            self._sum -= deviation
+            self._sum_of_squares -= deviation * deviation
+            self._dropped += 1
+
+    def mean(self) -> Array:
+        return self._reference + self._sum / len(self._samples)
+
+    def variance(self) -> Array:
+        mean_deviation = self._sum / len(self._samples)
+        return np.maximum(self._sum_of_squares / len(self._samples) - mean_deviation**2, 0.0)
+
+    def mean_square(self) -> Array:
+        return self.variance() + self.mean() ** 2
+
+    def _start_afresh(self, reference: Array) -> None:
+        deviations = np.array([values for _, values in self._samples]) - reference
+        self._reference, self._dropped = reference, 0
+        self._sum = deviations.sum(axis=0)
+        self._sum_of_squares = (deviations**2).sum(axis=0)
