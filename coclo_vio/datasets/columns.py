@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -169,6 +169,17 @@ class Header:
                 f"name the others in datasets.columns.gyroscope and accelerometer; there are {listing(self._names)}"
             )
         return indices or None
+
+    def no_imu(self) -> NoReturn:
+        """Say that there is no IMU where there has to be one.
+
+        Raises:
+            TopicNotFound: always; lists the columns that exist.
+        """
+        raise TopicNotFound(
+            f"{self._path} has no IMU column among {listing(self._names)}; name yours in "
+            "datasets.columns.gyroscope and accelerometer, or name the robot to read its joints"
+        )
 
     def find_joints(self, robot: RobotDescription) -> tuple[int | None, ...]:
         """The column of every joint's angle, None where there is none."""

@@ -110,7 +110,7 @@ class EurocFolder(Recording):
             case "foot_force0", RobotDescription() as robot:
                 samples = SampleTable(table, label, stamp, force=header.forces(robot))
             case _:
-                samples = SampleTable(table, label, stamp, imu=header.imu())
+                samples = SampleTable(table, label, stamp, imu=header.imu() or header.no_imu())
         samples.describe(header, tally)
         yield samples
 

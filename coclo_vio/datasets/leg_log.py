@@ -25,7 +25,7 @@ from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.recording import Recording
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.samples import SampleTable
-from coclo_vio.errors import DatasetError, TopicNotFound, listing
+from coclo_vio.errors import DatasetError, listing
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.trajectory import GroundTruth
 
@@ -57,14 +57,10 @@ class LegLog(Recording):
             CsvTable(self._log, self._header),
             self._log.name,
             header.stamp(),
-            imu=header.imu(),
+            imu=header.imu() or (header.no_imu() if self._robot is None else None),
             joints=None if self._robot is None else header.joints(self._robot),
             force=None if self._robot is None else header.forces(self._robot),
         )
-        if self._robot is None and table.imu is None:
-            raise TopicNotFound(
-                f"{self._log} has no IMU column among {listing(self._header)}; name the robot to read its joints"
-            )
         if table.imu is None:
             tally.note(f"{table.label}: no IMU in the log")
         table.describe(header, tally)
@@ -89,7 +85,7 @@ class LegLog(Recording):
 
 def is_leg_log(path: Path) -> bool:
     """Whether ``path`` is a CSV file or a folder with one that is not ground truth."""
-    return path.suffix == ".csv" if path.is_file() else bool(_csv_files(path))
+    return path.suffix.lower() == ".csv" if path.is_file() else bool(_csv_files(path))
 
 
 def find_log(path: Path, columns: ColumnNames) -> Path:
