@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rigid transforms that lay an estimate over its ground truth: pure functions, ``T_reference_estimate`` (4, 4).
+
+All take two trajectories on the same stamps. An odometry does not know where it started, so its world differs from
+the ground truth's by a position and a heading; ``SE(3)`` alignment forgives a tilted gravity too.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.geometry import se3, so3
+from coclo_vio.trajectory import Trajectory
+
+Alignment = Literal["yaw_position", "se3", "start", "none"]
+
+
+def heading_error_rad(estimate: Trajectory, reference: Trajectory) -> Array:
+    """Yaw, rad in -pi..pi, (N,), of ``R_reference_body R_estimate_body^T``: what to turn the estimate by about z."""
+    turn = reference.rotations @ np.swapaxes(estimate.rotations, 1, 2)
+    return so3.yaw(turn)
+
+
+def tie_start(estimate: Trajectory, reference: Trajectory, window_s: float) -> Array:
+    """Position and yaw tied over the first ``window_s`` seconds, while the robot stands.
+
+    The yaw is the circular mean of the heading differences, the position the difference of the means; where the
+    robot already moves, the pairs still differ by a constant.
+    """
+    head = estimate.times_s <= window_s
+    angles = heading_error_rad(estimate, reference)[head]
+    rotation = so3.about_z(float(np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())))
+    translation = reference.positions[head].mean(axis=0) - rotation @ estimate.positions[head].mean(axis=0)
+    return se3.transform(rotation, translation)
+
+
+def align_yaw_position(estimate: Trajectory, reference: Trajectory) -> Array:
+    """Position and yaw of least squared distance between positions.
+
+    With centred positions e and r the yaw is ``atan2(sum(e_x r_y - e_y r_x), sum(e_x r_x + e_y r_y))`` (Zhang,
+    Scaramuzza, "A tutorial on quantitative trajectory evaluation", 2018, section IV). Without motion in the plane
+    no yaw is better than another: zero.
+    """
+    centre_e, centre_r = estimate.positions.mean(axis=0), reference.positions.mean(axis=0)
+    e, r = estimate.positions - centre_e, reference.positions - centre_r
+    sine = float((e[:, 0] * r[:, 1] - e[:, 1] * r[:, 0]).sum())
+    cosine = float((e[:, :2] * r[:, :2]).sum())
+    rotation = so3.about_z(float(np.arctan2(sine, cosine)))
+    return se3.transform(rotation, centre_r - rotation @ centre_e)
+
+
+def align_se3(estimate: Trajectory, reference: Trajectory) -> Array:
+    """Position and rotation of least squared distance between positions, no scale (Umeyama, 1991, eq. 40 to 42)."""
+    centre_e, centre_r = estimate.positions.mean(axis=0), reference.positions.mean(axis=0)
+    covariance = (reference.positions - centre_r).T @ (estimate.positions - centre_e)
+    rotation = nearest_rotation(covariance)
+    return se3.transform(rotation, centre_r - rotation @ centre_e)
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation R (3, 3) with the largest ``trace(R^T matrix)`` (Kabsch, Umeyama)."""
+    left, _, right = np.linalg.svd(matrix)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
+    rotation: Array = left @ (signs[:, None] * right)
+    return rotation
+
+
+def align(kind: Alignment, estimate: Trajectory, reference: Trajectory, start_window_s: float) -> Array:
+    """``T_reference_estimate`` of the alignment that ``kind`` names."""
+    match kind:
+        case "yaw_position":
+            return align_yaw_position(estimate, reference)
+        case "se3":
+            return align_se3(estimate, reference)
+        case "start":
+            return tie_start(estimate, reference, start_window_s)
+        case "none":
+            return np.eye(4)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a body turns, low-passed, and how well two such signals agree under a clock: what ``clock`` searches with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import correlate
+from scipy.spatial.transform import Rotation, Slerp
+
+from coclo_vio.arrays import Array, BoolArray, IntArray
+from coclo_vio.evaluation.association import gaps_ns
+from coclo_vio.trajectory import Trajectory
+
+STEPS_PER_WINDOW = 10
+_KNOTS_PER_WINDOW = 20
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AngularMotion:
+    """Attitude over time: knots ``rate`` to the second, the holes where nothing is known between them.
+
+    Attributes:
+        at: attitude at a time in knots' units.
+        rate: units of the knots per second; 1 where they are seconds.
+        span_s: first and last time, s.
+        gaps_s: (K, 2) holes, s.
+    """
+
+    at: Slerp
+    rate: float
+    span_s: tuple[float, float]
+    gaps_s: Array
+
+    def grid(self, step_s: float) -> Array:
+        """Times all over the span, ``step_s`` apart."""
+        return np.arange(self.span_s[0], self.span_s[1], step_s)
+
+    def attitudes(self, times_s: Array) -> Rotation:
+        """``R_world_body`` at times inside the span."""
+        return self.at(np.clip(times_s * self.rate, self.at.times[0], self.at.times[-1]))
+
+    def rates(self, times_s: Array, window_s: float) -> tuple[Array, BoolArray]:
+        """Mean angular velocity, rad/s, body frame, (N, 3), over windows centred at ``times_s``; zero where unknown."""
+        before, after = times_s - 0.5 * window_s, times_s + 0.5 * window_s
+        is_known = (before >= self.span_s[0]) & (after <= self.span_s[1])
+        for start_s, end_s in self.gaps_s:
+            is_known &= (after <= start_s) | (before >= end_s)
+        rates = np.zeros((len(times_s), 3))
+        if is_known.any():
+            turn = self.attitudes(before[is_known]).inv() * self.attitudes(after[is_known])
+            rates[is_known] = turn.as_rotvec() / window_s
+        return rates, is_known
+
+
+def stamped_motion(
+    trajectory: Trajectory, stamps_ns: IntArray, start_ns: int, window_s: float, max_gap_s: float
+) -> AngularMotion:
+    """Attitudes over seconds since ``start_ns``, thinned to what a low-pass of ``window_s`` can see."""
+    times_s = (stamps_ns - start_ns) / _NS_PER_S
+    cell = np.floor((times_s - times_s[0]) * (_KNOTS_PER_WINDOW / window_s))
+    keep = np.flatnonzero(np.append(True, np.diff(cell) > 0) | (np.arange(len(times_s)) == len(times_s) - 1))
+    at = Slerp(times_s[keep], Rotation.from_matrix(trajectory.rotations[keep]))
+    gaps_s = (gaps_ns(stamps_ns, max_gap_s) - start_ns) / _NS_PER_S
+    return AngularMotion(at, 1.0, (float(times_s[0]), float(times_s[-1])), gaps_s)
+
+
+def numbered_motion(at: Slerp, rate_hz: float) -> AngularMotion:
+    """Attitudes of rows at an even rate, the first at time zero."""
+    return AngularMotion(at, rate_hz, (0.0, float(at.times[-1]) / rate_hz), np.zeros((0, 2)))
+
+
+def turning_score(cross: Array) -> Array:
+    """``max over R of trace(R^T cross)`` for stacks (..., 3, 3): the signed sum of the singular values."""
+    values = np.linalg.svd(cross, compute_uv=False)
+    total: Array = values[..., 0] + values[..., 1] + np.sign(np.linalg.det(cross)) * values[..., 2]
+    return total
+
+
+class RateCorrelator:
+    """Scores clocks of a ground truth against the angular velocity of one estimate, computed once."""
+
+    def __init__(self, own: AngularMotion, window_s: float) -> None:
+        self._own = own
+        self._window_s = window_s
+        self._step_s = window_s / STEPS_PER_WINDOW
+        self._own_rates, _ = own.rates(own.grid(self._step_s), window_s)
+        self._own_norm = float(np.linalg.norm(self._own_rates))
+
+    def best_shift(self, other: AngularMotion, limits_s: tuple[float, float]) -> tuple[float, float]:
+        """The shift of ``other``'s clock, s, within limits, and its score, on a grid of a tenth of the window."""
+        other_rates, _ = other.rates(other.grid(self._step_s), self._window_s)
+        norm = self._own_norm * float(np.linalg.norm(other_rates))
+        lags = np.arange(-(len(other_rates) - 1), len(self._own_rates))
+        shifts_s = self._own.span_s[0] - other.span_s[0] + lags * self._step_s
+        is_allowed = (shifts_s >= limits_s[0]) & (shifts_s <= limits_s[1])
+        if norm == 0.0 or not is_allowed.any():
+            return 0.0, 0.0
+        pairs = [[correlate(own, column)[is_allowed] for column in other_rates.T] for own in self._own_rates.T]
+        scores = turning_score(np.moveaxis(np.array(pairs), -1, 0)) / norm
+        winner = int(np.argmax(scores))
+        return float(shifts_s[is_allowed][winner]), float(scores[winner])
+
+    def samples_for(self, other: AngularMotion) -> int:
+        """How many samples ``score`` takes of this ground truth: fixed in a search, so that the score is smooth."""
+        return max(2, int((other.span_s[1] - other.span_s[0]) / self._step_s) + 1)
+
+    def score(self, other: AngularMotion, shift_s: float, samples: int) -> float:
+        """The score of one clock, the estimate's rates taken exactly at the shifted times."""
+        span_s = other.span_s[1] - other.span_s[0]
+        grid = np.linspace(other.span_s[0], other.span_s[1], samples)
+        other_rates, _ = other.rates(grid, self._window_s)
+        own_rates, _ = self._own.rates(grid + shift_s, self._window_s)
+        norm = self._own_norm * float(np.linalg.norm(other_rates))
+        if norm == 0.0:
+            return 0.0
+        per_step = span_s / (samples - 1) / self._step_s
+        return float(turning_score(own_rates.T @ other_rates) / norm * np.sqrt(per_step))

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The clock of the ground truth against the clock of the estimate: the first step of an evaluation.
+
+Trackers run on a clock of their own, and some recordings hold no stamps at all. What both sides saw is how the body
+turned: the low-passed angular velocity of the tracked body is a constant rotation of the estimate's, whatever the
+worlds and however the tracker's body frame is turned. So the clock is sought that maximises
+
+    score = max over R of sum_t w_reference(t) . R w_estimate(t + offset) / (|w_reference| |w_estimate|),
+
+whose inner maximum is the signed sum of the singular values of the 3x3 cross-covariance (Kabsch, 1976). Both norms are
+taken over the whole signals, so turns that one clock would push out of the overlap count against it.
+
+Positions are never used: a clock fitted to positions would hide errors of position.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation, Slerp
+
+from coclo_vio.arrays import Array, IntArray
+from coclo_vio.config import StageConfig
+from coclo_vio.errors import EvaluationError
+from coclo_vio.evaluation.alignment import nearest_rotation
+from coclo_vio.evaluation.angular_motion import (
+    STEPS_PER_WINDOW,
+    AngularMotion,
+    RateCorrelator,
+    numbered_motion,
+    stamped_motion,
+    turning_score,
+)
+from coclo_vio.trajectory import GroundTruth, Trajectory
+
+_NS_PER_S = 1_000_000_000
+_RATE_STEP = 0.01
+
+
+class ClockConfig(StageConfig):
+    """How the clock of the ground truth is found, or what it is."""
+
+    offset_s: Annotated[
+        float | None,
+        Field(description="estimate's clock minus ground truth's clock, s; estimated where null"),
+    ] = None
+    rate_hz: Annotated[
+        float | None,
+        Field(gt=0, le=1e5, description="rate of a ground truth without stamps, Hz; estimated where null"),
+    ] = None
+    max_offset_s: Annotated[float, Field(gt=0, le=1000, description="search within this offset either way, s")] = 10.0
+    window_s: Annotated[float, Field(gt=0, le=10, description="low-pass of the angular velocity, s")] = 0.2
+    rate_window_s: Annotated[
+        float, Field(gt=0, le=10, description="the same where the rate is estimated too: rows are uneven then, s")
+    ] = 1.5
+    max_duration_ratio: Annotated[
+        float,
+        Field(
+            gt=1, le=5, description="ground truth without stamps lasts this many times the estimate at most, or 1/it"
+        ),
+    ] = 2.0
+    max_gap_s: Annotated[
+        float,
+        Field(gt=0, le=60, description="holes of a stamped ground truth longer than this are not looked across, s"),
+    ] = 0.25
+    min_correlation: Annotated[
+        float, Field(ge=0, le=1, description="below this correlation of angular velocity no clock is accepted")
+    ] = 0.6
+    min_rate_radps: Annotated[
+        float, Field(gt=0, description="RMS of the low-passed angular velocity needed to estimate a clock, rad/s")
+    ] = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFit:
+    """The clock of the ground truth in terms of the estimate's.
+
+    Attributes:
+        offset_s: what is added to the ground truth's stamps; without stamps, to its first stamp.
+        rate_hz: rate of the rows of a ground truth without stamps; None where it has stamps.
+        is_estimated: False where the clock was given or could not be estimated.
+        correlation: of the low-passed angular velocities over the overlap, 0..1; None where nothing turns.
+        residual_deg: RMS of the attitude difference that is left after a constant rotation on either side and a
+            linear drift, degrees; None where the two overlap too little.
+        problem: why an estimate was asked for and not made; None where there is none.
+    """
+
+    offset_s: float
+    rate_hz: float | None
+    is_estimated: bool
+    correlation: float | None
+    residual_deg: float | None
+    problem: str | None = None
+
+    def apply(self, reference: Trajectory) -> Trajectory:
+        """The ground truth on the clock of the estimate."""
+        return reference.restamped(_restamped_ns(reference, self.offset_s, self.rate_hz))
+
+
+def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> ClockFit:
+    """Offset, and rate where the ground truth has no stamps, of the ground truth's clock.
+
+    Args:
+        estimate: on the clock that counts.
+        truth: the ground truth on its own clock; only its attitudes are looked at.
+        config: given values, limits of the search, low-pass.
+
+    Raises:
+        EvaluationError: a ground truth without stamps whose clock cannot be found; or only one of its offset and rate
+            given; or a rate given for a ground truth with stamps.
+    """
+    _check_given(truth, config)
+    if config.offset_s is not None:
+        return _fit_of(estimate, truth, config, config.offset_s, config.rate_hz)
+    problem = _what_hinders(estimate, truth, config)
+    if problem is None:
+        search = _search_rate if not truth.has_stamps else _search_offset
+        offset_s, rate_hz = search(estimate, truth.trajectory, config)
+        fit = _fit_of(estimate, truth, config, offset_s, rate_hz)
+        if fit.correlation is not None and fit.correlation >= config.min_correlation:
+            return fit
+        problem = (
+            f"the angular velocities correlate by {fit.correlation or 0.0:.2f} at best, below clock.min_correlation = "
+            f"{config.min_correlation:g}"
+        )
+    if not truth.has_stamps:
+        raise EvaluationError(
+            f"the clock of {truth.source}, which has no stamps, cannot be found: {problem}; "
+            "give clock.offset_s and clock.rate_hz"
+        )
+    return ClockFit(0.0, None, False, None, None, f"clock offset taken as 0: {problem}")
+
+
+def _check_given(truth: GroundTruth, config: ClockConfig) -> None:
+    if truth.has_stamps and config.rate_hz is not None:
+        raise EvaluationError(
+            f"clock.rate_hz = {config.rate_hz:g} is given but {truth.source} has stamps of its own; drop clock.rate_hz"
+        )
+    if not truth.has_stamps and (config.offset_s is None) != (config.rate_hz is None):
+        raise EvaluationError(
+            f"{truth.source} has no stamps: give both clock.offset_s and clock.rate_hz, or neither to estimate both"
+        )
+
+
+def _what_hinders(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> str | None:
+    window_s = config.window_s if truth.has_stamps else config.rate_window_s
+    for name, trajectory in (("estimate", estimate), ("ground truth", truth.trajectory)):
+        is_timed = name == "estimate" or truth.has_stamps
+        if len(trajectory) < 4 or (is_timed and trajectory.times_s[-1] < 2.0 * window_s):
+            return f"the {name} is too short ({len(trajectory)} poses) for a window of {window_s:g} s"
+    motion = stamped_motion(estimate, estimate.stamps_ns, int(estimate.stamps_ns[0]), window_s, np.inf)
+    rates, is_known = motion.rates(motion.grid(window_s / STEPS_PER_WINDOW), window_s)
+    rms = float(np.sqrt((rates[is_known] ** 2).sum(axis=1).mean())) if is_known.any() else 0.0
+    if rms < config.min_rate_radps:
+        return f"the estimate hardly turns ({rms:.3g} rad/s RMS, {config.min_rate_radps:g} needed)"
+    return None
+
+
+def _restamped_ns(reference: Trajectory, offset_s: float, rate_hz: float | None) -> IntArray:
+    shifted = reference.stamps_ns + round(offset_s * _NS_PER_S)
+    if rate_hz is None:
+        return shifted
+    rows = np.arange(len(reference))
+    return np.asarray(shifted[0] + np.rint(rows * (_NS_PER_S / rate_hz)).astype(np.int64))
+
+
+def _search_offset(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
+    start_ns, limit_s = int(reference.stamps_ns[0]), config.max_offset_s
+    window_s = max(config.window_s, 2.0 * _spacing_s(estimate), 2.0 * _spacing_s(reference))
+    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+    other = stamped_motion(reference, reference.stamps_ns, start_ns, window_s, config.max_gap_s)
+    apart_s = max(own.span_s[0] - other.span_s[1], other.span_s[0] - own.span_s[1])
+    if apart_s > limit_s:
+        raise EvaluationError(
+            f"estimate and ground truth lie {apart_s:.3f} s apart, further than clock.max_offset_s = {limit_s:g} s; "
+            "give clock.offset_s, or check that both belong to the same recording"
+        )
+    correlator = RateCorrelator(own, window_s)
+    coarse_s, _ = correlator.best_shift(other, (-limit_s, limit_s))
+    samples = correlator.samples_for(other)
+
+    def loss(values: Array) -> float:
+        return -correlator.score(other, float(values[0]), samples)
+
+    best = _polished(loss, np.array([coarse_s]), np.array([window_s / STEPS_PER_WINDOW]))
+    return float(np.clip(best[0], -limit_s, limit_s)), None
+
+
+def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
+    start_ns, window_s = int(estimate.stamps_ns[0]), config.rate_window_s
+    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+    correlator = RateCorrelator(own, window_s)
+    at = Slerp(np.arange(len(reference)), Rotation.from_matrix(reference.rotations))
+    reach = np.log(config.max_duration_ratio)
+    candidates_hz = (len(reference) - 1) / own.span_s[1] * np.exp(np.arange(-reach, reach, _RATE_STEP))
+    coarse = [correlator.best_shift(numbered_motion(at, rate_hz), (-np.inf, np.inf)) for rate_hz in candidates_hz]
+    winner = int(np.argmax([score for _, score in coarse]))
+    samples = correlator.samples_for(numbered_motion(at, float(candidates_hz[winner])))
+
+    def loss(values: Array) -> float:
+        return -correlator.score(
+            numbered_motion(at, float(candidates_hz[winner] * values[1])), float(values[0]), samples
+        )
+
+    start = np.array([coarse[winner][0], 1.0])
+    best = _polished(loss, start, np.array([window_s / STEPS_PER_WINDOW, _RATE_STEP]))
+    offset_s = best[0] + (start_ns - int(reference.stamps_ns[0])) / _NS_PER_S
+    return float(offset_s), float(candidates_hz[winner] * best[1])
+
+
+def _polished(loss: Callable[[Array], float], start: Array, step: Array) -> Array:
+    """Nelder-Mead in units of ``step``: the score is smooth near its peak, yet has no handy gradient."""
+    unit = np.vstack((np.zeros(len(start)), np.eye(len(start))))
+    options = {"initial_simplex": unit, "xatol": 1e-4, "fatol": 1e-12, "maxiter": 200}
+    found = minimize(lambda x: loss(start + step * x), np.zeros(len(start)), method="Nelder-Mead", options=options)
+    return np.asarray(start + step * found.x)
+
+
+def _spacing_s(trajectory: Trajectory) -> float:
+    return float(np.median(np.diff(trajectory.times_s)))
+
+
+def _fit_of(
+    estimate: Trajectory,
+    truth: GroundTruth,
+    config: ClockConfig,
+    offset_s: float,
+    rate_hz: float | None,
+) -> ClockFit:
+    """A clock with its quality: correlation of the rates over the overlap and residual attitude."""
+    stamps_ns, start_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz), int(estimate.stamps_ns[0])
+    window_s = config.window_s if truth.has_stamps else config.rate_window_s
+    correlation = residual_deg = None
+    if len(estimate) > 1 and len(truth.trajectory) > 1:
+        own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+        other = stamped_motion(truth.trajectory, stamps_ns, start_ns, window_s, config.max_gap_s)
+        grid = own.grid(window_s / STEPS_PER_WINDOW)
+        own_rates, is_own = own.rates(grid, window_s)
+        other_rates, is_other = other.rates(grid, window_s)
+        both = is_own & is_other
+        cross = own_rates[both].T @ other_rates[both]
+        norm = float(np.linalg.norm(own_rates[both]) * np.linalg.norm(other_rates[both]))
+        correlation = float(turning_score(cross)) / norm if norm > 0.0 else None
+        residual_deg = _residual_deg(own, other, grid[both], nearest_rotation(cross))
+    return ClockFit(offset_s, rate_hz, config.offset_s is None, correlation, residual_deg)
+
+
+def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_own_other: Array) -> float | None:  # noqa: N803
+    """RMS attitude difference, degrees, without a constant rotation on either side and a linear drift."""
+    if len(times_s) < 3:
+        return None
+    relative = own.attitudes(times_s) * Rotation.from_matrix(R_own_other) * other.attitudes(times_s).inv()
+    errors = (relative.mean().inv() * relative).as_rotvec()
+    design = np.stack((np.ones(len(times_s)), times_s), axis=1)
+    left = errors - design @ np.linalg.lstsq(design, errors, rcond=None)[0]
+    return float(np.degrees(np.sqrt((left**2).sum(axis=1).mean())))

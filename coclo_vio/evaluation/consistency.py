@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Is an estimator as sure as it should be? NEES of the pose, its average and its chi-square bounds.
+
+Source: Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section 5.4.
+"""
+
+import numpy as np
+from scipy.stats import chi2
+
+from coclo_vio.arrays import Array
+from coclo_vio.errors import EvaluationError
+from coclo_vio.geometry import se3
+from coclo_vio.trajectory import Trajectory
+
+_SMALLEST_RELATIVE_EIGENVALUE = 1e-12
+
+
+def nees(errors: Array, covariances: Array) -> Array:
+    """Normalised estimation errors squared ``e^T P^-1 e``, (N,), of errors (N, d) and covariances (N, d, d).
+
+    NaN where a covariance is not positive definite: nothing can be said there.
+
+    Raises:
+        EvaluationError: the shapes do not belong together.
+    """
+    if errors.ndim != 2 or covariances.shape != (*errors.shape, errors.shape[1]):
+        raise EvaluationError(
+            f"NEES takes errors (N, d) and covariances (N, d, d), got {errors.shape} and {covariances.shape}"
+        )
+    eigenvalues, vectors = np.linalg.eigh(covariances)
+    is_definite = eigenvalues[:, 0] > _SMALLEST_RELATIVE_EIGENVALUE * np.abs(eigenvalues[:, -1])
+    along = np.einsum("nij,ni->nj", vectors, errors)
+    values = np.full(len(errors), np.nan)
+    values[is_definite] = (along[is_definite] ** 2 / eigenvalues[is_definite]).sum(axis=1)
+    return values
+
+
+def anees(values: Array, dof: int) -> float | None:
+    """Mean NEES over its degrees of freedom: 1 for an honest covariance, above for an overconfident one.
+
+    None where no value is defined.
+    """
+    defined = values[np.isfinite(values)]
+    return float(defined.mean() / dof) if len(defined) else None
+
+
+def anees_bounds(dof: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
+    """The interval that holds the ANEES of ``runs`` independent honest runs with this probability (chi-square).
+
+    Samples of one run are correlated in time and do not count as independent runs.
+
+    Raises:
+        EvaluationError: a count below one, or a confidence outside 0..1.
+    """
+    if dof < 1 or runs < 1 or not 0.0 < confidence < 1.0:
+        raise EvaluationError(
+            f"ANEES bounds need dof >= 1, runs >= 1 and 0 < confidence < 1, got {dof}, {runs} and {confidence:g}"
+        )
+    tail = 0.5 * (1.0 - confidence)
+    low, high = chi2.ppf([tail, 1.0 - tail], dof * runs) / (dof * runs)
+    return float(low), float(high)
+
+
+def pose_errors(estimate: Trajectory, reference: Trajectory) -> Array:
+    """Right/local pose errors ``log(T_world_estimate^-1 T_world_reference)``, [rotation rad, position m], (N, 6).
+
+    Both in the same world and on the same stamps.
+    """
+    relative = se3.inverse(estimate.T_world_body) @ reference.T_world_body
+    return np.array([se3.log(T) for T in relative])
+
+
+def anees_pose(
+    estimate: Trajectory, reference: Trajectory, rotation_noise_rad: float = 0.0, position_noise_m: float = 0.0
+) -> float | None:
+    """ANEES of the 6-dof pose, both trajectories in the same world; None without covariance.
+
+    The reference has noise too, with these standard deviations on each axis: at the start, where the estimator is
+    certain of its pose, a millimetre of tracker noise would otherwise be all that counts. Poses whose covariance stays
+    singular are left out.
+    """
+    if estimate.covariance is None:
+        return None
+    noise = np.diag([rotation_noise_rad**2] * 3 + [position_noise_m**2] * 3)
+    return anees(nees(pose_errors(estimate, reference), estimate.covariance + noise), dof=6)

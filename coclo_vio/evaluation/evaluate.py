@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An estimate against its ground truth: clock, association, alignment, numbers. The entry of this subpackage."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from coclo_vio.arrays import Array
+from coclo_vio.config import StageConfig
+from coclo_vio.errors import EvaluationError
+from coclo_vio.evaluation import metrics
+from coclo_vio.evaluation.alignment import Alignment, align, tie_start
+from coclo_vio.evaluation.association import MatchedPair, coverage, gaps_ns, match
+from coclo_vio.evaluation.clock import ClockConfig, ClockFit, fit_clock
+from coclo_vio.evaluation.consistency import anees_pose
+from coclo_vio.evaluation.evaluation import Evaluation, Gaps
+from coclo_vio.evaluation.metrics import DriftInstant
+from coclo_vio.trajectory import GroundTruth, Trajectory
+
+
+class EvaluationConfig(StageConfig):
+    """How an estimate is compared with its ground truth."""
+
+    clock: ClockConfig = ClockConfig()
+    alignment: Annotated[Alignment, Field(description="alignment of ATE and velocity")] = "yaw_position"
+    start_window_s: Annotated[
+        float, Field(gt=0, le=60, description="drift is tied over this long at the start, at rest if possible, s")
+    ] = 1.0
+    max_ground_truth_gap_s: Annotated[
+        float, Field(gt=0, le=60, description="no interpolation across holes of the ground truth longer than this, s")
+    ] = 0.25
+    max_estimate_gap_s: Annotated[
+        float, Field(gt=0, le=60, description="holes of the estimate longer than this are not covered, s")
+    ] = 1.0
+    path_spacing_s: Annotated[
+        float, Field(gt=0, le=10, description="positions are averaged over this for path lengths, s")
+    ] = 0.1
+    velocity_window_s: Annotated[
+        float, Field(gt=0, le=5, description="window of the local parabola for reference velocities, s")
+    ] = 0.25
+    paper_drift_at: Annotated[
+        Literal["auto", "end", "first_metre"],
+        Field(description="when the paper's drift is taken; auto: at the end, after the first metre of closed loops"),
+    ] = "auto"
+    closed_loop_fraction: Annotated[
+        float, Field(ge=0, le=1, description="auto: a loop is closed below this net displacement per path length")
+    ] = 0.2
+    ground_truth_rotation_noise_rad: Annotated[
+        float, Field(ge=0, le=1, description="standard deviation per axis, for NEES, rad")
+    ] = 0.002
+    ground_truth_position_noise_m: Annotated[
+        float, Field(ge=0, le=1, description="standard deviation per axis, for NEES, m")
+    ] = 0.001
+
+
+def evaluate(
+    estimate: Trajectory,
+    ground_truth: GroundTruth,
+    config: EvaluationConfig | None = None,
+    *,
+    recording_ns: tuple[int, int] | None = None,
+    realtime_factor: float | None = None,
+) -> Evaluation:
+    """Measure an estimate against ground truth.
+
+    Args:
+        estimate: poses of the body; velocity and covariance where there are any.
+        ground_truth: poses of the same body on the tracker's clock, in the tracker's world, z up.
+        config: defaults where None.
+        recording_ns: first and last stamp of the sensor data, ns: ground truth outside of it is not asked for in
+            ``coverage``. The whole ground truth is, where None.
+        realtime_factor: what the run reported; passed through.
+
+    Raises:
+        EvaluationError: no overlap in time, too few common poses, or a clock that cannot be found.
+    """
+    config = config or EvaluationConfig()
+    _check_lengths(estimate, ground_truth)
+    clock = fit_clock(estimate, ground_truth, config.clock)
+    reference = clock.apply(ground_truth.trajectory)
+    pair = match(estimate, reference, config.max_ground_truth_gap_s)
+    tied = pair.estimate.moved(tie_start(pair.estimate, pair.reference, config.start_window_s))
+    aligned = pair.estimate.moved(align(config.alignment, pair.estimate, pair.reference, config.start_window_s))
+    paths = _Paths.of(pair, config)
+    return Evaluation(
+        ate_m=metrics.ate_m(aligned, pair.reference),
+        ate_planar_m=metrics.ate_planar_m(aligned, pair.reference),
+        rpe_1m_percent=metrics.rpe_percent(pair.estimate, pair.reference, paths.travelled_m, 1.0),
+        drift_percent=metrics.drift_percent(tied, pair.reference, paths.reference_m),
+        paper_drift_percent=metrics.paper_drift_percent(tied, pair.reference, paths.paper_index),
+        paper_drift_at=paths.paper_instant,
+        velocity_rmse_mps=_velocity_rmse_mps(aligned, reference, config),
+        velocity_source="positions" if estimate.velocity_world is None else "estimate",
+        yaw_drift_deg=metrics.yaw_drift_deg(pair.estimate, pair.reference, config.start_window_s),
+        path_length_m=paths.reference_m,
+        path_length_estimate_m=paths.estimate_m,
+        path_length_ratio=metrics.path_length_ratio(paths.estimate_m, paths.reference_m),
+        coverage=_coverage(estimate, reference, recording_ns, config),
+        anees_pose=_anees_pose(tied, pair.reference, config),
+        realtime_factor=realtime_factor,
+        alignment=config.alignment,
+        start_tilt_deg=metrics.start_tilt_deg(pair.estimate, pair.reference, config.start_window_s),
+        clock=clock,
+        duration_s=pair.estimate.duration_s,
+        poses=len(pair.estimate),
+        gaps=_gaps(estimate, reference, pair, config),
+        notes=_notes(ground_truth, clock, pair, paths),
+        estimate=tied,
+        reference=reference,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Paths:
+    """Distances travelled, and where on the way the paper's drift is taken."""
+
+    travelled_m: Array
+    reference_m: float
+    estimate_m: float
+    paper_instant: DriftInstant
+    paper_index: int | None
+
+    @classmethod
+    def of(cls, pair: MatchedPair, config: EvaluationConfig) -> "_Paths":
+        travelled = metrics.travelled_m(pair.reference, config.path_spacing_s)
+        estimate_m = float(metrics.travelled_m(pair.estimate, config.path_spacing_s)[-1])
+        instant: DriftInstant = (
+            metrics.paper_drift_instant(pair.reference, travelled, config.closed_loop_fraction)
+            if config.paper_drift_at == "auto"
+            else config.paper_drift_at
+        )
+        return cls(travelled, float(travelled[-1]), estimate_m, instant, metrics.index_at(instant, travelled))
+
+
+def _check_lengths(estimate: Trajectory, ground_truth: GroundTruth) -> None:
+    if len(estimate) < 2 or len(ground_truth.trajectory) < 2:
+        raise EvaluationError(
+            f"an evaluation needs 2 poses or more on both sides, the estimate has {len(estimate)} and the ground "
+            f"truth {ground_truth.source} has {len(ground_truth.trajectory)}; look whether the run was cut short"
+        )
+
+
+def _velocity_rmse_mps(aligned: Trajectory, reference: Trajectory, config: EvaluationConfig) -> float | None:
+    """RMS velocity error at the compared poses; the reference velocity is derived at the ground truth's own rate."""
+    velocity, is_trusted = metrics.velocities(reference, config.velocity_window_s, config.max_ground_truth_gap_s)
+    at_s = (aligned.stamps_ns - reference.stamps_ns[0]) / 1e9
+    expected = np.stack([np.interp(at_s, reference.times_s, column) for column in velocity.T], axis=1)
+    keep = np.interp(at_s, reference.times_s, is_trusted.astype(np.float64)) > 1.0 - 1e-9
+    own = aligned.velocity_world
+    if own is None:
+        own, is_own_trusted = metrics.velocities(aligned, config.velocity_window_s, config.max_estimate_gap_s)
+        keep &= is_own_trusted
+    return metrics.velocity_rmse_mps(own, expected, keep)
+
+
+def _anees_pose(tied: Trajectory, reference: Trajectory, config: EvaluationConfig) -> float | None:
+    return anees_pose(tied, reference, config.ground_truth_rotation_noise_rad, config.ground_truth_position_noise_m)
+
+
+def _coverage(
+    estimate: Trajectory, reference: Trajectory, recording_ns: tuple[int, int] | None, config: EvaluationConfig
+) -> float | None:
+    start_ns, end_ns = int(reference.stamps_ns[0]), int(reference.stamps_ns[-1])
+    if recording_ns is not None:
+        start_ns, end_ns = max(start_ns, recording_ns[0]), min(end_ns, recording_ns[1])
+    return coverage(estimate, start_ns, end_ns, config.max_estimate_gap_s)
+
+
+def _gaps(estimate: Trajectory, reference: Trajectory, pair: MatchedPair, config: EvaluationConfig) -> Gaps:
+    return Gaps(
+        ground_truth_holes=len(gaps_ns(reference.stamps_ns, config.max_ground_truth_gap_s)),
+        estimate_holes=len(gaps_ns(estimate.stamps_ns, config.max_estimate_gap_s)),
+        poses_outside=pair.outside_count,
+        poses_in_holes=pair.in_gap_count,
+    )
+
+
+def _notes(truth: GroundTruth, clock: ClockFit, pair: MatchedPair, paths: _Paths) -> tuple[str, ...]:
+    """Sentences for what the numbers alone do not say."""
+    notes = []
+    if not truth.has_stamps:
+        how = "estimated from how the body turned" if clock.is_estimated else "given"
+        notes.append(
+            f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; "
+            "its rows are taken as evenly spaced, so dropped rows show as errors of position along the path and of velocity."
+        )
+    elif clock.is_estimated:
+        notes.append(f"The clock offset of the ground truth, {clock.offset_s:.4f} s, was estimated from angular speed.")
+    if clock.problem is not None:
+        notes.append(f"The clock offset of the ground truth was not estimated: {clock.problem}.")
+    left_out = pair.outside_count + pair.in_gap_count
+    if left_out:
+        notes.append(f"{left_out} estimated poses have no ground truth beside them and were left out.")
+    if paths.reference_m < 1.0:
+        notes.append(f"The ground truth travels only {paths.reference_m:.3g} m: RPE over 1 m is not defined.")
+    return tuple(notes)
