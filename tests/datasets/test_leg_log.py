@@ -112,9 +112,9 @@ def test_nan_in_joints_and_force_is_passed_on_and_in_the_imu_dropped(write, bipe
 
 
 def test_a_sensor_with_all_its_cells_empty_has_no_sample_in_that_row(write, biped):
-    lines = [HEADER, "0.00,0,0,0,0,0,9.81,,,,,,", f"0.01,{ROW}"]
+    lines = [HEADER, "0.00,0,0,0,0,0,9.81,,,,,,", "0.01,,,,,,,1,2,3,4,50,60"]
     dataset = open_dataset(write(lines), biped)
-    assert [type(sample) for sample in dataset.measurements()] == [ImuSample, FootForceSample, ImuSample, JointSample]
+    assert [type(sample) for sample in dataset.measurements()] == [ImuSample, FootForceSample, JointSample]
     assert dataset.report().dropped == {}
 
 
@@ -167,6 +167,14 @@ def test_a_last_line_that_was_cut_off_is_dropped_counted_and_said(write, biped, 
         assert any("no newline" in note for note in report.notes)
     else:
         assert report.dropped == {"walk.csv: last line cut off": 1}
+
+
+@pytest.mark.parametrize("end", ["", "-", "1.5e-"])
+def test_a_last_number_that_was_cut_off_drops_its_line(write, biped, end):
+    cut = f"0.1,{ROW.removesuffix('60')}{end}"
+    report = open_dataset(write([HEADER, f"0.0,{ROW}", cut], end=""), biped).report()
+    assert report.stream("foot_force").samples == 1
+    assert report.dropped == {"walk.csv: last line cut off": 1}
 
 
 def test_the_log_can_be_cut_anywhere_without_harm(write, biped, tmp_path):
