@@ -172,7 +172,7 @@ class RobotModel:
         acceleration: Array | None,
     ) -> Array:
         """Torques (J,) that weight and motion of the legs need at the configuration in ``_q``, nothing at the feet."""
-        zero, friction = np.zeros(3), 0.0
+        zero, friction = np.zeros(3), np.zeros(len(self._v_index))
         rates, accelerations = np.zeros(self._model.nv), np.zeros(self._model.nv)
         force = zero if specific_force_body is None else specific_force_body
         accelerations[:_BASE] = self._T_root_body.act(pin.Motion(force, zero)).vector
