@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The baseline ``inekf``: an IMU-centric, contact-aided filter on the same feet, contacts and IMU as ours.
+
+Sorts measurements, decides contact, watches for rest; the filtering is GTSAM's, see ``foothold_filter``.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.backend.foothold_filter import FootholdFilter, FootholdNoiseConfig
+from coclo_vio.config import StageConfig
+from coclo_vio.errors import SmootherError
+from coclo_vio.estimates import FootState, StateEstimate
+from coclo_vio.geometry import so3
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.robot.contact import ContactDetector, ContactState
+from coclo_vio.robot.model import FeetKinematics, RobotModel
+from coclo_vio.robot.standstill import Rest, StandstillConfig, StandstillDetector
+
+_NS_PER_S = 1_000_000_000
+_GRAVITY_MPS2 = 9.81
+_MOST_RESTS = 100  # windows of one standstill whose mean is the gyroscope bias
+
+
+class InvariantConfig(StageConfig):
+    """The baseline: its noise, how it starts and how it copes with gaps."""
+
+    noise: Annotated[FootholdNoiseConfig, Field(description="noise of IMU and feet")] = FootholdNoiseConfig()
+    rolling_feet: Annotated[
+        bool, Field(description="whether the roll of spherical feet is taken out; false as published")
+    ] = False
+    initial_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch from rest, rad")] = 0.02
+    initial_velocity_mps: Annotated[float, Field(gt=0, description="one sigma at rest, m/s")] = 0.02
+    moving_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of a start on the move, rad")] = 0.2
+    moving_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of a start on the move, m/s")] = 1.0
+    standstill: Annotated[StandstillConfig, Field(description="how still is still")] = StandstillConfig()
+    rest_timeout_s: Annotated[
+        float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")
+    ] = 3.0
+    max_gap_s: Annotated[
+        float, Field(gt=0, description="longest silence of the IMU that is bridged as if nothing happened, s")
+    ] = 0.1
+    gap_rate_radps: Annotated[float, Field(ge=0, description="one sigma of the unseen rate in a gap, rad/s")] = 0.3
+    gap_acceleration_mps2: Annotated[
+        float, Field(ge=0, description="one sigma of the unseen acceleration in a gap, m/s^2")
+    ] = 1.0
+    force_timeout_s: Annotated[float, Field(gt=0, description="foot forces older than this count as missing, s")] = 0.1
+
+
+class InvariantLegOdometry:
+    """Contact-aided invariant Kalman filter: an estimate at each joint sample once it has started, from rest.
+
+    World: origin and heading of the body at the start. While the robot stands still, every foot counts as standing
+    and the gyroscope bias is the mean rate since it stood still.
+    """
+
+    def __init__(self, robot: RobotModel, config: InvariantConfig | None = None) -> None:
+        self.config = config or InvariantConfig()
+        self._robot, self._legs = robot, len(robot.leg_names)
+        self._contact = ContactDetector(robot.description.contact, self._legs)
+        self._standstill = StandstillDetector(self.config.standstill)
+        self._counts: Counter[str] = Counter()
+        self._T_body_imu = robot.description.imu.T_body_imu
+        self._filter: FootholdFilter | None = None
+        self._rests: list[Rest] = []  # windows of the present standstill, one after another
+        self._stamp_ns = 0  # of the filter's state
+        self._first_ns: int | None = None
+        self._imu: ImuSample | None = None
+        self._foot_force: FootForceSample | None = None
+        self._joints: JointSample | None = None
+        self._feet_body: Array = np.zeros((self._legs, 3))  # last known
+        self._rolled: Array = np.zeros((self._legs, 3))  # since touchdown, m, world
+        self._R_world_foot: Array = np.tile(np.eye(3), (self._legs, 1, 1))
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Samples refused for their stamp, unknown legs, gaps, standstills and loads that are missing."""
+        return self._counts + Counter(self._contact.counts) + Counter(self._standstill.counts)
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        """Take one measurement; a joint sample gives the new estimate once the filter has started.
+
+        Raises:
+            SmootherError: the sample is not of this robot, or GTSAM gave up.
+        """
+        match measurement:
+            case ImuSample():
+                self._take_imu(measurement)
+            case FootForceSample():
+                self._take_force(measurement)
+            case JointSample():
+                return self._take_joints(measurement)
+        return None
+
+    def _take_imu(self, sample: ImuSample) -> None:
+        if self._imu is not None and sample.stamp_ns <= self._imu.stamp_ns:
+            self._counts["imu_stamp_refused"] += 1
+            return
+        before, self._imu = self._imu or sample, sample
+        self._standstill.push(sample)
+        if self._filter is not None:
+            rate = 0.5 * (before.angular_velocity + sample.angular_velocity)
+            self._advance(self._filter, sample.stamp_ns, rate, 0.5 * (before.specific_force + sample.specific_force))
+
+    def _take_force(self, sample: FootForceSample) -> None:
+        self._check_length("foot force", len(sample.force), self._legs)
+        if self._foot_force is not None and sample.stamp_ns <= self._foot_force.stamp_ns:
+            self._counts["foot_force_stamp_refused"] += 1
+            return
+        self._foot_force = sample
+
+    def _take_joints(self, sample: JointSample) -> StateEstimate | None:
+        self._check_length("joint", len(sample.position), len(self._robot.joint_names))
+        if self._joints is not None and sample.stamp_ns <= self._joints.stamp_ns:
+            self._counts["joint_stamp_refused"] += 1
+            return None
+        self._standstill.push(sample)
+        contact = self._contact.update(sample.stamp_ns, self._load(sample))
+        self._joints = sample
+        rest, imu = self._standstill.rest, self._imu
+        self._filter = self._filter or self._started(sample.stamp_ns, rest)
+        if self._filter is None or imu is None:
+            return None
+        self._advance(self._filter, sample.stamp_ns, imu.angular_velocity, imu.specific_force)
+        self._take_rest(self._filter, rest)
+        feet = self._robot.feet(sample.position, sample.velocity)
+        self._correct(self._filter, feet, contact, is_stationary=rest is not None)
+        nav, covariance = self._filter.answer(imu.angular_velocity)
+        feet_world = nav.T_world_body[:3, 3] + self._feet_body @ nav.T_world_body[:3, :3].T
+        standing = FootState(feet_world, contact.probability, self._filter.is_held)
+        return StateEstimate(sample.stamp_ns, nav, covariance, standing)
+
+    def _check_length(self, kind: str, got: int, wanted: int) -> None:
+        if got != wanted:
+            raise SmootherError(
+                f"a {kind} sample has {got} entries, robot {self._robot.description.name!r} has {wanted}; give them in "
+                "the order of its legs"
+            )
+
+    def _load(self, sample: JointSample) -> Array:
+        """What presses on each foot, N or counts, (legs,); NaN where nobody knows."""
+        config = self._contact.config
+        if config.source == "force_sensor":
+            held = self._foot_force
+            if held is None or sample.stamp_ns - held.stamp_ns > self.config.force_timeout_s * _NS_PER_S:
+                return np.full(self._legs, np.nan)
+            return held.force
+        up_body = self._up_body()
+        acceleration = None
+        if config.compensation == "inertia" and self._joints is not None:
+            step_s = (sample.stamp_ns - self._joints.stamp_ns) / _NS_PER_S
+            acceleration = (sample.velocity - self._joints.velocity) / step_s
+        forces = self._robot.foot_forces(
+            sample.position,
+            sample.velocity,
+            sample.effort,
+            specific_force_body=None if config.compensation == "none" else _GRAVITY_MPS2 * up_body,
+            angular_velocity_body=None if self._imu is None else self._T_body_imu[:3, :3] @ self._imu.angular_velocity,
+            acceleration=acceleration,
+        )
+        return np.asarray(np.linalg.norm(forces, axis=1) if config.method == "paper" else forces @ up_body)
+
+    def _up_body(self) -> Array:
+        """Upward direction in the body frame, (3,): from the state, before the start from the accelerometer."""
+        if self._filter is not None:
+            return np.asarray(self._filter.T_world_body[2, :3])
+        force = np.array([0.0, 0.0, 1.0]) if self._imu is None else self._imu.specific_force
+        return np.asarray(self._T_body_imu[:3, :3] @ force) / max(float(np.linalg.norm(force)), 1e-6)
+
+    def _started(self, stamp_ns: int, rest: Rest | None) -> FootholdFilter | None:
+        """The filter at its start, level by gravity; None as long as it waits for rest."""
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        has_waited = stamp_ns - self._first_ns >= self.config.rest_timeout_s * _NS_PER_S
+        if self._imu is None or (rest is None and not has_waited):
+            return None
+        self._counts["started_moving"] += rest is None
+        force = self._imu.specific_force if rest is None else rest.specific_force
+        config, self._stamp_ns = self.config, stamp_ns
+        return FootholdFilter(
+            config.noise,
+            self._T_body_imu,
+            self._robot.leg_names,
+            rotation_world_body=so3.from_gravity(self._T_body_imu[:3, :3] @ force),
+            gyroscope_bias=np.zeros(3) if rest is None else rest.angular_velocity,
+            tilt_rad=config.moving_tilt_rad if rest is None else config.initial_tilt_rad,
+            velocity_mps=config.moving_velocity_mps if rest is None else config.initial_velocity_mps,
+        )
+
+    def _take_rest(self, core: FootholdFilter, rest: Rest | None) -> None:
+        """Once a window of standstill, set the gyroscope bias to the mean over the whole standstill."""
+        if rest is None:
+            self._rests = []
+            return
+        self._counts["standstill"] += 1
+        window_ns = self.config.standstill.window_s * _NS_PER_S
+        if self._rests and rest.stamp_ns - self._rests[-1].stamp_ns < window_ns:
+            return
+        self._rests = [*self._rests[1 - _MOST_RESTS :], rest]
+        core.set_gyroscope_bias(np.mean([each.angular_velocity for each in self._rests], axis=0))
+
+    def _advance(self, core: FootholdFilter, stamp_ns: int, angular_velocity: Array, specific_force: Array) -> None:
+        """Predict to ``stamp_ns`` with readings in the imu frame; a long gap costs certainty and all footholds."""
+        dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+        if dt_s <= 0.0:
+            return
+        core.predict(dt_s, angular_velocity, specific_force)
+        self._stamp_ns = stamp_ns
+        if dt_s > self.config.max_gap_s:
+            self._counts["gap"] += 1
+            turn, push = self.config.gap_rate_radps * dt_s, self.config.gap_acceleration_mps2 * dt_s
+            core.widen(np.repeat(np.square([turn, 0.5 * push * dt_s, push]), 3))
+
+    def _correct(
+        self, core: FootholdFilter, feet: FeetKinematics, contact: ContactState, *, is_stationary: bool
+    ) -> None:
+        """Hold on to the feet that stand and whose joints are known."""
+        is_known: BoolArray = ~np.isnan(feet.position_body[:, 0])
+        self._counts["leg_unknown"] += int(np.count_nonzero(~is_known))
+        self._feet_body = np.where(is_known[:, None], feet.position_body, self._feet_body)
+        is_held = (contact.is_stance | is_stationary) & is_known
+        points = feet.position_body
+        if self.config.rolling_feet:
+            points = self._unrolled(core.T_world_body[:3, :3], feet, is_held & core.is_held)
+        core.correct(points, is_held)
+
+    def _unrolled(self, rotation_world_body: Array, feet: FeetKinematics, is_rolling: BoolArray) -> Array:
+        """Feet less what they have rolled since touchdown, m, body frame, (legs, 3): points that stay where they are.
+
+        A sphere that turns by the small rotation ``theta`` on flat ground moves by ``theta x r e_z``.
+        """
+        now = rotation_world_body @ feet.rotation_body_foot
+        turned = so3.log_below_pi(now @ np.swapaxes(self._R_world_foot, 1, 2))
+        step = np.cross(turned, self._robot.foot_radii_m[:, None] * np.array([0.0, 0.0, 1.0]))
+        self._rolled = np.where(is_rolling[:, None], self._rolled + step, 0.0)
+        self._R_world_foot = now
+        return np.asarray(feet.position_body - self._rolled @ rotation_world_body)
