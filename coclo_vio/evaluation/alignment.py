@@ -5,6 +5,7 @@ All take two trajectories on the same stamps. An odometry does not know where it
 the ground truth's by a position and a heading; ``SE(3)`` alignment forgives a tilted gravity too.
 """
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -33,6 +34,19 @@ def tie_start(estimate: Trajectory, reference: Trajectory, window_s: float) -> A
     rotation = so3.about_z(float(np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())))
     translation = reference.positions[head].mean(axis=0) - rotation @ estimate.positions[head].mean(axis=0)
     return se3.transform(rotation, translation)
+
+
+def level_body(estimate: Trajectory, reference: Trajectory, window_s: float) -> Trajectory:
+    """The reference with its body frame turned so that both bodies have the same tilt over the first seconds.
+
+    Markers are seldom mounted square to the robot. The constant ``R_tracked_body`` is the mean of
+    ``R_reference^T R_z R_estimate`` with the yaw ``R_z`` of ``tie_start``: positions and headings stay as they are.
+    """
+    head = estimate.times_s <= window_s
+    turn = tie_start(estimate, reference, window_s)[:3, :3]
+    mounting = np.swapaxes(reference.rotations[head], 1, 2) @ turn @ estimate.rotations[head]
+    R_tracked_body = nearest_rotation(mounting.sum(axis=0))
+    return replace(reference, T_world_body=reference.T_world_body @ se3.transform(R_tracked_body, np.zeros(3)))
 
 
 def align_yaw_position(estimate: Trajectory, reference: Trajectory) -> Array:

@@ -102,17 +102,22 @@ class RateCorrelator:
         return float(shifts_s[is_allowed][winner]), float(scores[winner])
 
     def samples_for(self, other: AngularMotion) -> int:
-        """How many samples ``score`` takes of this ground truth: fixed in a search, so that the score is smooth."""
+        """How many samples ``correlation`` takes of this ground truth: fixed in a search, so that it is smooth."""
         return max(2, int((other.span_s[1] - other.span_s[0]) / self._step_s) + 1)
 
-    def score(self, other: AngularMotion, shift_s: float, samples: int) -> float:
-        """The score of one clock, the estimate's rates taken exactly at the shifted times."""
-        span_s = other.span_s[1] - other.span_s[0]
+    def correlation(self, other: AngularMotion, shift_s: float, samples: int) -> float:
+        """Correlation over the overlap under one clock, the estimate's rates taken exactly at the shifted times.
+
+        Unlike the score of ``best_shift`` it has no pull towards more overlap, so its peak is unbiased, but only near
+        the right clock does it mean anything.
+        """
         grid = np.linspace(other.span_s[0], other.span_s[1], samples)
-        other_rates, _ = other.rates(grid, self._window_s)
-        own_rates, _ = self._own.rates(grid + shift_s, self._window_s)
-        norm = self._own_norm * float(np.linalg.norm(other_rates))
-        if norm == 0.0:
-            return 0.0
-        per_step = span_s / (samples - 1) / self._step_s
-        return float(turning_score(own_rates.T @ other_rates) / norm * np.sqrt(per_step))
+        other_rates, is_other = other.rates(grid, self._window_s)
+        own_rates, is_own = self._own.rates(grid + shift_s, self._window_s)
+        return correlation(own_rates[is_own & is_other], other_rates[is_own & is_other]) or 0.0
+
+
+def correlation(own: Array, other: Array) -> float | None:
+    """Correlation, 0..1, of angular velocities (N, 3) under the best rotation; None where either is zero."""
+    norm = float(np.linalg.norm(own) * np.linalg.norm(other))
+    return float(turning_score(own.T @ other)) / norm if norm > 0.0 else None

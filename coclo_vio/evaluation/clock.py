@@ -7,8 +7,9 @@ worlds and however the tracker's body frame is turned. So the clock is sought th
 
     score = max over R of sum_t w_reference(t) . R w_estimate(t + offset) / (|w_reference| |w_estimate|),
 
-whose inner maximum is the signed sum of the singular values of the 3x3 cross-covariance (Kabsch, 1976). Both norms are
-taken over the whole signals, so turns that one clock would push out of the overlap count against it.
+whose inner maximum is the signed sum of the singular values of the 3x3 cross-covariance (Kabsch, 1976). In the search
+both norms are taken over the whole signals, so turns that a clock would push out of the overlap count against it; the
+last polish takes them over the overlap, which has no such pull.
 
 Positions are never used: a clock fitted to positions would hide errors of position.
 """
@@ -30,9 +31,9 @@ from coclo_vio.evaluation.angular_motion import (
     STEPS_PER_WINDOW,
     AngularMotion,
     RateCorrelator,
+    correlation,
     numbered_motion,
     stamped_motion,
-    turning_score,
 )
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
@@ -183,7 +184,7 @@ def _search_offset(estimate: Trajectory, reference: Trajectory, config: ClockCon
     samples = correlator.samples_for(other)
 
     def loss(values: Array) -> float:
-        return -correlator.score(other, float(values[0]), samples)
+        return -correlator.correlation(other, float(values[0]), samples)
 
     best = _polished(loss, np.array([coarse_s]), np.array([window_s / STEPS_PER_WINDOW]))
     return float(np.clip(best[0], -limit_s, limit_s)), None
@@ -201,7 +202,7 @@ def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfi
     samples = correlator.samples_for(numbered_motion(at, float(candidates_hz[winner])))
 
     def loss(values: Array) -> float:
-        return -correlator.score(
+        return -correlator.correlation(
             numbered_motion(at, float(candidates_hz[winner] * values[1])), float(values[0]), samples
         )
 
@@ -212,7 +213,7 @@ def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfi
 
 
 def _polished(loss: Callable[[Array], float], start: Array, step: Array) -> Array:
-    """Nelder-Mead in units of ``step``: the score is smooth near its peak, yet has no handy gradient."""
+    """Nelder-Mead in units of ``step``: the correlation is smooth near its peak, yet has no handy gradient."""
     unit = np.vstack((np.zeros(len(start)), np.eye(len(start))))
     options = {"initial_simplex": unit, "xatol": 1e-4, "fatol": 1e-12, "maxiter": 200}
     found = minimize(lambda x: loss(start + step * x), np.zeros(len(start)), method="Nelder-Mead", options=options)
@@ -233,7 +234,7 @@ def _fit_of(
     """A clock with its quality: correlation of the rates over the overlap and residual attitude."""
     stamps_ns, start_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz), int(estimate.stamps_ns[0])
     window_s = config.window_s if truth.has_stamps else config.rate_window_s
-    correlation = residual_deg = None
+    agreement = residual_deg = None
     if len(estimate) > 1 and len(truth.trajectory) > 1:
         own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
         other = stamped_motion(truth.trajectory, stamps_ns, start_ns, window_s, config.max_gap_s)
@@ -241,11 +242,10 @@ def _fit_of(
         own_rates, is_own = own.rates(grid, window_s)
         other_rates, is_other = other.rates(grid, window_s)
         both = is_own & is_other
-        cross = own_rates[both].T @ other_rates[both]
-        norm = float(np.linalg.norm(own_rates[both]) * np.linalg.norm(other_rates[both]))
-        correlation = float(turning_score(cross)) / norm if norm > 0.0 else None
-        residual_deg = _residual_deg(own, other, grid[both], nearest_rotation(cross))
-    return ClockFit(offset_s, rate_hz, config.offset_s is None, correlation, residual_deg)
+        agreement = correlation(own_rates[both], other_rates[both])
+        R_own_other = nearest_rotation(own_rates[both].T @ other_rates[both])
+        residual_deg = _residual_deg(own, other, grid[both], R_own_other)
+    return ClockFit(offset_s, rate_hz, config.offset_s is None, agreement, residual_deg)
 
 
 def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_own_other: Array) -> float | None:  # noqa: N803

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An estimate against its ground truth: clock, association, alignment, numbers. The entry of this subpackage."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,13 +11,15 @@ from coclo_vio.arrays import Array
 from coclo_vio.config import StageConfig
 from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation import metrics
-from coclo_vio.evaluation.alignment import Alignment, align, tie_start
+from coclo_vio.evaluation.alignment import Alignment, align, level_body, tie_start
 from coclo_vio.evaluation.association import MatchedPair, coverage, gaps_ns, match
 from coclo_vio.evaluation.clock import ClockConfig, ClockFit, fit_clock
 from coclo_vio.evaluation.consistency import anees_pose
 from coclo_vio.evaluation.evaluation import Evaluation, Gaps
 from coclo_vio.evaluation.metrics import DriftInstant
 from coclo_vio.trajectory import GroundTruth, Trajectory
+
+_TILT_WORTH_A_NOTE_DEG = 1.0
 
 
 class EvaluationConfig(StageConfig):
@@ -28,6 +30,10 @@ class EvaluationConfig(StageConfig):
     start_window_s: Annotated[
         float, Field(gt=0, le=60, description="drift is tied over this long at the start, at rest if possible, s")
     ] = 1.0
+    body_rotation: Annotated[
+        Literal["given", "start"],
+        Field(description="start: turn the tracked body frame to the tilt of the estimate at the start (RPE, NEES)"),
+    ] = "given"
     max_ground_truth_gap_s: Annotated[
         float, Field(gt=0, le=60, description="no interpolation across holes of the ground truth longer than this, s")
     ] = 0.25
@@ -81,6 +87,9 @@ def evaluate(
     clock = fit_clock(estimate, ground_truth, config.clock)
     reference = clock.apply(ground_truth.trajectory)
     pair = match(estimate, reference, config.max_ground_truth_gap_s)
+    tilt_deg = metrics.start_tilt_deg(pair.estimate, pair.reference, config.start_window_s)
+    if config.body_rotation == "start":
+        pair = replace(pair, reference=level_body(pair.estimate, pair.reference, config.start_window_s))
     tied = pair.estimate.moved(tie_start(pair.estimate, pair.reference, config.start_window_s))
     aligned = pair.estimate.moved(align(config.alignment, pair.estimate, pair.reference, config.start_window_s))
     paths = _Paths.of(pair, config)
@@ -101,12 +110,12 @@ def evaluate(
         anees_pose=_anees_pose(tied, pair.reference, config),
         realtime_factor=realtime_factor,
         alignment=config.alignment,
-        start_tilt_deg=metrics.start_tilt_deg(pair.estimate, pair.reference, config.start_window_s),
+        start_tilt_deg=tilt_deg,
         clock=clock,
         duration_s=pair.estimate.duration_s,
         poses=len(pair.estimate),
         gaps=_gaps(estimate, reference, pair, config),
-        notes=_notes(ground_truth, clock, pair, paths),
+        notes=(*_clock_notes(ground_truth, clock), *_notes(pair, paths, tilt_deg, config)),
         estimate=tied,
         reference=reference,
     )
@@ -177,22 +186,34 @@ def _gaps(estimate: Trajectory, reference: Trajectory, pair: MatchedPair, config
     )
 
 
-def _notes(truth: GroundTruth, clock: ClockFit, pair: MatchedPair, paths: _Paths) -> tuple[str, ...]:
-    """Sentences for what the numbers alone do not say."""
+def _clock_notes(truth: GroundTruth, clock: ClockFit) -> list[str]:
+    """Sentences on how the ground truth got its stamps."""
     notes = []
     if not truth.has_stamps:
         how = "estimated from how the body turned" if clock.is_estimated else "given"
         notes.append(
-            f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; "
-            "its rows are taken as evenly spaced, so dropped rows show as errors of position along the path and of velocity."
+            f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; rows "
+            "are taken as evenly spaced, so dropped ones show as errors of velocity and of position along the path."
         )
     elif clock.is_estimated:
         notes.append(f"The clock offset of the ground truth, {clock.offset_s:.4f} s, was estimated from angular speed.")
     if clock.problem is not None:
         notes.append(f"The clock offset of the ground truth was not estimated: {clock.problem}.")
+    return notes
+
+
+def _notes(pair: MatchedPair, paths: _Paths, tilt_deg: float, config: EvaluationConfig) -> list[str]:
+    """Sentences for what the numbers alone do not say."""
+    notes = []
     left_out = pair.outside_count + pair.in_gap_count
     if left_out:
         notes.append(f"{left_out} estimated poses have no ground truth beside them and were left out.")
     if paths.reference_m < 1.0:
         notes.append(f"The ground truth travels only {paths.reference_m:.3g} m: RPE over 1 m is not defined.")
-    return tuple(notes)
+    if tilt_deg > _TILT_WORTH_A_NOTE_DEG:
+        done = "removed from RPE and NEES" if config.body_rotation == "start" else "part of RPE and NEES"
+        notes.append(
+            f"At the start the tracked body and the estimate tilt by {tilt_deg:.1f} deg to each other, {done} "
+            "(body_rotation: start removes it)."
+        )
+    return notes

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""NEES of errors drawn from a covariance averages to its dimension."""
+
+import numpy as np
+import pytest
+
+from coclo_vio.errors import EvaluationError
+from coclo_vio.evaluation.consistency import anees, anees_bounds, anees_pose, nees, pose_errors
+from coclo_vio.geometry import se3
+from coclo_vio.trajectory import Trajectory
+
+
+def test_nees_by_hand():
+    values = nees(np.array([[3.0, 4.0], [1.0, 0.0]]), np.array([np.diag([9.0, 4.0]), np.diag([1.0, 0.0])]))
+    assert values[0] == pytest.approx(5.0)
+    assert np.isnan(values[1])
+    assert anees(values, 2) == pytest.approx(2.5)
+    assert anees(values[1:], 2) is None
+
+
+def test_bounds_by_table():
+    low, high = anees_bounds(6, 1)
+    assert (low * 6, high * 6) == pytest.approx((1.2373, 14.4494), abs=1e-4)
+    low, high = anees_bounds(6, 50)
+    assert 0.8 < low < 1.0 < high < 1.2
+
+
+def test_wrong_shapes_and_counts_are_errors():
+    with pytest.raises(EvaluationError, match=r"\(4, 6\)"):
+        nees(np.zeros((4, 6)), np.zeros((4, 3, 3)))
+    with pytest.raises(EvaluationError, match="runs >= 1"):
+        anees_bounds(6, 0)
+
+
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_anees_of_the_pose_is_the_ratio_of_true_to_claimed_variance(scale):
+    rng = np.random.default_rng(7)
+    root = rng.normal(0.0, 0.02, (6, 6))
+    covariance = root @ root.T + 1e-5 * np.eye(6)
+    means = np.array([se3.exp(rng.normal(0.0, 1.0, 6)) for _ in range(3000)])
+    errors = rng.multivariate_normal(np.zeros(6), scale * covariance, 3000)
+    true = means @ np.array([se3.exp(error) for error in errors])
+    stamps = np.arange(3000) * 10_000_000
+    estimate = Trajectory(stamps, means, covariance=np.tile(covariance, (3000, 1, 1)))
+    reference = Trajectory(stamps, true)
+    np.testing.assert_allclose(pose_errors(estimate, reference), errors, atol=1e-9)
+    low, high = anees_bounds(6, 3000, 0.999)
+    assert low < anees_pose(estimate, reference) / scale < high
+    assert anees_pose(reference, estimate) is None
+
+
+def test_noise_of_the_ground_truth_keeps_a_certain_start_from_counting_for_all():
+    stamps = np.arange(2) * 10_000_000
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    estimate = Trajectory(stamps, poses, covariance=np.tile(1e-10 * np.eye(6), (2, 1, 1)))
+    moved = poses.copy()
+    moved[:, 0, 3] = 0.001
+    assert anees_pose(estimate, Trajectory(stamps, moved)) > 1000.0
+    assert anees_pose(estimate, Trajectory(stamps, moved), 0.002, 0.001) == pytest.approx(1.0 / 6.0, rel=1e-3)
