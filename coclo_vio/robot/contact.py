@@ -42,7 +42,7 @@ class ContactConfig(StageConfig):
         Field(gt=0, description="load over which the odds grow by e, N or counts; null: a quarter of on - off"),
     ] = None
     max_force: Annotated[
-        float | None, Field(gt=0, description="the paper's |Fmax| of a stance foot, N or counts; null: see above")
+        float | None, Field(gt=0, description="the paper's |Fmax| of a stance foot, N or counts; null: span = on + off")
     ] = None
     min_force: Annotated[float | None, Field(ge=0, description="the paper's |Fmin| of a stance foot, N or counts")] = (
         None
