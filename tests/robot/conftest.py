@@ -24,7 +24,7 @@ TWO_LINKS = f"""<robot name="two_links">
 <joint name="turret" type="floating"><parent link="root"/><child link="radar"/></joint>
 <link name="radar">{_INERTIAL}</link>
 <joint name="hip" type="revolute"><parent link="root"/><child link="upper"/><axis xyz="0 1 0"/>
-  <limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+  <limit lower="-3" upper="3" effort="9" velocity="9"/><dynamics damping="0.2" friction="0.5"/></joint>
 <link name="upper">{_INERTIAL}</link>
 <joint name="knee" type="continuous"><parent link="upper"/><child link="lower"/>
   <origin xyz="0 0 -0.3"/><axis xyz="0 1 0"/></joint>

@@ -117,6 +117,30 @@ def test_a_planar_leg_shows_the_force_in_its_plane(two_links) -> None:
     np.testing.assert_allclose(model.foot_forces(position, np.zeros(2), effort)[0], [3.0, 0.0, 20.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("hip_radps", [-2.0, 2.0])
+def test_joint_friction_of_the_urdf_is_taken_out(hip_radps, two_links) -> None:
+    """A motor at the hip that only overcomes its own damping, 0.2 Nm s/rad, and dry friction, 0.5 Nm, lifts nothing."""
+    model = RobotModel(two_links())
+    position, velocity = np.array([0.4, 0.9]), np.array([hip_radps, 0.0])
+    effort = np.array([0.2 * hip_radps + 0.5 * np.sign(hip_radps), 0.0])
+    still = model.foot_forces(position, velocity, np.zeros(2), acceleration=np.zeros(2))
+    lossless = without_friction_of(model)
+    np.testing.assert_allclose(
+        model.foot_forces(position, velocity, effort, acceleration=np.zeros(2)),
+        lossless.foot_forces(position, velocity, np.zeros(2), acceleration=np.zeros(2)),
+        atol=1e-9,
+    )
+    assert np.abs(still - lossless.foot_forces(position, velocity, np.zeros(2), acceleration=np.zeros(2))).max() > 1.0
+
+
+def without_friction_of(model: RobotModel) -> RobotModel:
+    """The same robot without joint friction."""
+    urdf = Path(model.description.urdf)
+    lossless = urdf.with_name("lossless.urdf")
+    lossless.write_text(urdf.read_text().replace('<dynamics damping="0.2" friction="0.5"/>', ""), encoding="utf-8")
+    return RobotModel(model.description.model_copy(update={"urdf": str(lossless)}))
+
+
 def test_a_stretched_leg_gives_a_bounded_force(two_links) -> None:
     """The torques do not feel what presses along a straight leg: that force fades out instead of growing."""
     model = RobotModel(two_links())
