@@ -131,12 +131,12 @@ class RollingLegs:
         velocity = rotation.T @ body.velocity[0]
         lever = self._robot.foot_radii_m[:, None] * rotation[2]  # r n in body axes, (legs, 3)
         matrix = feet.jacobian[:, 3:] + so3.hat(lever) @ feet.jacobian[:, :3]
-        wanted = np.cross(rate, lever)
+        wanted = (lever - feet.position_body) @ so3.hat(rate).T - velocity
         for leg, curve in enumerate(self._curves):
             if curve is not None:
                 matrix[leg] = feet.jacobian[leg, 3:]
-                wanted[leg] = curve.at(time_s)[1] @ rotation
-        return self._solve(matrix, wanted - velocity - np.cross(rate, feet.position_body))
+                wanted[leg] += curve.at(time_s)[1] @ rotation - so3.hat(rate) @ lever[leg]
+        return self._solve(matrix, wanted)
 
     def _solve(self, matrix: Array, wanted: Array) -> Array:
         """``matrix`` (legs, 3, J) ``@ x = wanted`` (legs, 3), of smallest norm where a leg has joints to spare."""
