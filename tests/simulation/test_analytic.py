@@ -13,11 +13,12 @@ from coclo_vio.simulation.body_motion import GRAVITY, BodyMotionConfig
 from coclo_vio.simulation.gait import GaitConfig
 
 PERFECT = SensorNoiseConfig(noise_scale=0.0)
-SHORT = BodyMotionConfig(rest_s=0.5, walk_s=3.2, stop_s=0.3, ramp_s=0.6, curvature_per_m=0.4)
+BRIEF = BodyMotionConfig(rest_s=0.1, walk_s=1.4, stop_s=0.1, ramp_s=0.5, curvature_per_m=0.4)
+SHORT = BodyMotionConfig(rest_s=0.3, walk_s=3.2, stop_s=0.2, ramp_s=0.6, curvature_per_m=0.4)
 
 
 def walk(robot: RobotModel, **changes: object) -> AnalyticTrial:
-    values: dict[str, object] = {"body": SHORT, "sensors": PERFECT, "substeps": 4, **changes}
+    values: dict[str, object] = {"body": SHORT, "sensors": PERFECT, "substeps": 2, **changes}
     return generate(AnalyticTrialConfig.model_validate(values), robot, seed=3)
 
 
@@ -56,7 +57,7 @@ def test_contact_point_of_a_stance_foot_is_at_rest(robot: RobotModel, trial: Ana
 
 def test_stance_feet_stay_on_the_ground_and_swing_feet_above_it(robot: RobotModel, trial: AnalyticTrial) -> None:
     clearance = trial.feet_world[:, :, 2] - robot.foot_radii_m
-    assert np.abs(clearance[trial.stance]).max() < 1e-11
+    assert np.abs(clearance[trial.stance]).max() < 1e-10
     assert clearance[~trial.stance].min() > 0.0
     assert clearance.max() == pytest.approx(0.05, abs=1e-3)
 
@@ -71,10 +72,12 @@ def test_kinematics_of_the_true_joints_reproduce_the_feet(robot: RobotModel, tri
 
 
 def test_joint_velocity_is_the_derivative_of_joint_position(robot: RobotModel) -> None:
-    fine = walk(robot, rate_hz=1000.0, substeps=1, body=SHORT.model_copy(update={"walk_s": 1.6}))
-    differences = (fine.joint_position[2:] - fine.joint_position[:-2]) / 2e-3
+    fine = walk(robot, rate_hz=500.0, substeps=1, body=BRIEF)
+    differences = (fine.joint_position[2:] - fine.joint_position[:-2]) / 4e-3
     assert np.abs(fine.joint_velocity).max() > 1.0
-    assert np.abs(differences - fine.joint_velocity[1:-1]).max() < 2e-3  # a jump of joint acceleration, times 1 ms / 4
+    assert (
+        np.abs(differences - fine.joint_velocity[1:-1]).max() < 5e-3
+    )  # a jump of joint acceleration by 10 rad/s^2, times 2 ms / 4
 
 
 def test_rolling_moves_the_foot_centre(robot: RobotModel, trial: AnalyticTrial) -> None:
@@ -92,7 +95,7 @@ def test_imu_is_consistent_with_the_truth_by_finite_differences(daisy: RobotMode
             )
         }
     )
-    trial = walk(RobotModel(mounted), rate_hz=500.0, substeps=1, body=SHORT.model_copy(update={"walk_s": 1.6}))
+    trial = walk(RobotModel(mounted), rate_hz=500.0, substeps=1, body=BRIEF)
     T_world_imu = trial.truth.T_world_body @ mounted.imu.T_body_imu
     position, rotation = T_world_imu[:, :3, 3], T_world_imu[:, :3, :3]
     acceleration = (position[2:] - 2.0 * position[1:-1] + position[:-2]) * 500.0**2
@@ -164,14 +167,14 @@ def raw(trial: AnalyticTrial) -> bytes:
 
 
 def test_a_seed_repeats_to_the_byte_and_another_differs(daisy: RobotModel) -> None:
-    config = AnalyticTrialConfig(body=SHORT, substeps=1)
+    config = AnalyticTrialConfig(body=BRIEF, substeps=1)
     first = generate(config, daisy, seed=1)
     assert raw(first) == raw(generate(config, daisy, seed=1))
     assert raw(first) != raw(generate(config, daisy, seed=2))
 
 
 def test_noise_has_the_size_that_was_asked_for(daisy: RobotModel) -> None:
-    standing = BodyMotionConfig(rest_s=20.0, walk_s=0.0, stop_s=0.0)
+    standing = BodyMotionConfig(rest_s=10.0, walk_s=0.0, stop_s=0.0)
     trial = generate(AnalyticTrialConfig(body=standing, substeps=1), daisy, seed=5)
     imu = [sample for sample in trial.measurements if isinstance(sample, ImuSample)]
     joints = [sample for sample in trial.measurements if isinstance(sample, JointSample)]
@@ -207,7 +210,7 @@ def test_alternating_gait_of_six_legs_is_a_tripod(daisy: RobotModel) -> None:
 
 def test_a_walk_of_ten_metres_keeps_rolling(daisy: RobotModel) -> None:
     body = BodyMotionConfig(walk_s=34.4, speed_mps=0.3)
-    trial = walk(daisy, body=body, rate_hz=50.0, substeps=2)
+    trial = walk(daisy, body=body, rate_hz=30.0, substeps=3)
     assert trial.truth.path_length_m() > 10.0
     assert np.abs((trial.feet_world[:, :, 2] - 0.02)[trial.stance]).max() < 1e-8
     assert np.abs(np.linalg.norm(trial.feet_world - trial.truth.positions[:, None], axis=2)).max() < 1.0
