@@ -15,7 +15,7 @@ Positions are never used: a clock fitted to positions would hide errors of posit
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -35,6 +35,7 @@ from coclo_vio.evaluation.angular_motion import (
     numbered_motion,
     stamped_motion,
 )
+from coclo_vio.evaluation.uneven_rows import attitude_errors, refine_rows
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
 _NS_PER_S = 1_000_000_000
@@ -57,6 +58,14 @@ class ClockConfig(StageConfig):
     rate_window_s: Annotated[
         float, Field(gt=0, le=10, description="the same where the rate is estimated too: rows are uneven then, s")
     ] = 1.5
+    has_uneven_rows: Annotated[
+        bool,
+        Field(description="let the rate of a ground truth without stamps wander, as attitude alone tells"),
+    ] = False
+    knot_s: Annotated[float, Field(gt=0, le=60, description="the wandering rate may change over this long, s")] = 1.5
+    stiffness: Annotated[
+        float, Field(gt=0, description="attitude error that weighs as much as an e-fold of rate at one knot, rad")
+    ] = 1.0
     max_duration_ratio: Annotated[
         float,
         Field(
@@ -86,6 +95,7 @@ class ClockFit:
         correlation: of the low-passed angular velocities over the overlap, 0..1; None where nothing turns.
         residual_deg: RMS of the attitude difference that is left after a constant rotation on either side and a
             linear drift, degrees; None where the two overlap too little.
+        row_stamps_ns: stamps of the rows where they were found to be uneven, ns, (N,); None elsewhere.
         problem: why an estimate was asked for and not made; None where there is none.
     """
 
@@ -95,9 +105,12 @@ class ClockFit:
     correlation: float | None
     residual_deg: float | None
     problem: str | None = None
+    row_stamps_ns: IntArray | None = None
 
     def apply(self, reference: Trajectory) -> Trajectory:
         """The ground truth on the clock of the estimate."""
+        if self.row_stamps_ns is not None:
+            return reference.restamped(self.row_stamps_ns)
         return reference.restamped(_restamped_ns(reference, self.offset_s, self.rate_hz))
 
 
@@ -115,12 +128,11 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
     """
     _check_given(truth, config)
     if config.offset_s is not None:
-        return _fit_of(estimate, truth, config, config.offset_s, config.rate_hz)
+        return _fit_of(estimate, truth, config, (config.offset_s, config.rate_hz))
     problem = _what_hinders(estimate, truth, config)
     if problem is None:
         search = _search_rate if not truth.has_stamps else _search_offset
-        offset_s, rate_hz = search(estimate, truth.trajectory, config)
-        fit = _fit_of(estimate, truth, config, offset_s, rate_hz)
+        fit = _fit_of(estimate, truth, config, search(estimate, truth.trajectory, config))
         if fit.correlation is not None and fit.correlation >= config.min_correlation:
             return fit
         problem = (
@@ -225,27 +237,44 @@ def _spacing_s(trajectory: Trajectory) -> float:
 
 
 def _fit_of(
-    estimate: Trajectory,
-    truth: GroundTruth,
-    config: ClockConfig,
-    offset_s: float,
-    rate_hz: float | None,
+    estimate: Trajectory, truth: GroundTruth, config: ClockConfig, clock: tuple[float, float | None]
 ) -> ClockFit:
     """A clock with its quality: correlation of the rates over the overlap and residual attitude."""
-    stamps_ns, start_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz), int(estimate.stamps_ns[0])
+    offset_s, rate_hz = clock
+    even = ClockFit(offset_s, rate_hz, config.offset_s is None, None, None)
+    if len(estimate) < 2 or len(truth.trajectory) < 2:
+        return even
+    stamps_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz)
+    agreement, residual_deg, R_own_other = _quality(estimate, truth, config, stamps_ns)
+    fit = replace(even, correlation=agreement, residual_deg=residual_deg)
+    if truth.has_stamps or not config.has_uneven_rows or residual_deg is None:
+        return fit
+    start_ns = int(estimate.stamps_ns[0])
+    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, config.rate_window_s, np.inf)
+    attitudes = Rotation.from_matrix(truth.trajectory.rotations @ R_own_other.T)
+    first_s, interval_s = (stamps_ns[0] - start_ns) / _NS_PER_S, (stamps_ns[-1] - stamps_ns[0]) / _NS_PER_S
+    even_s = (float(first_s), float(interval_s) / (len(stamps_ns) - 1))
+    times_s = refine_rows(own, attitudes, even_s, knot_s=config.knot_s, stiffness=config.stiffness)
+    row_stamps_ns = start_ns + np.rint(times_s * _NS_PER_S).astype(np.int64)
+    agreement, residual_deg, _ = _quality(estimate, truth, config, row_stamps_ns)
+    return replace(fit, correlation=agreement, residual_deg=residual_deg, row_stamps_ns=row_stamps_ns)
+
+
+def _quality(
+    estimate: Trajectory, truth: GroundTruth, config: ClockConfig, stamps_ns: IntArray
+) -> tuple[float | None, float | None, Array]:
+    """Correlation of the rates, residual attitude in degrees and ``R_own_other`` of a ground truth at these stamps."""
+    start_ns = int(estimate.stamps_ns[0])
     window_s = config.window_s if truth.has_stamps else config.rate_window_s
-    agreement = residual_deg = None
-    if len(estimate) > 1 and len(truth.trajectory) > 1:
-        own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
-        other = stamped_motion(truth.trajectory, stamps_ns, start_ns, window_s, config.max_gap_s)
-        grid = own.grid(window_s / STEPS_PER_WINDOW)
-        own_rates, is_own = own.rates(grid, window_s)
-        other_rates, is_other = other.rates(grid, window_s)
-        both = is_own & is_other
-        agreement = correlation(own_rates[both], other_rates[both])
-        R_own_other = nearest_rotation(own_rates[both].T @ other_rates[both])
-        residual_deg = _residual_deg(own, other, grid[both], R_own_other)
-    return ClockFit(offset_s, rate_hz, config.offset_s is None, agreement, residual_deg)
+    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+    other = stamped_motion(truth.trajectory, stamps_ns, start_ns, window_s, config.max_gap_s)
+    grid = own.grid(window_s / STEPS_PER_WINDOW)
+    own_rates, is_own = own.rates(grid, window_s)
+    other_rates, is_other = other.rates(grid, window_s)
+    both = is_own & is_other
+    R_own_other = nearest_rotation(own_rates[both].T @ other_rates[both])
+    residual_deg = _residual_deg(own, other, grid[both], R_own_other)
+    return correlation(own_rates[both], other_rates[both]), residual_deg, R_own_other
 
 
 def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_own_other: Array) -> float | None:  # noqa: N803
@@ -253,7 +282,5 @@ def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_ow
     if len(times_s) < 3:
         return None
     relative = own.attitudes(times_s) * Rotation.from_matrix(R_own_other) * other.attitudes(times_s).inv()
-    errors = (relative.mean().inv() * relative).as_rotvec()
-    design = np.stack((np.ones(len(times_s)), times_s), axis=1)
-    left = errors - design @ np.linalg.lstsq(design, errors, rcond=None)[0]
-    return float(np.degrees(np.sqrt((left**2).sum(axis=1).mean())))
+    errors = attitude_errors(relative, times_s, np.ones(len(times_s), dtype=np.bool_))
+    return float(np.degrees(np.sqrt((errors**2).sum(axis=1).mean())))

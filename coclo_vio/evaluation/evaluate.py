@@ -191,9 +191,13 @@ def _clock_notes(truth: GroundTruth, clock: ClockFit) -> list[str]:
     notes = []
     if not truth.has_stamps:
         how = "estimated from how the body turned" if clock.is_estimated else "given"
+        rows = (
+            "rows are taken as evenly spaced, so dropped ones show as errors of velocity and of position along the path"
+            if clock.row_stamps_ns is None
+            else "the spacing of its rows was fitted to how the body turned"
+        )
         notes.append(
-            f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; rows "
-            "are taken as evenly spaced, so dropped ones show as errors of velocity and of position along the path."
+            f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; {rows}."
         )
     elif clock.is_estimated:
         notes.append(f"The clock offset of the ground truth, {clock.offset_s:.4f} s, was estimated from angular speed.")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.clock import ClockConfig, fit_clock
-from coclo_vio.geometry import se3
+from coclo_vio.geometry import se3, so3
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
 GO1 = Path(__file__).parents[3] / "shared" / "data" / "go1_mocap"
@@ -83,6 +83,26 @@ def test_rate_and_offset_with_dropped_rows(walk, seed):
     assert fit.rate_hz == pytest.approx((len(kept) - 1) / (kept[-1] - kept[0]), abs=0.6)
     assert np.sqrt(np.mean(errors_s[is_walking] ** 2)) < 0.08
     assert fit.correlation > 0.97
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_uneven_rows_are_stamped_better_than_evenly(walk, seed):
+    rows = -1.0 + np.arange(1600) / 60.0
+    rows = rows + 0.25 * np.sin(2.0 * np.pi * rows / 9.0 + seed)
+    numbered = turned(walk(rows, seed), seed)
+    truth = GroundTruth(numbered.restamped(np.arange(1600) * 10_000_000), False, "mocap")
+    estimate = walk(np.arange(0.0, 25.4, 0.01), seed)
+    even = fit_clock(estimate, truth, ClockConfig())
+    uneven = fit_clock(estimate, truth, ClockConfig(has_uneven_rows=True))
+    is_turning = np.abs(np.gradient(np.unwrap(so3.yaw(walk(rows, seed).rotations)), rows)) > 0.5
+    errors_s = [
+        np.sqrt(np.mean((fit.apply(truth.trajectory).stamps_ns * 1e-9 - rows)[is_turning] ** 2))
+        for fit in (even, uneven)
+    ]
+    assert errors_s[0] > 0.05
+    assert errors_s[1] < 0.6 * errors_s[0]
+    assert uneven.residual_deg < 0.8 * even.residual_deg
+    assert (uneven.offset_s, uneven.rate_hz) == (even.offset_s, even.rate_hz)
 
 
 def test_estimate_that_starts_late_has_the_same_clock(walk):

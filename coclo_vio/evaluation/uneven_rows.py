@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stamps for a ground truth without stamps whose rows are not evenly spaced, from attitude alone.
+
+A refinement of the even clock that ``clock`` finds, on request: the local rate of the rows may wander about the mean
+rate, as slowly as its knots stand apart. It minimises
+
+    sum over rows of |log(mean^-1 R_estimate(t_row) R R_reference^T) - drift|^2
+    + stiffness^2 sum over knots of log(rate / mean rate)^2
+
+robustly, over attitudes averaged over a second; where the body does not turn nothing is learned and the stiffness keeps
+the mean rate. Positions have no say.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation, Slerp
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.evaluation.angular_motion import AngularMotion
+
+_MOST_ROWS = 600
+_OUTLIER_RAD = 0.05
+_CALM_S = 1.0
+_CALM_STEP_S = 0.05
+_MOST_EVALUATIONS = 25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowTimes:
+    """Times of rows under a local rate: the first row and the logarithm of the intervals at knots, linear between.
+
+    Attributes:
+        rows: number of rows.
+        knots: rows at which the intervals are given, (K,).
+    """
+
+    rows: int
+    knots: Array
+
+    def times_s(self, values: Array) -> Array:
+        """Times, s, (rows,), of ``[first time, log interval at each knot]`` (1 + K,)."""
+        log_interval = np.interp(np.arange(self.rows - 1) + 0.5, self.knots, values[1:])
+        return np.asarray(values[0] + np.append(0.0, np.cumsum(np.exp(log_interval))))
+
+
+def refine_rows(
+    own: AngularMotion, attitudes: Rotation, even_s: tuple[float, float], *, knot_s: float, stiffness: float
+) -> Array:
+    """Times of the rows, s on the estimate's clock, (N,), increasing.
+
+    Args:
+        own: attitude of the estimate over time.
+        attitudes: of the rows, N of them, turned to the estimate's body frame.
+        even_s: time of the first row and interval of the rows, s, of the even clock.
+        knot_s: the local rate may change over this long, s.
+        stiffness: rad of attitude error that one e-fold of rate at one knot weighs as much as.
+    """
+    count = len(attitudes)
+    knots = np.linspace(0.0, count - 1.0, max(2, round(count * even_s[1] / knot_s) + 1))
+    model = RowTimes(count, knots)
+    used = np.arange(0, count, max(1, count // _MOST_ROWS))
+    start = np.append(even_s[0], np.full(len(knots), np.log(even_s[1])))
+
+    # rocking repeats itself, and the mounting of the tracker about the turning axis is poorly known: only turns count
+    calm, inverse = _calmed(own), _low_passed(attitudes, max(1, round(_CALM_S / even_s[1])))[used].inv()
+
+    def residuals(values: Array) -> Array:
+        times_s = model.times_s(values)[used]
+        is_known = (times_s >= own.span_s[0]) & (times_s <= own.span_s[1])
+        errors = attitude_errors(calm.attitudes(np.clip(times_s, *own.span_s)) * inverse, times_s, is_known)
+        return np.append(errors.ravel(), stiffness * (values[1:] - start[1:]))
+
+    found = least_squares(residuals, start, loss="soft_l1", f_scale=_OUTLIER_RAD, max_nfev=_MOST_EVALUATIONS)
+    return model.times_s(np.asarray(found.x))
+
+
+def _calmed(own: AngularMotion) -> AngularMotion:
+    times_s = np.linspace(own.span_s[0], own.span_s[1], max(2, round((own.span_s[1] - own.span_s[0]) / _CALM_STEP_S)))
+    calm = _low_passed(own.attitudes(times_s), round(_CALM_S / _CALM_STEP_S))
+    return AngularMotion(Slerp(times_s, calm), 1.0, own.span_s, own.gaps_s)
+
+
+def _low_passed(attitudes: Rotation, width: int) -> Rotation:
+    """Attitudes averaged (chordal mean) over ``width`` neighbours."""
+    return Rotation.from_matrix(uniform_filter1d(attitudes.as_matrix(), width, axis=0, mode="nearest"))
+
+
+def attitude_errors(relative: Rotation, times_s: Array, is_known: BoolArray) -> Array:
+    """Rotation vectors, rad, (N, 3), about the mean and a linear drift; zero where the estimate says nothing."""
+    if is_known.sum() < 3:
+        return np.zeros((len(times_s), 3))
+    errors = (relative[is_known].mean().inv() * relative).as_rotvec()
+    design = np.stack((np.ones(len(times_s)), times_s), axis=1)
+    drift = np.linalg.lstsq(design[is_known], errors[is_known], rcond=None)[0]
+    return np.where(is_known[:, None], errors - design @ drift, 0.0)
