@@ -23,9 +23,9 @@ class BodyMotionConfig(StageConfig):
     walk_s: Annotated[float, Field(ge=0, le=3600, description="time from the first motion to the last, s")] = 8.0
     stop_s: Annotated[float, Field(ge=0, le=600, description="time at rest after the walk, s")] = 1.0
     ramp_s: Annotated[float, Field(gt=0, le=10, description="time to reach full speed, and to stop, s")] = 1.0
-    speed_mps: Annotated[float, Field(ge=-2, le=2, description="full speed along the curve, m/s")] = 0.2
+    speed_mps: Annotated[float, Field(ge=-2, le=2, description="full speed along the curve, m/s")] = 0.18
     curvature_per_m: Annotated[float, Field(ge=-5, le=5, description="turn per metre, left positive, rad/m")] = 0.1
-    sway_period_s: Annotated[float, Field(gt=0, le=60, description="period of the roll sway, s")] = 1.6
+    sway_period_s: Annotated[float, Field(gt=0, le=60, description="period of the roll sway, s")] = 1.8
     sway_height_m: Annotated[float, Field(ge=0, le=0.1, description="amplitude of the height, m")] = 0.005
     sway_roll_rad: Annotated[float, Field(ge=0, le=0.3, description="amplitude of the roll, rad")] = 0.02
     sway_pitch_rad: Annotated[float, Field(ge=0, le=0.3, description="amplitude of the pitch, rad")] = 0.015

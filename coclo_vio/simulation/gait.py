@@ -23,7 +23,7 @@ class GaitConfig(StageConfig):
         Literal["alternating", "wave"],
         Field(description="alternating: tripod of six legs, trot of four; wave: one after another (walk of four)"),
     ] = "alternating"
-    cycle_s: Annotated[float, Field(gt=0.1, le=30, description="time from one lift-off of a foot to the next, s")] = 1.6
+    cycle_s: Annotated[float, Field(gt=0.1, le=30, description="time from one lift-off of a foot to the next, s")] = 1.8
     duty: Annotated[float, Field(gt=0.5, lt=0.99, description="share of the cycle in which a foot stands")] = 0.6
     lift_m: Annotated[float, Field(ge=0, le=0.5, description="height of a step, m")] = 0.05
     load_ramp_s: Annotated[

@@ -19,6 +19,7 @@ from coclo_vio.simulation.body_motion import BodyMotion, BodyStates
 from coclo_vio.simulation.gait import Swing, SwingCurve
 
 _REACH_TOLERANCE_M = 1e-12
+_FOLLOW_TOLERANCE_M = 1e-6
 _REACH_STEPS = 50
 _LONGEST_REACH_STEP_RAD = 0.3
 
@@ -79,6 +80,9 @@ class RollingLegs:
 
         Classical Runge-Kutta with ``substeps`` steps between samples; swing feet are then set onto their curve by one
         Newton step.
+
+        Raises:
+            RobotModelError: a leg does not reach its foothold, or loses its path on the way.
         """
         bodies = self._motion.at(time_s)
         starting: dict[int, list[int]] = {}
@@ -92,6 +96,7 @@ class RollingLegs:
             velocities.append(self._rates(position, body, now_s))
             centres = self._robot.feet(position, self._no_velocity).position_body
             feet.append(body.position[0] + centres @ body.rotation[0].T)
+            self._check_followed(feet[-1], now_s)
             if sample + 1 == len(time_s):
                 break
             self._curves = [None if curve is None or curve.end_s <= now_s else curve for curve in self._curves]
@@ -168,6 +173,18 @@ class RollingLegs:
                 target = curve.at(time_s)[0]
                 error[leg] = (target - body.position[0]) @ body.rotation[0] - feet.position_body[leg]
         return position + self._solve(feet.jacobian[:, 3:], error)
+
+    def _check_followed(self, feet_world: Array, time_s: float) -> None:
+        """Stance feet must be on the ground, swing feet on their curves: a leg near its limits is integrated badly."""
+        for leg, curve in enumerate(self._curves):
+            height = feet_world[leg, 2:] - self._robot.foot_radii_m[leg]
+            miss = height if curve is None else feet_world[leg] - curve.at(time_s)[0]
+            if float(np.abs(miss).max()) > _FOLLOW_TOLERANCE_M:
+                raise RobotModelError(
+                    f"leg {self._robot.leg_names[leg]!r} leaves its path by {np.abs(miss).max():.2g} m at {time_s:.3f} "
+                    f"s, more than {_FOLLOW_TOLERANCE_M:g} m: it is near its limits; lower speed_mps or cycle_s, or raise "
+                    "substeps"
+                )
 
     def _foothold(self, leg: int, touchdown_s: float, plan: FootPlan, jitter_xy: Array) -> Array:
         """Where the foot centre lands, m, world, (3,): under its place in the body at mid-stance."""

@@ -209,8 +209,8 @@ def test_alternating_gait_of_six_legs_is_a_tripod(daisy: RobotModel) -> None:
 
 
 def test_a_walk_of_ten_metres_keeps_rolling(daisy: RobotModel) -> None:
-    body = BodyMotionConfig(walk_s=34.4, speed_mps=0.3)
-    trial = walk(daisy, body=body, rate_hz=30.0, substeps=3)
+    body = BodyMotionConfig(walk_s=51.0, speed_mps=0.2)
+    trial = walk(daisy, body=body, rate_hz=25.0, substeps=3)
     assert trial.truth.path_length_m() > 10.0
     assert np.abs((trial.feet_world[:, :, 2] - 0.02)[trial.stance]).max() < 1e-8
     assert np.abs(np.linalg.norm(trial.feet_world - trial.truth.positions[:, None], axis=2)).max() < 1.0
@@ -224,3 +224,5 @@ def test_an_unknown_robot_needs_a_stand_and_a_long_step_is_refused(daisy: RobotM
         walk(stranger, standing_rad=(0.0, 1.0))
     with pytest.raises(RobotModelError, match="misses its foothold"):
         walk(daisy, body=SHORT.model_copy(update={"speed_mps": 2.0}))
+    with pytest.raises(RobotModelError, match="leaves its path"):
+        walk(daisy, body=BodyMotionConfig(walk_s=10.0, speed_mps=0.3), rate_hz=30.0)
