@@ -182,8 +182,8 @@ class RollingLegs:
             if float(np.abs(miss).max()) > _FOLLOW_TOLERANCE_M:
                 raise RobotModelError(
                     f"leg {self._robot.leg_names[leg]!r} leaves its path by {np.abs(miss).max():.2g} m at {time_s:.3f} "
-                    f"s, more than {_FOLLOW_TOLERANCE_M:g} m: it is near its limits; lower speed_mps or cycle_s, or raise "
-                    "substeps"
+                    f"s, more than {_FOLLOW_TOLERANCE_M:g} m: it is near its limits; lower speed_mps or cycle_s, "
+                    "or raise substeps"
                 )
 
     def _foothold(self, leg: int, touchdown_s: float, plan: FootPlan, jitter_xy: Array) -> Array:
