@@ -20,7 +20,12 @@ class InitialConfig(StageConfig):
     moving_velocity_mps: Annotated[float, Field(gt=0, description="of a start without rest, m/s")] = 1.0
     gyroscope_bias_radps: Annotated[float, Field(gt=0, description="before rest has been seen, rad/s")] = 0.02
     accelerometer_bias_mps2: Annotated[float, Field(gt=0, description="m/s^2")] = 0.05
-    leg_scale: Annotated[float, Field(gt=0, lt=0.5, description="relative error of the effective leg length")] = 0.03
+    rest_force_noise_mps2: Annotated[
+        float, Field(gt=0, description="mean specific force at rest, beyond its bias, m/s^2")
+    ] = 0.02
+    rest_rate_noise_radps: Annotated[
+        float, Field(gt=0, description="mean angular velocity at rest, beyond its bias, rad/s")
+    ] = 0.003
 
 
 class RobustConfig(StageConfig):
@@ -28,7 +33,7 @@ class RobustConfig(StageConfig):
 
     angular_acceleration_density: Annotated[
         float, Field(gt=0, description="white angular acceleration of the body, rad/s^2/sqrt(Hz)")
-    ] = 20.0
+    ] = 3.0
     acceleration_density: Annotated[
         float, Field(gt=0, description="white acceleration of the body, m/s^2/sqrt(Hz)")
     ] = 1.0
@@ -45,7 +50,13 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, description="one sigma of the specific force against gravity, all feet down, m/s^2")
     ] = 0.3
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
-    estimates_leg_scale: Annotated[bool, Field(description="whether the effective leg length is a state")] = False
+    estimates_leg_scale: Annotated[
+        bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")
+    ] = True
+    leg_scale_sigma: Annotated[
+        float, Field(gt=0, lt=0.5, description="relative error of the effective leg length at the start")
+    ] = 0.05
+    leg_scale_walk: Annotated[float, Field(ge=0, description="its random walk, 1/sqrt(s)")] = 0.001
     gate_probability: Annotated[
         float, Field(gt=0.5, lt=1, description="share of good leg measurements that pass the innovation gate")
     ] = 0.997
@@ -101,6 +112,4 @@ class FilterConfig(StageConfig):
     max_gap_s: Annotated[
         float, Field(gt=0, description="a longer pause between joint samples lets go of every foothold, s")
     ] = 0.1
-    force_timeout_s: Annotated[
-        float, Field(gt=0, description="foot forces older than this count as missing, s")
-    ] = 0.1
+    force_timeout_s: Annotated[float, Field(gt=0, description="foot forces older than this count as missing, s")] = 0.1

@@ -13,14 +13,14 @@ import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.process import UP
+from coclo_vio.filter.process import UP, lengthened
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, LEG_SCALE, POSITION, RATE, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
 
 GRAVITY_MPS2 = 9.81
-CURVED_COLUMNS = 3  # only the rotation bends these models
+CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,12 +40,14 @@ class Block:
     leg: int | None = None
 
 
-def _gyroscope(stack: State) -> Array:
+def gyroscope(stack: State) -> Array:
+    """Rate plus bias, body frame, rad/s, (points, 3)."""
     rate: Array = stack.vector[:, RATE] + stack.vector[:, GYROSCOPE_BIAS]
     return rate
 
 
-def _specific_force_at_rest(stack: State) -> Array:
+def specific_force_at_rest(stack: State) -> Array:
+    """``R^T g + b_a`` of a body at rest (section III-D), body frame, m/s^2, (points, 3)."""
     up_body = GRAVITY_MPS2 * stack.rotation[:, 2, :]
     force: Array = up_body + stack.vector[:, ACCELEROMETER_BIAS]
     return force
@@ -55,24 +57,31 @@ def _rest(stack: State) -> Array:
     return np.concatenate((stack.vector[:, VELOCITY], stack.vector[:, RATE]), axis=1)
 
 
-def _velocity_of(lever: Array) -> Callable[[State], Array]:
-    """Velocity ``R^T v + w x lever`` of the body point at the contact, body frame."""
+def _velocity_of(lever: Array, rolling: Array) -> Callable[[State], Array]:
+    """Velocity ``R^T v + w x lever`` of the body point at the contact, body frame, as a leg of nominal length sees it.
+
+    Args:
+        lever: from the body origin to the contact, m, body frame, (3,).
+        rolling: the part of the velocity that the turning foot link makes, m/s, body frame, (3,): not scaled.
+    """
     cross = so3.hat(lever)
 
     def model(stack: State) -> Array:
         body = (stack.vector[:, None, VELOCITY] @ stack.rotation)[:, 0]
-        velocity: Array = body + stack.vector[:, RATE] @ cross
-        return velocity
+        velocity = body + stack.vector[:, RATE] @ cross
+        velocity[:, :2] -= stack.vector[:, LEG_SCALE] * (velocity - rolling)[:, :2]
+        return np.asarray(velocity)
 
     return model
 
 
-def _position_of(leg: int) -> Callable[[State], Array]:
-    """Position ``R^T (p - r)`` of a foot centre in the body frame."""
+def _position_of(leg: int, position_body: Array, hip_body: Array) -> Callable[[State], Array]:
+    """Position ``R^T (p - r)`` of a foot centre in the body frame, as a leg of nominal length sees it."""
 
     def model(stack: State) -> Array:
         relative = stack.feet[:, leg] - stack.vector[:, POSITION]
-        position: Array = (relative[:, None] @ stack.rotation)[:, 0]
+        added = lengthened(stack.vector[:, LEG_SCALE], position_body[None], hip_body[None])
+        position: Array = (relative[:, None] @ stack.rotation - added)[:, 0]
         return position
 
     return model
@@ -83,6 +92,7 @@ def blocks(
     motion: FootMotion,
     mean: State,
     radii_m: Array,
+    hips_body: Array,
     foot_noise: Array,
     robot: RobotDescription,
     config: RobustConfig,
@@ -95,6 +105,7 @@ def blocks(
         motion: how the feet moved.
         mean: the predicted mean, for the direction of the ground under a rolling foot.
         radii_m: radius of each foot, (n,).
+        hips_body: where each leg begins, body frame, m, (n, 3).
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
         robot: noise of its sensors.
         config: parameters.
@@ -103,10 +114,10 @@ def blocks(
     identity = np.eye(3)
     result: list[Block] = []
     if reading.angular_velocity is not None:
-        result.append(Block(reading.angular_velocity, _gyroscope, gyroscope_noise_radps * identity))
+        result.append(Block(reading.angular_velocity, gyroscope, gyroscope_noise_radps * identity))
     stance = reading.is_stance
     if reading.specific_force is not None and stance.all():
-        result.append(Block(reading.specific_force, _specific_force_at_rest, config.gravity_noise_mps2 * identity))
+        result.append(Block(reading.specific_force, specific_force_at_rest, config.gravity_noise_mps2 * identity))
     if reading.is_stationary:
         sigma = np.repeat((config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps), 3)
         result.append(Block(np.zeros(6), _rest, np.diag(sigma)))
@@ -116,10 +127,13 @@ def blocks(
     squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
     for leg in np.flatnonzero(stance):
         contact_arm = radii_m[leg] * up_body
-        measured = -feet.velocity_body[leg] + np.cross(feet.angular_velocity_body[leg], contact_arm)
+        rolling = np.cross(feet.angular_velocity_body[leg], contact_arm)
+        measured = rolling - feet.velocity_body[leg]
         noise = np.linalg.cholesky(squared[leg] + config.foot_velocity_noise_mps**2 * identity)
         lever = feet.position_body[leg] - contact_arm
-        result.append(Block(measured, _velocity_of(lever), noise, int(leg)))
+        result.append(Block(measured, _velocity_of(lever, rolling), noise, int(leg)))
         if motion.holds[leg]:
-            result.append(Block(feet.position_body[leg], _position_of(int(leg)), foot_noise[leg], int(leg)))
+            centre = feet.position_body[leg]
+            model = _position_of(int(leg), centre, hips_body[leg])
+            result.append(Block(centre, model, foot_noise[leg], int(leg)))
     return result

@@ -19,6 +19,7 @@ from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
+    LEG_SCALE,
     POSITION,
     RATE,
     ROTATION,
@@ -28,12 +29,23 @@ from coclo_vio.filter.state import (
 from coclo_vio.geometry import so3
 
 UP = np.array([0.0, 0.0, 1.0])
-CURVED_COLUMNS = 6  # rotation and rate bend the prediction; all else is linear given them
+CURVED_COLUMNS = 7  # rotation, leg scale and rate bend the prediction; all else is linear given them
 _LOST_LEG_NOISE_M = 0.1  # of a foot whose joints say nothing: it is somewhere near where it was
 _HAT_UP = so3.hat(UP)
+_HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
 
-def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array) -> State:
+def lengthened(scale: Array, position_body: Array, hips_body: Array) -> Array:
+    """What a leg longer by the fraction ``scale`` (points, 1) adds to foot positions (n, 3): (points, n, 3), body frame.
+
+    Only the horizontal part is scaled: bending and rolling shorten the sweep of a leg, not the height of the body.
+    """
+    leg = (position_body - hips_body) * _HORIZONTAL
+    added: Array = scale[:, :, None] * leg
+    return added
+
+
+def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_body: Array) -> State:
     """Sigma points one step later.
 
     Args:
@@ -41,6 +53,7 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array) -> St
         dt_s: the step, s.
         motion: what the joints say of the feet.
         radii_m: radius of each foot, (n,); 0 lets the foot centre itself hold.
+        hips_body: where each leg begins, body frame, m, (n, 3).
     """
     turn = stack.vector[:, RATE] * dt_s
     rotation = stack.rotation @ so3.exp(turn)
@@ -50,7 +63,8 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array) -> St
     foot_turn = turn[:, None, :] + motion.turn_body + commutator
     foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
     rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
-    carried = vector[:, None, POSITION] + motion.position_body @ np.swapaxes(rotation, -1, -2)
+    legs = motion.position_body + lengthened(vector[:, LEG_SCALE], motion.position_body, hips_body)
+    carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
     feet = np.where(motion.holds[:, None], rolled, carried)
     vector[:, stack.layout.feet] = feet.reshape(len(vector), -1)
     return replace(stack, rotation=rotation, vector=vector)
@@ -65,7 +79,7 @@ def noise_rows(
     config: RobustConfig,
     imu: ImuCalibration,
 ) -> Array:
-    """Rows ``N``, (18 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
+    """Rows ``N``, (19 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
     Args:
         mean: the predicted mean.
@@ -78,7 +92,7 @@ def noise_rows(
     """
     layout = mean.layout
     legs = layout.legs
-    rows = np.zeros((18 + 3 * legs, layout.dimension))
+    rows = np.zeros((19 + 3 * legs, layout.dimension))
     position_step = np.sqrt(dt_s**3 / 3.0)
     rate_with_position = np.sqrt(0.75 * dt_s)
     rate_alone = np.sqrt(0.25 * dt_s)
@@ -92,6 +106,7 @@ def noise_rows(
     rows[9:12, VELOCITY] = config.acceleration_density * rate_alone * identity
     rows[12:15, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * np.sqrt(dt_s) * identity
     rows[15:18, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * np.sqrt(dt_s) * identity
+    rows[18, LEG_SCALE] = config.leg_scale_walk * np.sqrt(dt_s) * config.estimates_leg_scale
     world_turn = turn_rows[:, ROTATION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), legs, 3)  # a copy: written back below
@@ -99,7 +114,7 @@ def noise_rows(
     feet[6:9, ~motion.holds] = move_rows[:, None, POSITION]
     carried = np.where(motion.is_known[:, None, None], foot_noise, _LOST_LEG_NOISE_M * identity)
     for leg in range(legs):
-        own = slice(18 + 3 * leg, 21 + 3 * leg)
+        own = slice(19 + 3 * leg, 22 + 3 * leg)
         if motion.holds[leg]:
             feet[own, leg] = config.foothold_creep * np.sqrt(dt_s) * identity
         else:

@@ -76,9 +76,7 @@ class Footholds:
         is_known = reading.is_known
         holds = self._is_anchored & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
-        relative = np.where(
-            holds[:, None, None], rotation @ np.swapaxes(self._rotation_body_foot, 1, 2), np.eye(3)
-        )
+        relative = np.where(holds[:, None, None], rotation @ np.swapaxes(self._rotation_body_foot, 1, 2), np.eye(3))
         position = np.where(is_known[:, None], reading.feet.position_body, self._position_body)
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = rotation

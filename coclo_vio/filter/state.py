@@ -5,6 +5,8 @@ Paper section III-B lists position, velocity, quaternion, angular velocity, gyro
 contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
 here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
 ``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
+One state is not the paper's: the relative error of the effective leg length (``LEG_SCALE``), which stays zero and
+certain where it is not estimated.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
 ``v = exp(e) v_mean + e_v`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
@@ -22,27 +24,26 @@ from coclo_vio.filter.square_root import SigmaSpread
 from coclo_vio.geometry import so3
 
 ROTATION = slice(0, 3)
-RATE = slice(3, 6)
-GYROSCOPE_BIAS = slice(6, 9)
-ACCELEROMETER_BIAS = slice(9, 12)
-VELOCITY = slice(12, 15)
-POSITION = slice(15, 18)
-_BODY = 18
+LEG_SCALE = slice(3, 4)
+RATE = slice(4, 7)
+GYROSCOPE_BIAS = slice(7, 10)
+ACCELEROMETER_BIAS = slice(10, 13)
+VELOCITY = slice(13, 16)
+POSITION = slice(16, 19)
+_BODY = 19
 
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Where the errors of feet, contacts, leg scale and cloned pose stand behind the 18 of the body.
+    """Where the errors of feet, contacts and cloned pose stand behind the 19 of the body.
 
     Attributes:
         legs: number of legs.
         has_contacts: whether contact probabilities are states (paper) or taken from the detector (robust).
-        has_scale: whether the relative error of the effective leg length is a state.
     """
 
     legs: int
     has_contacts: bool
-    has_scale: bool
 
     @property
     def world(self) -> slice:
@@ -60,24 +61,19 @@ class StateLayout:
         return slice(self.feet.stop, self.feet.stop + self.legs * self.has_contacts)
 
     @property
-    def scale(self) -> slice:
-        """Relative error of the effective leg length; empty where it is no state."""
-        return slice(self.contacts.stop, self.contacts.stop + self.has_scale)
-
-    @property
     def clone_rotation(self) -> slice:
         """Rotation error of the cloned keyframe pose, turning its position."""
-        return slice(self.scale.stop, self.scale.stop + 3)
+        return slice(self.contacts.stop, self.contacts.stop + 3)
 
     @property
     def clone_position(self) -> slice:
         """Position of the cloned keyframe pose, world frame, m."""
-        return slice(self.scale.stop + 3, self.scale.stop + 6)
+        return slice(self.contacts.stop + 3, self.contacts.stop + 6)
 
     @property
     def dimension(self) -> int:
         """Length of the error state."""
-        return self.clone_position.stop
+        return int(self.clone_position.stop)
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,6 +68,9 @@ class RobotModel:
         self._dry_friction: Array = np.array(self._model.upperDryFrictionLimit)[self._v_index]
         self._q = pin.neutral(self._model)
         self._q[:7] = pin.SE3ToXYZQUAT(T_body_root)
+        pin.forwardKinematics(self._model, self._data, self._q)
+        first_joints = [self._model.getJointId(leg.joints[0]) for leg in description.legs]
+        self.hip_position_body: Array = np.array([self._data.oMi[joint].translation for joint in first_joints])
         self._frames = [_frame_id(self._model, leg.foot_frame, description) for leg in description.legs]
         self._owns: BoolArray = np.zeros((len(self.leg_names), len(self.joint_names)), dtype=np.bool_)
         for row, joints_of_leg in enumerate(self.leg_joint_slices):

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The filter's first state: from rest where the robot stands still, from the last readings where it never does."""
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.filter import observation
+from coclo_vio.filter.config import InitialConfig
+from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.observation import GRAVITY_MPS2
+from coclo_vio.filter.stance import Reading
+from coclo_vio.filter.state import (
+    ACCELEROMETER_BIAS,
+    GYROSCOPE_BIAS,
+    LEG_SCALE,
+    POSITION,
+    RATE,
+    ROTATION,
+    VELOCITY,
+    State,
+    StateLayout,
+)
+from coclo_vio.geometry import so3
+from coclo_vio.robot.standstill import Rest
+
+_TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start
+
+
+def initial_filter(
+    layout: StateLayout,
+    config: InitialConfig,
+    reading: Reading,
+    rest: Rest | None,
+    foot_noise_m: float,
+    leg_scale: float,
+    *,
+    is_wide: bool,
+) -> SquareRootFilter:
+    """The filter at its first reading: position and yaw zero, level by gravity, gyroscope bias from rest.
+
+    Args:
+        layout: order of the errors.
+        config: uncertainties.
+        reading: the first reading; unknown legs start under the body.
+        rest: mean readings at rest, None to start on the move.
+        foot_noise_m: one sigma of a foot position in the body frame, m.
+        leg_scale: one sigma of the relative leg length, 0 where it is not estimated.
+        is_wide: see ``SquareRootFilter``.
+    """
+    force = reading.specific_force if rest is None else rest.specific_force
+    rotation = np.eye(3) if force is None else so3.from_gravity(force)
+    vector = np.zeros(layout.dimension)
+    vector[layout.feet] = (np.nan_to_num(reading.feet.position_body) @ rotation.T).ravel()
+    if layout.has_contacts:
+        vector[layout.contacts] = reading.contact.probability
+    if rest is not None:
+        vector[GYROSCOPE_BIAS] = rest.angular_velocity
+    mean = State(layout, rotation, vector, np.eye(3))
+    core = SquareRootFilter(
+        mean, _sigmas(layout, config, foot_noise_m, leg_scale, is_moving=rest is None), is_wide=is_wide
+    )
+    if rest is not None:
+        _see_rest(core, config, rest)
+    return core
+
+
+def _sigmas(
+    layout: StateLayout, config: InitialConfig, foot_noise_m: float, leg_scale: float, *, is_moving: bool
+) -> Array:
+    """Sigmas (L,) of the errors; tilt and yaw are errors about world axes, as all rotation errors are."""
+    tilt = config.moving_tilt_rad if is_moving else config.tilt_rad
+    sigmas = np.full(layout.dimension, _TIED)
+    sigmas[ROTATION] = (tilt, tilt, _TIED)
+    sigmas[LEG_SCALE] = leg_scale
+    sigmas[RATE] = 1.0 if is_moving else config.gyroscope_bias_radps
+    sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
+    sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2
+    sigmas[VELOCITY] = config.moving_velocity_mps if is_moving else config.velocity_mps
+    sigmas[POSITION] = _TIED
+    sigmas[layout.feet] = foot_noise_m
+    sigmas[layout.contacts] = 0.5
+    return sigmas
+
+
+def _see_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:
+    """One update with gravity (tilt and accelerometer bias become correlated) and with the rate of rest."""
+
+    def model(stack: State) -> Array:
+        return np.concatenate((observation.specific_force_at_rest(stack), observation.gyroscope(stack)), axis=1)
+
+    predicted, rows = core.observe(model, observation.CURVED_COLUMNS)
+    measured = np.concatenate((rest.specific_force, rest.angular_velocity))
+    measured[:3] *= GRAVITY_MPS2 / max(float(np.linalg.norm(rest.specific_force)), 1e-6)
+    noise = np.repeat((config.rest_force_noise_mps2, config.rest_rate_noise_radps), 3)
+    core.update(rows, np.diag(noise), measured - predicted)

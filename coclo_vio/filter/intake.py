@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From single measurements to one reading a joint sample: order, gaps, averaging, contact. Everything odd is counted."""
+
+from collections import Counter
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.errors import FilterError
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.filter.observation import GRAVITY_MPS2
+from coclo_vio.filter.stance import Reading
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.robot.contact import ContactConfig, ContactDetector
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.robot.standstill import Rest, StandstillDetector
+
+_NS_PER_S = 1_000_000_000
+
+
+class Intake:
+    """Collects measurements until a joint sample completes a reading.
+
+    A sample whose stamp does not pass the last of its kind is refused and counted; the state it would have spoiled
+    stays as it was.
+    """
+
+    def __init__(self, robot: RobotModel, config: FilterConfig, contact: ContactConfig, counts: Counter[str]) -> None:
+        self._robot = robot
+        self._config = config
+        self._contact = ContactDetector(contact, len(robot.leg_names))
+        self._standstill = StandstillDetector(config.standstill)
+        self._counts = counts
+        self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
+        self._imu_ns: int | None = None
+        self._rates: list[Array] = []
+        self._forces_body: list[Array] = []  # the last two
+        self._foot_force: FootForceSample | None = None
+        self._joint_ns: int | None = None
+        self._joint_velocity: Array | None = None
+
+    @property
+    def rest(self) -> Rest | None:
+        """Mean readings while the robot stands still, turned to the body frame; None while it moves."""
+        rest = self._standstill.rest
+        if rest is None:
+            return None
+        turn = self._rotation_body_imu
+        return Rest(rest.stamp_ns, turn @ rest.angular_velocity, turn @ rest.specific_force, rest.sample_count)
+
+    @property
+    def specific_force(self) -> Array | None:
+        """The last two accelerometer readings averaged (section III-D), body frame, m/s^2, (3,)."""
+        if not self._forces_body:
+            return None
+        return np.asarray(np.mean(self._forces_body, axis=0))
+
+    def push(self, measurement: Measurement, up_body: Array | None) -> Reading | None:
+        """Take one measurement; a joint sample in order gives a reading.
+
+        Args:
+            measurement: the measurement.
+            up_body: the upward direction in the body frame, (3,), or None before the start.
+
+        Raises:
+            FilterError: the sample is not of this robot: another number of joints or legs.
+        """
+        match measurement:
+            case ImuSample():
+                self._take_imu(measurement)
+            case FootForceSample():
+                self._take_force(measurement)
+            case JointSample():
+                return self._take_joints(measurement, up_body)
+        return None
+
+    def _take_imu(self, sample: ImuSample) -> None:
+        if self._imu_ns is not None and sample.stamp_ns <= self._imu_ns:
+            self._counts["imu_stamp_refused"] += 1
+            return
+        self._imu_ns = sample.stamp_ns
+        self._standstill.push(sample)
+        self._rates.append(self._rotation_body_imu @ sample.angular_velocity)
+        self._forces_body = [*self._forces_body[-1:], self._rotation_body_imu @ sample.specific_force]
+
+    def _take_force(self, sample: FootForceSample) -> None:
+        legs = len(self._robot.leg_names)
+        if len(sample.force) != legs:
+            raise FilterError(f"a foot force sample has {len(sample.force)} entries, the robot has {legs} legs")
+        if self._foot_force is not None and sample.stamp_ns <= self._foot_force.stamp_ns:
+            self._counts["foot_force_stamp_refused"] += 1
+            return
+        self._foot_force = sample
+
+    def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
+        joints = len(self._robot.joint_names)
+        if len(sample.position) != joints:
+            raise FilterError(
+                f"a joint sample has {len(sample.position)} joints, robot {self._robot.description.name!r} has "
+                f"{joints}; give them in the order of its joint_names"
+            )
+        if self._joint_ns is not None and sample.stamp_ns <= self._joint_ns:
+            self._counts["joint_stamp_refused"] += 1
+            return None
+        self._standstill.push(sample)
+        force = self.specific_force
+        if up_body is None:
+            up_body = np.array([0.0, 0.0, 1.0]) if force is None else force / max(float(np.linalg.norm(force)), 1e-6)
+        feet = self._robot.feet(sample.position, sample.velocity)
+        contact = self._contact.update(sample.stamp_ns, self._load(sample, up_body))
+        rate = np.asarray(np.mean(self._rates, axis=0)) if self._rates else None
+        if rate is None:
+            self._counts["gyroscope_missing"] += 1
+        self._rates = []
+        self._joint_ns, self._joint_velocity = sample.stamp_ns, sample.velocity
+        reading = Reading(sample.stamp_ns, feet, contact, rate, force, self._standstill.is_stationary)
+        self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
+        self._counts["standstill"] += reading.is_stationary
+        return reading
+
+    def _load(self, sample: JointSample, up_body: Array) -> Array:
+        """What presses on each foot, N or counts, (n,); NaN where nobody knows."""
+        config = self._contact.config
+        if config.source == "force_sensor":
+            held = self._foot_force
+            timeout_ns = self._config.force_timeout_s * _NS_PER_S
+            if held is None or sample.stamp_ns - held.stamp_ns > timeout_ns:
+                return np.full(len(self._robot.leg_names), np.nan)
+            return held.force
+        acceleration = None
+        if config.compensation == "inertia" and self._joint_ns is not None and self._joint_velocity is not None:
+            step_s = (sample.stamp_ns - self._joint_ns) / _NS_PER_S
+            acceleration = (sample.velocity - self._joint_velocity) / step_s
+        forces = self._robot.foot_forces(
+            sample.position,
+            sample.velocity,
+            sample.effort,
+            specific_force_body=None if config.compensation == "none" else GRAVITY_MPS2 * up_body,
+            angular_velocity_body=self._rates[-1] if self._rates else None,
+            acceleration=acceleration,
+        )
+        if config.method == "paper":
+            return np.asarray(np.linalg.norm(forces, axis=1))
+        return np.asarray(forces @ up_body)

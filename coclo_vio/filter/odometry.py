@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""COCLO from the outside: measurements in one at a time, an estimate out at every joint sample."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.errors import FilterError
+from coclo_vio.estimates import FootState, NavState, OdometryDelta, StateEstimate
+from coclo_vio.filter.cloning import correct_clone, delta_from_clone
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.initialisation import initial_filter
+from coclo_vio.filter.intake import Intake
+from coclo_vio.filter.paper import PaperProfile
+from coclo_vio.filter.robust import RobustProfile
+from coclo_vio.filter.stance import Reading
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import Measurement
+from coclo_vio.robot.model import RobotModel
+
+_NS_PER_S = 1_000_000_000
+
+
+class LegOdometryFilter:
+    """Where a legged robot is, from joints, torques or foot forces, and a cheap IMU (paper section III).
+
+    The world is z up with its origin and heading at the body's first estimate. The filter waits for the robot to
+    stand still (gravity, gyroscope bias), for at most ``rest_timeout_s``.
+
+    Example:
+        >>> odometry = LegOdometryFilter(RobotModel(load_robot("go1")))  # doctest: +SKIP
+        >>> for measurement in dataset.measurements():  # doctest: +SKIP
+        ...     estimate = odometry.push(measurement)
+    """
+
+    def __init__(self, robot: RobotModel, config: FilterConfig | None = None) -> None:
+        self.config = config or FilterConfig()
+        self._counts: Counter[str] = Counter()
+        self._robot = robot
+        contact = robot.description.contact
+        self._profile: RobustProfile | PaperProfile
+        if self.config.profile == "paper":
+            contact = contact.model_copy(update={"method": "paper", "compensation": "none"})
+            self._profile = PaperProfile(robot, self.config.paper, self._counts)
+        else:
+            self._profile = RobustProfile(robot, self.config.robust, self._counts)
+        self._intake = Intake(robot, self.config, contact, self._counts)
+        self._core: SquareRootFilter | None = None
+        self._first_ns: int | None = None
+        self._stamp_ns = 0
+        self._clone_ns: int | None = None
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each unusual thing happened, by name; see ``Intake`` and the profiles."""
+        return {name: count for name, count in sorted(self._counts.items()) if count}
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        """Take one measurement; a joint sample in order gives an estimate once the filter has started.
+
+        Raises:
+            FilterError: the sample does not fit the robot, or the state is no longer finite.
+        """
+        up_body = None if self._core is None else self._core.mean.rotation[2]
+        reading = self._intake.push(measurement, up_body)
+        if reading is None:
+            return None
+        if self._core is None:
+            return self._try_to_start(reading)
+        dt_s = (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        is_gap = dt_s > self.config.max_gap_s
+        self._counts["gap"] += is_gap
+        gyroscope_noise = self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s)
+        is_stance = self._profile.step(self._core, reading, dt_s, gyroscope_noise, is_gap=is_gap)
+        self._stamp_ns = reading.stamp_ns
+        return self._estimate(self._core, reading, is_stance)
+
+    def clone(self) -> None:
+        """Remember the present pose as the start of the next ``delta_since_clone``.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        self._started().clone()
+        self._clone_ns = self._stamp_ns
+
+    def delta_since_clone(self) -> OdometryDelta:
+        """Relative motion from the cloned pose to the present one.
+
+        Raises:
+            FilterError: no pose has been cloned.
+        """
+        core, clone_ns = self._cloned()
+        return delta_from_clone(core, clone_ns, self._stamp_ns)
+
+    def correct_at_clone(self, T_world_body: Array, covariance: Array) -> float:  # noqa: N803
+        """Take a pose measured at the time of the clone, however late it comes.
+
+        Args:
+            T_world_body: the pose in the filter's world, (4, 4).
+            covariance: of its right/local error [rotation rad, position m], (6, 6), positive definite.
+
+        Returns:
+            The normalised innovation squared, chi-square with 6 degrees of freedom.
+
+        Raises:
+            FilterError: no pose has been cloned.
+        """
+        core, _ = self._cloned()
+        return correct_clone(core, T_world_body, covariance).innovation_squared
+
+    def _try_to_start(self, reading: Reading) -> StateEstimate | None:
+        rest = self._intake.rest
+        if self._first_ns is None:
+            self._first_ns = reading.stamp_ns
+        waited_s = (reading.stamp_ns - self._first_ns) / _NS_PER_S
+        if rest is None and waited_s < self.config.rest_timeout_s:
+            return None
+        self._counts["started_moving"] += rest is None
+        profile = self._profile
+        self._core = initial_filter(
+            profile.layout,
+            self.config.initial,
+            reading,
+            rest,
+            profile.foot_sigma_m(reading),
+            profile.leg_scale_sigma,
+            is_wide=profile.is_wide,
+        )
+        profile.start(reading)
+        self._stamp_ns = reading.stamp_ns
+        return self._estimate(self._core, reading, reading.is_stance)
+
+    def _estimate(self, core: SquareRootFilter, reading: Reading, is_stance: BoolArray) -> StateEstimate:
+        mean = core.mean
+        vector = mean.vector
+        if not np.isfinite(vector).all() or not np.isfinite(core.factor).all():
+            raise FilterError(
+                f"the state is not finite any more at {reading.stamp_ns} ns; what was estimated before stays valid; "
+                "look for wild readings there with `coclo-vio run --set filter.profile=robust`"
+            )
+        nav = NavState(
+            se3.transform(mean.rotation, vector[POSITION]),
+            vector[VELOCITY],
+            vector[RATE],
+            vector[GYROSCOPE_BIAS],
+            vector[ACCELEROMETER_BIAS],
+        )
+        rows = mean.plain_jacobian() @ core.factor
+        layout = mean.layout
+        probability = np.clip(vector[layout.contacts], 0.0, 1.0) if layout.has_contacts else reading.contact.probability
+        return StateEstimate(reading.stamp_ns, nav, rows @ rows.T, FootState(mean.feet, probability, is_stance))
+
+    def _started(self) -> SquareRootFilter:
+        if self._core is None:
+            raise FilterError(
+                "the filter has not started: it waits for the robot to stand still; push measurements first"
+            )
+        return self._core
+
+    def _cloned(self) -> tuple[SquareRootFilter, int]:
+        core = self._started()
+        if self._clone_ns is None:
+            raise FilterError("no pose has been cloned; call clone() at a keyframe first")
+        return core, self._clone_ns

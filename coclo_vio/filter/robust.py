@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One step of the ``robust`` profile: predict with the feet, turn down what slips, update with the rest."""
+
+from collections import Counter
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.filter import observation, process
+from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.observation import Block
+from coclo_vio.filter.stance import Footholds, Reading
+from coclo_vio.filter.state import State, StateLayout
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.robot.model import RobotModel
+
+
+class RobustProfile:
+    """The steps of the filter with rolling feet, an innovation gate for each leg, and rows only where there is data."""
+
+    def __init__(self, robot: RobotModel, config: RobustConfig, counts: Counter[str]) -> None:
+        self.layout = StateLayout(len(robot.leg_names), has_contacts=False)
+        self.is_wide = False
+        self.leg_scale_sigma = config.leg_scale_sigma * config.estimates_leg_scale
+        self._robot: RobotDescription = robot.description
+        self._config = config
+        self._counts = counts
+        self._hips_body = robot.hip_position_body
+        self._radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
+        self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
+        self._footholds: Footholds | None = None
+        self._without_legs_s = 0.0
+
+    def start(self, reading: Reading) -> None:
+        """Take the first reading; feet that stand in it are footholds."""
+        self._footholds = Footholds(reading)
+        self._without_legs_s = 0.0
+
+    def foot_sigma_m(self, reading: Reading) -> float:
+        """One sigma of a foot position at the start, m: the largest of any foot."""
+        return float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0))
+
+    def _foot_noise(self, reading: Reading) -> Array:
+        """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; identity where unknown."""
+        linear = np.nan_to_num(reading.feet.jacobian[:, 3:])
+        encoders = linear @ np.swapaxes(linear, 1, 2) * self._robot.encoder_noise_rad**2
+        return np.asarray(np.linalg.cholesky(encoders + self._config.foot_position_noise_m**2 * np.eye(3)))
+
+    def step(
+        self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool
+    ) -> BoolArray:
+        """Predict to the reading and take it; returns the legs that held the body, (n,)."""
+        assert self._footholds is not None, "start() comes first"
+        config, imu = self._config, self._robot.imu
+        motion = self._footholds.advance(reading, is_gap=is_gap)
+        foot_noise = self._foot_noise(reading)
+        core.predict(
+            lambda stack: process.predict(stack, dt_s, motion, self._radii_m, self._hips_body),
+            lambda mean: process.noise_rows(mean, dt_s, motion, self._radii_m, foot_noise, config, imu),
+            process.CURVED_COLUMNS,
+        )
+        blocks = observation.blocks(
+            reading,
+            motion,
+            core.mean,
+            self._radii_m,
+            self._hips_body,
+            foot_noise,
+            self._robot,
+            config,
+            gyroscope_noise_radps,
+        )
+        if not blocks:
+            self._counts["step_without_measurement"] += 1
+            return np.zeros(self.layout.legs, dtype=np.bool_)
+        return self._update(core, reading, blocks, dt_s)
+
+    def _update(self, core: SquareRootFilter, reading: Reading, blocks: list[Block], dt_s: float) -> BoolArray:
+        def model(stack: State) -> Array:
+            return np.concatenate([block.model(stack) for block in blocks], axis=1)
+
+        predicted, rows = core.observe(model, observation.CURVED_COLUMNS)
+        innovation = np.concatenate([block.measured for block in blocks]) - predicted
+        noise = block_diag(*[block.noise.T for block in blocks])
+        owner = np.concatenate([np.full(len(b.measured), -1 if b.leg is None else b.leg) for b in blocks])
+        rejected = self._rejected(rows, noise, innovation, owner)
+        stance = reading.is_stance & ~rejected
+        self._without_legs_s = 0.0 if stance.any() else self._without_legs_s + dt_s
+        if self._without_legs_s > self._config.recovery_s and rejected.any():
+            self._counts["recovery"] += 1
+            self._without_legs_s = 0.0
+            rejected[:] = False
+            stance = reading.is_stance
+        if rejected.any():
+            self._counts["leg_rejected"] += int(rejected.sum())
+            self._footholds.release(rejected)
+            keep = ~np.isin(owner, np.flatnonzero(rejected))
+            rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
+        if len(innovation):
+            core.update(rows, noise, innovation)
+        return stance
+
+    def _rejected(self, rows: Array, noise: Array, innovation: Array, owner: Array) -> BoolArray:
+        """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
+        rejected = np.zeros(self.layout.legs, dtype=np.bool_)
+        for leg in range(self.layout.legs):
+            own = np.flatnonzero(owner == leg)
+            if not len(own):
+                continue
+            deviations = np.concatenate((rows[:, own], noise[np.ix_(own, own)]))
+            squared = innovation[own] @ np.linalg.solve(deviations.T @ deviations, innovation[own])
+            rejected[leg] = squared > self._gate[len(own)]
+        return rejected
