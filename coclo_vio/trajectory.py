@@ -170,14 +170,18 @@ def _interpolate_columns(at_s: Array, own_s: Array, columns: Array) -> Array:
     return np.stack([np.interp(at_s, own_s, column) for column in columns.T], axis=1)
 
 
+def tum_line(stamp_ns: int, T_world_body: Array) -> str:  # noqa: N803
+    """One line ``t x y z qx qy qz qw``: seconds with all nine decimals, from integer nanoseconds."""
+    seconds, nanoseconds = divmod(int(stamp_ns), _NS_PER_S)
+    quat_xyzw = so3.to_quat_xyzw(T_world_body[:3, :3])
+    values = " ".join(f"{value:.12g}" for value in (*T_world_body[:3, 3], *quat_xyzw))
+    return f"{seconds}.{nanoseconds:09d} {values}\n"
+
+
 def write_tum(trajectory: Trajectory, path: Path) -> None:
-    """Write ``t x y z qx qy qz qw`` lines: seconds with all nine decimals, from integer nanoseconds."""
-    quat_xyzw = so3.to_quat_xyzw(trajectory.rotations)
-    with path.open("w", encoding="ascii") as out:
-        for stamp_ns, position, quat in zip(trajectory.stamps_ns, trajectory.positions, quat_xyzw, strict=True):
-            seconds, nanoseconds = divmod(int(stamp_ns), _NS_PER_S)
-            values = " ".join(f"{value:.12g}" for value in (*position, *quat))
-            out.write(f"{seconds}.{nanoseconds:09d} {values}\n")
+    """Write a trajectory as TUM lines."""
+    with path.open("w", encoding="ascii", newline="\n") as out:
+        out.writelines(map(tum_line, trajectory.stamps_ns, trajectory.T_world_body))
 
 
 def seconds_to_ns(text: str) -> int:

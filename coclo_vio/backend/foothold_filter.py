@@ -16,14 +16,11 @@ in GTSAM 4.3:
 * A foot that is not reported leaves its stance; at touchdown its block becomes a wide prior.
 """
 
-from typing import Annotated
-
 import gtsam
 import numpy as np
-from pydantic import Field
 
 from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.config import StageConfig
+from coclo_vio.backend.config import FootholdNoiseConfig
 from coclo_vio.errors import SmootherError
 from coclo_vio.estimates import NavState
 from coclo_vio.geometry import se3, so3
@@ -31,21 +28,6 @@ from coclo_vio.geometry import se3, so3
 _GRAVITY_MPS2 = 9.81
 _TIED = 1e-6  # sigma of what is zero by definition at the start: yaw (rad) and position (m)
 _UNCERTAIN_M = 0.5  # sigma of a foothold before its first measurement
-
-
-class FootholdNoiseConfig(StageConfig):
-    """Noise of the baseline, fitted to nothing here.
-
-    IMU noise and foothold walk are those of the kinematics example in Hartley's published implementation; a foot
-    position is taken to be good to a centimetre.
-    """
-
-    gyroscope_noise_density: Annotated[float, Field(gt=0, description="white noise, rad/s/sqrt(Hz)")] = 0.01
-    accelerometer_noise_density: Annotated[float, Field(gt=0, description="white noise, m/s^2/sqrt(Hz)")] = 0.1
-    foothold_walk: Annotated[float, Field(gt=0, description="random walk of a standing foot, m/s/sqrt(Hz)")] = 0.01
-    foot_position_noise_m: Annotated[
-        float, Field(gt=0, description="one sigma of a foot position from the joints, m")
-    ] = 0.01
 
 
 class FootholdFilter:

@@ -6,50 +6,23 @@ Sorts measurements, decides contact, watches for rest; the filtering is GTSAM's,
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
 from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.backend.foothold_filter import FootholdFilter, FootholdNoiseConfig
-from coclo_vio.config import StageConfig
+from coclo_vio.backend.config import InvariantConfig
+from coclo_vio.backend.foothold_filter import FootholdFilter
 from coclo_vio.errors import SmootherError
 from coclo_vio.estimates import FootState, StateEstimate
 from coclo_vio.geometry import so3
 from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.contact import ContactDetector, ContactState
+from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.model import FeetKinematics, RobotModel
-from coclo_vio.robot.standstill import Rest, StandstillConfig, StandstillDetector
+from coclo_vio.robot.standstill import Rest, StandstillDetector
 
 _NS_PER_S = 1_000_000_000
-_GRAVITY_MPS2 = 9.81
 _MOST_RESTS = 100  # windows of one standstill whose mean is the gyroscope bias
-
-
-class InvariantConfig(StageConfig):
-    """The baseline: its noise, how it starts and how it copes with gaps."""
-
-    noise: Annotated[FootholdNoiseConfig, Field(description="noise of IMU and feet")] = FootholdNoiseConfig()
-    rolling_feet: Annotated[
-        bool, Field(description="whether the roll of spherical feet is taken out; false as published")
-    ] = False
-    initial_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch from rest, rad")] = 0.02
-    initial_velocity_mps: Annotated[float, Field(gt=0, description="one sigma at rest, m/s")] = 0.02
-    moving_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of a start on the move, rad")] = 0.2
-    moving_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of a start on the move, m/s")] = 1.0
-    standstill: Annotated[StandstillConfig, Field(description="how still is still")] = StandstillConfig()
-    rest_timeout_s: Annotated[
-        float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")
-    ] = 3.0
-    max_gap_s: Annotated[
-        float, Field(gt=0, description="longest silence of the IMU that is bridged as if nothing happened, s")
-    ] = 0.1
-    gap_rate_radps: Annotated[float, Field(ge=0, description="one sigma of the unseen rate in a gap, rad/s")] = 0.3
-    gap_acceleration_mps2: Annotated[
-        float, Field(ge=0, description="one sigma of the unseen acceleration in a gap, m/s^2")
-    ] = 1.0
-    force_timeout_s: Annotated[float, Field(gt=0, description="foot forces older than this count as missing, s")] = 0.1
 
 
 class InvariantLegOdometry:
@@ -71,7 +44,7 @@ class InvariantLegOdometry:
         self._stamp_ns = 0  # of the filter's state
         self._first_ns: int | None = None
         self._imu: ImuSample | None = None
-        self._foot_force: FootForceSample | None = None
+        self._load = FootLoad(robot, robot.description.contact, self.config.force_timeout_s)
         self._joints: JointSample | None = None
         self._feet_body: Array = np.zeros((self._legs, 3))  # last known
         self._rolled: Array = np.zeros((self._legs, 3))  # since touchdown, m, world
@@ -108,11 +81,7 @@ class InvariantLegOdometry:
             self._advance(self._filter, sample.stamp_ns, rate, 0.5 * (before.specific_force + sample.specific_force))
 
     def _take_force(self, sample: FootForceSample) -> None:
-        self._check_length("foot force", len(sample.force), self._legs)
-        if self._foot_force is not None and sample.stamp_ns <= self._foot_force.stamp_ns:
-            self._counts["foot_force_stamp_refused"] += 1
-            return
-        self._foot_force = sample
+        self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
 
     def _take_joints(self, sample: JointSample) -> StateEstimate | None:
         self._check_length("joint", len(sample.position), len(self._robot.joint_names))
@@ -120,7 +89,8 @@ class InvariantLegOdometry:
             self._counts["joint_stamp_refused"] += 1
             return None
         self._standstill.push(sample)
-        contact = self._contact.update(sample.stamp_ns, self._load(sample))
+        rate = None if self._imu is None else self._T_body_imu[:3, :3] @ self._imu.angular_velocity
+        contact = self._contact.update(sample.stamp_ns, self._load.at(sample, self._up_body(), rate))
         self._joints = sample
         rest, imu = self._standstill.rest, self._imu
         self._filter = self._filter or self._started(sample.stamp_ns, rest)
@@ -141,29 +111,6 @@ class InvariantLegOdometry:
                 f"a {kind} sample has {got} entries, robot {self._robot.description.name!r} has {wanted}; give them in "
                 "the order of its legs"
             )
-
-    def _load(self, sample: JointSample) -> Array:
-        """What presses on each foot, N or counts, (legs,); NaN where nobody knows."""
-        config = self._contact.config
-        if config.source == "force_sensor":
-            held = self._foot_force
-            if held is None or sample.stamp_ns - held.stamp_ns > self.config.force_timeout_s * _NS_PER_S:
-                return np.full(self._legs, np.nan)
-            return held.force
-        up_body = self._up_body()
-        acceleration = None
-        if config.compensation == "inertia" and self._joints is not None:
-            step_s = (sample.stamp_ns - self._joints.stamp_ns) / _NS_PER_S
-            acceleration = (sample.velocity - self._joints.velocity) / step_s
-        forces = self._robot.foot_forces(
-            sample.position,
-            sample.velocity,
-            sample.effort,
-            specific_force_body=None if config.compensation == "none" else _GRAVITY_MPS2 * up_body,
-            angular_velocity_body=None if self._imu is None else self._T_body_imu[:3, :3] @ self._imu.angular_velocity,
-            acceleration=acceleration,
-        )
-        return np.asarray(np.linalg.norm(forces, axis=1) if config.method == "paper" else forces @ up_body)
 
     def _up_body(self) -> Array:
         """Upward direction in the body frame, (3,): from the state, before the start from the accelerometer."""

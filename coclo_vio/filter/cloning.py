@@ -50,5 +50,5 @@ def correct_clone(core: SquareRootFilter, T_world_clone: Array, covariance: Arra
     jacobian[3:, layout.clone_position] = to_clone
     jacobian[3:, layout.clone_rotation] = -to_clone @ so3.hat(mean.vector[layout.clone_position])
     innovation = se3.log(se3.inverse(_clone_pose(mean)) @ T_world_clone)
-    noise_rows = np.linalg.cholesky(covariance).T
+    noise_rows: Array = np.asarray(np.linalg.cholesky(covariance).T, dtype=np.float64)
     return core.update(core.factor.T @ jacobian.T, noise_rows, innovation)

@@ -7,7 +7,6 @@ from coclo_vio.arrays import Array
 from coclo_vio.filter import observation
 from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.observation import GRAVITY_MPS2
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
@@ -21,6 +20,7 @@ from coclo_vio.filter.state import (
     StateLayout,
 )
 from coclo_vio.geometry import so3
+from coclo_vio.robot.foot_load import GRAVITY_MPS2
 from coclo_vio.robot.standstill import Rest
 
 _TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start
@@ -31,9 +31,9 @@ def initial_filter(
     config: InitialConfig,
     reading: Reading,
     rest: Rest | None,
+    *,
     foot_noise_m: float,
     leg_scale: float,
-    *,
     is_wide: bool,
 ) -> SquareRootFilter:
     """The filter at its first reading: position and yaw zero, level by gravity, gyroscope bias from rest.

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From single measurements to one reading a joint sample: order, gaps, averaging, contact. Everything odd is counted."""
+"""From single measurements to one reading a joint sample: order, averaging, contact.
+
+Everything odd is counted.
+"""
 
 from collections import Counter
 
@@ -8,14 +11,12 @@ import numpy as np
 from coclo_vio.arrays import Array
 from coclo_vio.errors import FilterError
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.observation import GRAVITY_MPS2
 from coclo_vio.filter.stance import Reading
 from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.contact import ContactConfig, ContactDetector
+from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import Rest, StandstillDetector
-
-_NS_PER_S = 1_000_000_000
 
 
 class Intake:
@@ -35,9 +36,8 @@ class Intake:
         self._imu_ns: int | None = None
         self._rates: list[Array] = []
         self._forces_body: list[Array] = []  # the last two
-        self._foot_force: FootForceSample | None = None
+        self._load = FootLoad(robot, contact, config.force_timeout_s)
         self._joint_ns: int | None = None
-        self._joint_velocity: Array | None = None
 
     @property
     def rest(self) -> Rest | None:
@@ -63,7 +63,8 @@ class Intake:
             up_body: the upward direction in the body frame, (3,), or None before the start.
 
         Raises:
-            FilterError: the sample is not of this robot: another number of joints or legs.
+            FilterError: the sample is not of this robot: another number of joints.
+            RobotModelError: another number of legs.
         """
         match measurement:
             case ImuSample():
@@ -84,13 +85,7 @@ class Intake:
         self._forces_body = [*self._forces_body[-1:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:
-        legs = len(self._robot.leg_names)
-        if len(sample.force) != legs:
-            raise FilterError(f"a foot force sample has {len(sample.force)} entries, the robot has {legs} legs")
-        if self._foot_force is not None and sample.stamp_ns <= self._foot_force.stamp_ns:
-            self._counts["foot_force_stamp_refused"] += 1
-            return
-        self._foot_force = sample
+        self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
 
     def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
         joints = len(self._robot.joint_names)
@@ -107,38 +102,13 @@ class Intake:
         if up_body is None:
             up_body = np.array([0.0, 0.0, 1.0]) if force is None else force / max(float(np.linalg.norm(force)), 1e-6)
         feet = self._robot.feet(sample.position, sample.velocity)
-        contact = self._contact.update(sample.stamp_ns, self._load(sample, up_body))
         rate = np.asarray(np.mean(self._rates, axis=0)) if self._rates else None
+        contact = self._contact.update(sample.stamp_ns, self._load.at(sample, up_body, rate))
         if rate is None:
             self._counts["gyroscope_missing"] += 1
         self._rates = []
-        self._joint_ns, self._joint_velocity = sample.stamp_ns, sample.velocity
+        self._joint_ns = sample.stamp_ns
         reading = Reading(sample.stamp_ns, feet, contact, rate, force, self._standstill.is_stationary)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading
-
-    def _load(self, sample: JointSample, up_body: Array) -> Array:
-        """What presses on each foot, N or counts, (n,); NaN where nobody knows."""
-        config = self._contact.config
-        if config.source == "force_sensor":
-            held = self._foot_force
-            timeout_ns = self._config.force_timeout_s * _NS_PER_S
-            if held is None or sample.stamp_ns - held.stamp_ns > timeout_ns:
-                return np.full(len(self._robot.leg_names), np.nan)
-            return held.force
-        acceleration = None
-        if config.compensation == "inertia" and self._joint_ns is not None and self._joint_velocity is not None:
-            step_s = (sample.stamp_ns - self._joint_ns) / _NS_PER_S
-            acceleration = (sample.velocity - self._joint_velocity) / step_s
-        forces = self._robot.foot_forces(
-            sample.position,
-            sample.velocity,
-            sample.effort,
-            specific_force_body=None if config.compensation == "none" else GRAVITY_MPS2 * up_body,
-            angular_velocity_body=self._rates[-1] if self._rates else None,
-            acceleration=acceleration,
-        )
-        if config.method == "paper":
-            return np.asarray(np.linalg.norm(forces, axis=1))
-        return np.asarray(forces @ up_body)

@@ -18,8 +18,8 @@ from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, LEG_SCALE, POSITION, RATE, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.robot.foot_load import GRAVITY_MPS2
 
-GRAVITY_MPS2 = 9.81
 CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them
 
 
@@ -91,6 +91,7 @@ def blocks(
     reading: Reading,
     motion: FootMotion,
     mean: State,
+    *,
     radii_m: Array,
     hips_body: Array,
     foot_noise: Array,

@@ -127,8 +127,8 @@ class LegOdometryFilter:
             self.config.initial,
             reading,
             rest,
-            profile.foot_sigma_m(reading),
-            profile.leg_scale_sigma,
+            foot_noise_m=profile.foot_sigma_m(reading),
+            leg_scale=profile.leg_scale_sigma,
             is_wide=profile.is_wide,
         )
         profile.start(reading)

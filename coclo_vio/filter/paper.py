@@ -54,7 +54,7 @@ class PaperProfile:
     def start(self, reading: Reading) -> None:
         """Nothing is remembered outside the state."""
 
-    def foot_sigma_m(self, reading: Reading) -> float:  # noqa: ARG002
+    def foot_sigma_m(self, reading: Reading) -> float:
         """One sigma of a foot position at the start, m."""
         return self._config.foot_noise_m
 

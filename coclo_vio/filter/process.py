@@ -36,7 +36,7 @@ _HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
 
 def lengthened(scale: Array, position_body: Array, hips_body: Array) -> Array:
-    """What a leg longer by the fraction ``scale`` (points, 1) adds to foot positions (n, 3): (points, n, 3), body frame.
+    """What legs longer by a fraction (points, 1) add to foot positions (n, 3): (points, n, 3), m, body frame.
 
     Only the horizontal part is scaled: bending and rolling shorten the sweep of a leg, not the height of the body.
     """
@@ -74,6 +74,7 @@ def noise_rows(
     mean: State,
     dt_s: float,
     motion: FootMotion,
+    *,
     radii_m: Array,
     foot_noise: Array,
     config: RobustConfig,

@@ -59,26 +59,30 @@ class RobustProfile:
         foot_noise = self._foot_noise(reading)
         core.predict(
             lambda stack: process.predict(stack, dt_s, motion, self._radii_m, self._hips_body),
-            lambda mean: process.noise_rows(mean, dt_s, motion, self._radii_m, foot_noise, config, imu),
+            lambda mean: process.noise_rows(
+                mean, dt_s, motion, radii_m=self._radii_m, foot_noise=foot_noise, config=config, imu=imu
+            ),
             process.CURVED_COLUMNS,
         )
         blocks = observation.blocks(
             reading,
             motion,
             core.mean,
-            self._radii_m,
-            self._hips_body,
-            foot_noise,
-            self._robot,
-            config,
-            gyroscope_noise_radps,
+            radii_m=self._radii_m,
+            hips_body=self._hips_body,
+            foot_noise=foot_noise,
+            robot=self._robot,
+            config=config,
+            gyroscope_noise_radps=gyroscope_noise_radps,
         )
         if not blocks:
             self._counts["step_without_measurement"] += 1
             return np.zeros(self.layout.legs, dtype=np.bool_)
-        return self._update(core, reading, blocks, dt_s)
+        return self._update(core, self._footholds, reading, blocks, dt_s)
 
-    def _update(self, core: SquareRootFilter, reading: Reading, blocks: list[Block], dt_s: float) -> BoolArray:
+    def _update(
+        self, core: SquareRootFilter, footholds: Footholds, reading: Reading, blocks: list[Block], dt_s: float
+    ) -> BoolArray:
         def model(stack: State) -> Array:
             return np.concatenate([block.model(stack) for block in blocks], axis=1)
 
@@ -96,7 +100,7 @@ class RobustProfile:
             stance = reading.is_stance
         if rejected.any():
             self._counts["leg_rejected"] += int(rejected.sum())
-            self._footholds.release(rejected)
+            footholds.release(rejected)
             keep = ~np.isin(owner, np.flatnonzero(rejected))
             rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
         if len(innovation):

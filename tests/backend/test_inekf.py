@@ -9,7 +9,7 @@ import pytest
 
 from coclo_vio.backend.foothold_filter import FootholdFilter, FootholdNoiseConfig
 from coclo_vio.backend.inekf import InvariantConfig, InvariantLegOdometry
-from coclo_vio.errors import SmootherError
+from coclo_vio.errors import RobotModelError, SmootherError
 from coclo_vio.estimates import StateEstimate
 from coclo_vio.geometry import se3, so3
 from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
@@ -230,7 +230,7 @@ def test_a_sample_of_another_robot_is_an_error(go1: RobotModel) -> None:
     estimator = InvariantLegOdometry(go1)
     with pytest.raises(SmootherError, match="has 18 entries, robot 'go1' has 12"):
         estimator.push(JointSample(0, np.zeros(18), np.zeros(18), np.zeros(18)))
-    with pytest.raises(SmootherError, match="foot force sample has 6 entries"):
+    with pytest.raises(RobotModelError, match="foot force sample has 6 entries"):
         estimator.push(FootForceSample(0, np.zeros(6)))
 
 

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Naive leg odometry, the baseline that shows what each idea of the filter is worth.
+
+Attitude is the integrated gyroscope, velocity the mean of what the stance legs say, position its sum. No covariance
+worth the name: it is reported as growing with the path, for the format's sake, and is no claim.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.estimates import FootState, NavState, StateEstimate
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.filter.intake import Intake
+from coclo_vio.filter.stance import Reading
+from coclo_vio.geometry import se3, so3
+from coclo_vio.measurements import Measurement
+from coclo_vio.robot.model import RobotModel
+
+_NS_PER_S = 1_000_000_000
+_DRIFT_RATIO = 0.1  # of the travelled distance, for the covariance
+
+
+class NaiveLegOdometry:
+    """Stance feet averaged, gyroscope attitude; started from rest like the filter.
+
+    Args:
+        robot: the legs.
+        config: start and standstill are those of the filter.
+        rolls_feet: whether the contact point is at rest rather than the centre of the spherical foot.
+        weighs_load: whether a leg counts in proportion to its load.
+    """
+
+    def __init__(self, robot: RobotModel, config: FilterConfig, *, rolls_feet: bool, weighs_load: bool) -> None:
+        self._counts: Counter[str] = Counter()
+        self._intake = Intake(robot, config, robot.description.contact, self._counts)
+        self._rest_timeout_ns = round(config.rest_timeout_s * _NS_PER_S)
+        self._radii_m = robot.foot_radii_m * rolls_feet
+        self._weighs_load = weighs_load
+        self._first_ns: int | None = None
+        self._stamp_ns: int | None = None
+        self._rotation: Array = np.eye(3)
+        self._bias: Array = np.zeros(3)
+        self._rate: Array = np.zeros(3)
+        self._velocity_world: Array = np.zeros(3)
+        self._position: Array = np.zeros(3)
+        self._travelled_m = 0.0
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each unusual thing happened."""
+        return {name: count for name, count in sorted(self._counts.items()) if count}
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        """Take one measurement; a joint sample in order gives an estimate after the start."""
+        reading = self._intake.push(measurement, None if self._stamp_ns is None else self._rotation[2])
+        if reading is None or not self._has_started(reading):
+            return None
+        self._advance(reading)
+        return self._estimate(reading)
+
+    def _has_started(self, reading: Reading) -> bool:
+        rest = self._intake.rest
+        if rest is not None:
+            self._bias = rest.angular_velocity
+        if self._stamp_ns is not None:
+            return True
+        self._first_ns = reading.stamp_ns if self._first_ns is None else self._first_ns
+        force = reading.specific_force if rest is None else rest.specific_force
+        if force is None or (rest is None and reading.stamp_ns - self._first_ns < self._rest_timeout_ns):
+            return False
+        self._rotation = so3.from_gravity(force)
+        self._stamp_ns = reading.stamp_ns
+        return True
+
+    def _advance(self, reading: Reading) -> None:
+        assert self._stamp_ns is not None
+        dt_s = (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        rate = self._rate if reading.angular_velocity is None else reading.angular_velocity - self._bias
+        self._rotation = self._rotation @ so3.exp(0.5 * (self._rate + rate) * dt_s)
+        velocity = self._velocity(reading, rate)
+        step = 0.5 * (self._velocity_world + velocity) * dt_s
+        self._position = self._position + step
+        self._travelled_m += float(np.linalg.norm(step))
+        self._rate, self._velocity_world, self._stamp_ns = rate, velocity, reading.stamp_ns
+
+    def _velocity(self, reading: Reading, rate: Array) -> Array:
+        """World velocity, m/s, (3,): the stance legs' mean, or the last one where no leg stands."""
+        stance = reading.is_stance
+        if not stance.any():
+            self._counts["no_stance_leg"] += 1
+            return self._velocity_world
+        feet = reading.feet
+        arm = self._radii_m[stance, None] * self._rotation[2]
+        turning = np.cross(rate + feet.angular_velocity_body[stance], arm)
+        seen = turning - feet.velocity_body[stance] - np.cross(rate, feet.position_body[stance])
+        load = np.nan_to_num(reading.contact.load[stance])
+        weights = np.maximum(load, 1e-6) if self._weighs_load else np.ones(len(seen))
+        return np.asarray(self._rotation @ (weights @ seen / weights.sum()))
+
+    def _estimate(self, reading: Reading) -> StateEstimate:
+        nav = NavState(
+            se3.transform(self._rotation, self._position), self._velocity_world, self._rate, self._bias, np.zeros(3)
+        )
+        sigma = 1e-3 + _DRIFT_RATIO * self._travelled_m
+        covariance = np.diag(np.repeat((0.05**2, sigma**2, 0.2**2), 3))
+        feet_world = self._position + np.nan_to_num(reading.feet.position_body) @ self._rotation.T
+        feet = FootState(feet_world, reading.contact.probability, reading.is_stance)
+        return StateEstimate(reading.stamp_ns, nav, covariance, feet)

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording through an estimator: measurements in, estimates out, one at a time."""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from coclo_vio.errors import CocloError
+from coclo_vio.estimates import Estimator, StateEstimate
+from coclo_vio.measurements import Measurement
+
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """How a run went.
+
+    Attributes:
+        measurements: how many were pushed.
+        estimates: how many came out.
+        recording_ns: stamps of the earliest and latest measurement, None without any.
+        compute_s: time spent in the estimator, s.
+        counts: what the estimator counted.
+        failure: why it stopped early, None if it went through.
+    """
+
+    measurements: int
+    estimates: int
+    recording_ns: tuple[int, int] | None
+    compute_s: float
+    counts: Mapping[str, int]
+    failure: str | None
+
+    @property
+    def realtime_factor(self) -> float | None:
+        """Seconds of recording per second of computing."""
+        if self.recording_ns is None or self.compute_s <= 0.0:
+            return None
+        return (self.recording_ns[1] - self.recording_ns[0]) / _NS_PER_S / self.compute_s
+
+
+def run(
+    estimator: Estimator,
+    measurements: Iterable[Measurement],
+    take: Callable[[StateEstimate], None],
+    progress: Callable[[int], None] | None = None,
+) -> RunSummary:
+    """Push every measurement and hand each estimate on; an error ends the run, what came before it stays.
+
+    Args:
+        estimator: a fresh estimator.
+        measurements: in time order.
+        take: called with each estimate.
+        progress: called with the stamp (ns) of each measurement.
+    """
+    pushed = estimates = 0
+    first_ns = last_ns = None
+    compute_s = 0.0
+    failure = None
+    try:
+        for measurement in measurements:
+            stamp_ns = measurement.stamp_ns
+            first_ns = stamp_ns if first_ns is None else min(first_ns, stamp_ns)
+            last_ns = stamp_ns if last_ns is None else max(last_ns, stamp_ns)
+            began = time.perf_counter()
+            estimate = estimator.push(measurement)
+            compute_s += time.perf_counter() - began
+            pushed += 1
+            if estimate is not None:
+                estimates += 1
+                take(estimate)
+            if progress is not None:
+                progress(stamp_ns)
+    except CocloError as error:
+        failure = str(error)
+    recording_ns = None if first_ns is None or last_ns is None else (first_ns, last_ns)
+    return RunSummary(pushed, estimates, recording_ns, compute_s, dict(estimator.counts), failure)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What presses on each foot, from foot sensors or joint torques: the load that contact is decided on."""
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.errors import RobotModelError
+from coclo_vio.measurements import FootForceSample, JointSample
+from coclo_vio.robot.contact import ContactConfig
+from coclo_vio.robot.model import RobotModel
+
+GRAVITY_MPS2 = 9.81
+_NS_PER_S = 1_000_000_000
+
+
+class FootLoad:
+    """Holds the last foot forces, or turns joint torques into forces along the vertical.
+
+    Args:
+        robot: the legs.
+        config: where the load comes from and what of the legs' own dynamics is taken out.
+        force_timeout_s: foot forces older than this count as missing, s.
+    """
+
+    def __init__(self, robot: RobotModel, config: ContactConfig, force_timeout_s: float) -> None:
+        self._robot = robot
+        self._config = config
+        self._timeout_ns = round(force_timeout_s * _NS_PER_S)
+        self._held: FootForceSample | None = None
+        self._joints: JointSample | None = None
+
+    def take(self, sample: FootForceSample) -> bool:
+        """Remember foot forces; False where their stamp does not pass the last one's.
+
+        Raises:
+            RobotModelError: another number of legs.
+        """
+        legs = len(self._robot.leg_names)
+        if len(sample.force) != legs:
+            raise RobotModelError(
+                f"a foot force sample has {len(sample.force)} entries, robot {self._robot.description.name!r} has "
+                f"{legs} legs; give them in the order of its legs"
+            )
+        if self._held is not None and sample.stamp_ns <= self._held.stamp_ns:
+            return False
+        self._held = sample
+        return True
+
+    def at(self, sample: JointSample, up_body: Array, angular_velocity_body: Array | None) -> Array:
+        """Loads at a joint sample, N or counts, (legs,); NaN where nobody knows.
+
+        Args:
+            sample: the joints, newer than those of the last call.
+            up_body: upward direction in the body frame, (3,).
+            angular_velocity_body: of the body, rad/s, (3,), for the inertia of the legs.
+        """
+        before, self._joints = self._joints, sample
+        if self._config.source == "force_sensor":
+            if self._held is None or sample.stamp_ns - self._held.stamp_ns > self._timeout_ns:
+                return np.full(len(self._robot.leg_names), np.nan)
+            return self._held.force
+        acceleration = None
+        if self._config.compensation == "inertia" and before is not None:
+            acceleration = (sample.velocity - before.velocity) / ((sample.stamp_ns - before.stamp_ns) / _NS_PER_S)
+        forces = self._robot.foot_forces(
+            sample.position,
+            sample.velocity,
+            sample.effort,
+            specific_force_body=None if self._config.compensation == "none" else GRAVITY_MPS2 * up_body,
+            angular_velocity_body=angular_velocity_body,
+            acceleration=acceleration,
+        )
+        return np.asarray(np.linalg.norm(forces, axis=1) if self._config.method == "paper" else forces @ up_body)

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The whole configuration of a run: the robot and every stage, from preset, file and command line."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from coclo_vio.backend.config import InvariantConfig
+from coclo_vio.config import StageConfig, merged, parse_settings, read_yaml
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.errors import ConfigError, listing
+from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
+
+
+class RunConfig(StageConfig):
+    """Everything a run depends on; ``config.yaml`` of a run folder repeats the run."""
+
+    robot: Annotated[RobotDescription, Field(description="the robot: legs, contact sensing, IMU")]
+    dataset: Annotated[DatasetConfig, Field(description="how recordings are read")] = DatasetConfig()
+    filter: Annotated[FilterConfig, Field(description="COCLO")] = FilterConfig()
+    inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
+    evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
+
+
+def resolve(
+    robot: str | None = None, file: Path | None = None, settings: Sequence[str] = (), guess: str | None = None
+) -> RunConfig:
+    """The configuration of a run: the robot's preset, then the file, then the settings; the later wins.
+
+    A file may name its robot as ``robot: {preset: go1}`` with changes beside it, or describe it whole.
+
+    Args:
+        robot: name or YAML file of the robot; wins over what the file says.
+        file: YAML configuration.
+        settings: ``a.b=value`` strings.
+        guess: the robot to take where nobody names one.
+
+    Raises:
+        ConfigError: an unknown robot or key, a value out of bounds, or no robot at all.
+    """
+    values = merged(read_yaml(file) if file else {}, parse_settings(settings))
+    changes = values.pop("robot", {})
+    if not isinstance(changes, Mapping):
+        raise ConfigError(f"robot = {changes!r}: give keys below it, such as robot.contact.on_force, or use --robot")
+    changes = dict(changes)
+    preset = robot or changes.pop("preset", None)
+    changes.pop("preset", None)
+    if preset is None and "legs" not in changes:
+        preset = guess
+        if preset is None:
+            raise ConfigError(
+                f"which robot is it? Give --robot NAME or a YAML file; known robots are: {listing(robot_names())}"
+            )
+    base: dict[str, Any] = load_robot(preset).model_dump() if preset else {}
+    source = str(file) if file else "configuration"
+    return RunConfig.parse({**values, "robot": merged(base, changes)}, source)

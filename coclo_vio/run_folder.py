@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The folder of a run: trajectories, states, ground truth, configuration and ``run.json``.
+
+Estimates are written as they come, so a run that stops early leaves all it had.
+"""
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import TextIOWrapper
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.errors import DatasetError
+from coclo_vio.estimates import StateEstimate
+from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum, tum_line, write_tum
+
+_UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
+_VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
+
+
+class StateWriter:
+    """Writes ``<estimator>.tum`` and ``<estimator>_state.csv``, a line for each estimate as it comes.
+
+    The state file has, per stamp (ns): velocity (m/s, world), angular velocity (rad/s, body), gyroscope and
+    accelerometer bias (body), the upper triangle of the 6x6 pose covariance (right/local, rotation first), and each
+    leg's contact probability and stance.
+    """
+
+    def __init__(self, folder: Path, estimator: str, leg_names: tuple[str, ...]) -> None:
+        self._tum: TextIOWrapper = (folder / f"{estimator}.tum").open("w", encoding="ascii", newline="\n")
+        self._state: TextIOWrapper = (folder / f"{estimator}_state.csv").open("w", encoding="utf-8", newline="\n")
+        header = ["stamp_ns"]
+        header += [f"{name}_{axis}" for name in _VECTORS for axis in "xyz"]
+        header += [f"pose_covariance_{row}{column}" for row, column in _UPPER]
+        header += [f"{leg}.{what}" for leg in leg_names for what in ("contact_probability", "is_stance")]
+        self._state.write(",".join(header) + "\n")
+
+    def write(self, estimate: StateEstimate) -> None:
+        """Append one estimate to both files."""
+        nav = estimate.nav
+        self._tum.write(tum_line(estimate.stamp_ns, nav.T_world_body))
+        values: list[float] = [value for name in _VECTORS for value in getattr(nav, name)]
+        values += [estimate.covariance[row, column] for row, column in _UPPER]
+        if estimate.feet is not None:
+            for probability, is_stance in zip(estimate.feet.contact_probability, estimate.feet.is_stance, strict=True):
+                values += [probability, float(is_stance)]
+        self._state.write(f"{estimate.stamp_ns}," + ",".join(f"{value:.9g}" for value in values) + "\n")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._tum.close()
+        self._state.close()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedRun:
+    """What a run folder holds of one estimator.
+
+    Attributes:
+        name: of the estimator.
+        trajectory: with velocity and covariance where the state file is there.
+        contact_probability: (N, legs); no column where unknown.
+        leg_names: the columns of ``contact_probability``.
+    """
+
+    name: str
+    trajectory: Trajectory
+    contact_probability: Array
+    leg_names: tuple[str, ...]
+
+
+def prepare(folder: Path) -> Path:
+    """Make the folder.
+
+    Raises:
+        DatasetError: it cannot be made, or is a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(f"cannot make the folder {folder}: {error.strerror}; choose another with -o") from error
+    return folder
+
+
+def write_ground_truth(folder: Path, truth: GroundTruth) -> None:
+    """Write ``groundtruth.tum``; whether its stamps are real goes to ``run.json``."""
+    write_tum(truth.trajectory, folder / "groundtruth.tum")
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON object, readable."""
+    path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_run_json(folder: Path) -> dict[str, Any]:
+    """``run.json`` of a run folder.
+
+    Raises:
+        DatasetError: it is missing or malformed.
+    """
+    try:
+        values = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DatasetError(
+            f"{folder} is no run folder: it has no run.json; give the folder that `coclo-vio run -o` wrote"
+        ) from error
+    except json.JSONDecodeError as error:
+        raise DatasetError(f"{folder / 'run.json'} is not JSON ({error}); run again") from error
+    if not isinstance(values, dict) or "estimators" not in values:
+        raise DatasetError(f"{folder / 'run.json'} names no estimators; it was written by something else")
+    return values
+
+
+def read_ground_truth(folder: Path, run: Mapping[str, Any]) -> GroundTruth | None:
+    """The ground truth of a run folder, None where there is none."""
+    described = run.get("ground_truth")
+    path = folder / "groundtruth.tum"
+    if described is None or not path.exists():
+        return None
+    return GroundTruth(read_tum(path), bool(described["has_stamps"]), str(described["source"]))
+
+
+def read_estimates(folder: Path, name: str) -> RecordedRun:
+    """One estimator's trajectory and states.
+
+    Raises:
+        DatasetError: a file is missing or malformed.
+    """
+    poses = read_tum(folder / f"{name}.tum")
+    path = folder / f"{name}_state.csv"
+    if not path.exists():
+        return RecordedRun(name, poses, np.zeros((len(poses), 0)), ())
+    with path.open(encoding="utf-8", newline="") as lines:
+        header = next(csv.reader(lines), [])
+    try:
+        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise DatasetError(f"{path}: {error}; run again, or delete it to do without velocities") from error
+    if len(table) != len(poses) or table.shape[1] != len(header):
+        raise DatasetError(f"{path} has {len(table)} rows, {name}.tum has {len(poses)} poses; run again")
+    index = {column: position for position, column in enumerate(header)}
+    covariance = np.zeros((len(table), 6, 6))
+    for row, column in _UPPER:
+        covariance[:, row, column] = covariance[:, column, row] = table[:, index[f"pose_covariance_{row}{column}"]]
+    legs = tuple(column.rpartition(".")[0] for column in header if column.endswith(".contact_probability"))
+    probability = table[:, [index[f"{leg}.contact_probability"] for leg in legs]]
+    velocity = table[:, [index[f"velocity_world_{axis}"] for axis in "xyz"]]
+    trajectory = Trajectory(poses.stamps_ns, poses.T_world_body, velocity, covariance)
+    return RecordedRun(name, trajectory, probability, legs)
