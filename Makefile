@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Everything runs in .venv, which `setup` makes; every other target makes it first where it is missing or out of date.
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup demo test test-slow lint bench sample clean
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/installed
+# One thread a process: the matrices are small, and `test` already runs two processes.
+ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
+OUT ?= out
+
+help: ## this list
+	@grep -E '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
+
+setup: $(INSTALLED) ## make .venv with the versions of constraints.txt and the coclo-vio command
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@set -e; \
+	if [ ! -x $(BIN)/python ]; then \
+	  for candidate in $(PYTHON) python3.11 python3 python3.12 python3.13; do \
+	    if $$candidate -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then found=$$candidate; break; fi; \
+	  done; \
+	  if [ -z "$$found" ]; then \
+	    echo "coclo-vio needs Python 3.11 or later and found none: install python3.11, or name yours with make setup PYTHON=/path/to/python" >&2; \
+	    exit 1; \
+	  fi; \
+	  $$found -m venv $(VENV); \
+	fi
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: setup ## run the filter and its baselines on the bundled sample: a table, plots and a report in demo_out/
+	$(ONE_THREAD) $(BIN)/coclo-vio demo
+
+test: setup ## the default tests, in two processes
+	$(ONE_THREAD) $(BIN)/pytest -n 2
+
+test-slow: setup ## the tests that take more than half a minute
+	$(ONE_THREAD) $(BIN)/pytest -m slow
+
+lint: setup ## style, types, import contract
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup ## latencies and rates as JSON in $(OUT)/benchmark.json
+	@mkdir -p $(OUT)
+	$(ONE_THREAD) $(BIN)/coclo-vio benchmark --json > $(OUT)/benchmark.json
+	@cat $(OUT)/benchmark.json
+
+sample: setup ## remake the bundled sample from its seed
+	$(ONE_THREAD) $(BIN)/coclo-vio simulate analytic --seed 1 -o coclo_vio/sample/daisy_walk
+
+clean: ## remove .venv, caches and results
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out demo_out
+	find coclo_vio tests -name __pycache__ -type d -prune -exec rm -rf {} +
