@@ -7,7 +7,7 @@ error that names those that do.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -36,14 +36,28 @@ class StageConfig(BaseModel):
 def _first_problem(model: type[BaseModel], error: ValidationError) -> str:
     problem = error.errors()[0]
     where = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] != "extra_forbidden":
-        return f"{where or 'value'} = {problem['input']!r}: {problem['msg']}"
-    owner: Any = model
-    for part in problem["loc"][:-1]:
-        field = owner.model_fields.get(part) if hasattr(owner, "model_fields") else None
-        owner = None if field is None else field.annotation
-    choices = listing(owner.model_fields) if hasattr(owner, "model_fields") else "see `coclo-vio config`"
-    return f"there is no {where}; the keys there are: {choices}"
+    if problem["type"] == "extra_forbidden":
+        choices = listing(_model_at(model, problem["loc"][:-1]).model_fields)
+        return f"there is no {where}; the keys there are: {choices}"
+    message = problem["msg"].removeprefix("Value error, ")
+    if isinstance(problem["input"], Mapping | BaseModel):  # of a whole part, not of one value
+        return f"{where}: {message}" if where else message
+    return f"{where} = {problem['input']!r}: {message}"
+
+
+def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:
+    """The configuration that stands at a location such as ``("legs", 0)`` below ``model``."""
+    for part in location:
+        if isinstance(part, str) and part in model.model_fields:
+            model = _first_model(model.model_fields[part].annotation) or model
+    return model
+
+
+def _first_model(annotation: Any) -> type[BaseModel] | None:
+    """The first model inside an annotation: ``Leg`` of ``tuple[Leg, ...]`` or of ``Leg | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((model for inner in get_args(annotation) if (model := _first_model(inner)) is not None), None)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 """A trajectory: stamped poses, with velocity and covariance where an estimator gives them; TUM in and out."""
 
 from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from coclo_vio.errors import DatasetError, EvaluationError, TimestampError
 from coclo_vio.geometry import se3, so3
 
 _NS_PER_S = 1_000_000_000
+_MOST_SECONDS = 9.2e9
+_SHORTEST_QUATERNION = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +29,7 @@ class Trajectory:
 
     Raises:
         ValueError: a wrong shape or a value that is not finite.
-        TimestampError: no pose at all, or stamps that do not strictly increase.
+        TimestampError: no pose at all, stamps that are no integers, or that do not strictly increase.
     """
 
     stamps_ns: IntArray
@@ -35,7 +38,10 @@ class Trajectory:
     covariance: Array | None = None
 
     def __post_init__(self) -> None:
-        stamps_ns = np.array(self.stamps_ns, dtype=np.int64)
+        given = np.asarray(self.stamps_ns)
+        if given.size and given.dtype.kind not in "iu":
+            raise TimestampError(f"stamps must be integer nanoseconds, got {given.dtype}; round seconds * 1e9 yourself")
+        stamps_ns = np.array(given, dtype=np.int64)
         if stamps_ns.ndim != 1 or len(stamps_ns) == 0:
             raise TimestampError(f"a trajectory needs at least one stamp, got shape {stamps_ns.shape}")
         backwards = np.flatnonzero(np.diff(stamps_ns) <= 0)
@@ -179,29 +185,45 @@ def tum_line(stamp_ns: int, T_world_body: Array) -> str:  # noqa: N803
 
 
 def write_tum(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory as TUM lines."""
-    with path.open("w", encoding="ascii", newline="\n") as out:
-        out.writelines(map(tum_line, trajectory.stamps_ns, trajectory.T_world_body))
+    """Write ``t x y z qx qy qz qw`` lines: seconds with all nine decimals, from integer nanoseconds."""
+    quat_xyzw = so3.to_quat_xyzw(trajectory.rotations)
+    with path.open("w", encoding="ascii") as out:
+        for stamp_ns, position, quat in zip(trajectory.stamps_ns, trajectory.positions, quat_xyzw, strict=True):
+            seconds, nanoseconds = divmod(abs(int(stamp_ns)), _NS_PER_S)
+            sign = "-" if stamp_ns < 0 else ""
+            values = " ".join(f"{value:.12g}" for value in (*position, *quat))
+            out.write(f"{sign}{seconds}.{nanoseconds:09d} {values}\n")
 
 
 def seconds_to_ns(text: str) -> int:
     """Integer nanoseconds of a decimal number of seconds, exact where a float would round.
 
     Raises:
-        ValueError: not a number.
+        ValueError: not a finite number, or beyond the 292 years that 64 bits of nanoseconds hold.
     """
-    whole, point, fraction = text.strip().partition(".")
-    if not point or not fraction.isdigit() or not whole.lstrip("+-").isdigit():
-        return round(float(text) * _NS_PER_S)
-    sign = -1 if whole.startswith("-") else 1
-    return int(whole) * _NS_PER_S + sign * int(fraction[:9].ljust(9, "0"))
+    try:
+        seconds = Decimal(text)
+    except InvalidOperation as error:
+        raise ValueError(f"{text.strip()!r} is not a number of seconds") from error
+    if not seconds.is_finite() or abs(seconds) > _MOST_SECONDS:
+        raise ValueError(f"{text.strip()!r} is no time in seconds: the limit is {_MOST_SECONDS:.1e} s")
+    return int((seconds * _NS_PER_S).to_integral_value())
+
+
+def _pose_fields(fields: list[str]) -> list[float]:
+    values = [float(field) for field in fields]
+    if not np.isfinite(values).all():
+        raise ValueError("a value is not finite")
+    if np.linalg.norm(values[3:]) < _SHORTEST_QUATERNION:
+        raise ValueError("the quaternion is zero")
+    return values
 
 
 def read_tum(path: Path) -> Trajectory:
     """Read ``t x y z qx qy qz qw`` lines; ``#`` starts a comment; stamps to the nanosecond.
 
     Raises:
-        DatasetError: no such file, or a line that is not eight numbers.
+        DatasetError: no such file, or a line that is not eight finite numbers with a quaternion.
         TimestampError: no pose, or stamps that do not strictly increase.
     """
     try:
@@ -218,7 +240,7 @@ def read_tum(path: Path) -> Trajectory:
             if len(fields) != 8:
                 raise ValueError(f"{len(fields)} fields")
             stamps.append(seconds_to_ns(fields[0]))
-            rows.append([float(field) for field in fields[1:]])
+            rows.append(_pose_fields(fields[1:]))
         except ValueError as error:
             raise DatasetError(
                 f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({error}); mend or drop it"

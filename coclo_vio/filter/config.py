@@ -46,6 +46,9 @@ class RobustConfig(StageConfig):
     foot_velocity_noise_mps: Annotated[
         float, Field(gt=0, description="one sigma of a stance foot's velocity (slip, bending), m/s")
     ] = 0.05
+    no_contact_velocity_noise_mps: Annotated[
+        float, Field(gt=0, description="one sigma of any foot's velocity while no foot carries the body, m/s")
+    ] = 0.5
     gravity_noise_mps2: Annotated[
         float, Field(gt=0, description="one sigma of the specific force against gravity, all feet down, m/s^2")
     ] = 0.3
@@ -108,7 +111,7 @@ class FilterConfig(StageConfig):
     standstill: Annotated[StandstillConfig, Field(description="what counts as standing still")] = StandstillConfig()
     rest_timeout_s: Annotated[
         float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")
-    ] = 3.0
+    ] = 0.45
     max_gap_s: Annotated[
         float, Field(gt=0, description="a longer pause between joint samples lets go of every foothold, s")
     ] = 0.1

@@ -32,6 +32,7 @@ def initial_filter(
     reading: Reading,
     rest: Rest | None,
     *,
+    moving_force: Array | None,
     foot_noise_m: float,
     leg_scale: float,
     is_wide: bool,
@@ -43,11 +44,12 @@ def initial_filter(
         config: uncertainties.
         reading: the first reading; unknown legs start under the body.
         rest: mean readings at rest, None to start on the move.
+        moving_force: mean specific force for a start on the move, body frame, m/s^2, (3,); None: level.
         foot_noise_m: one sigma of a foot position in the body frame, m.
         leg_scale: one sigma of the relative leg length, 0 where it is not estimated.
         is_wide: see ``SquareRootFilter``.
     """
-    force = reading.specific_force if rest is None else rest.specific_force
+    force = moving_force if rest is None else rest.specific_force
     rotation = np.eye(3) if force is None else so3.from_gravity(force)
     vector = np.zeros(layout.dimension)
     vector[layout.feet] = (np.nan_to_num(reading.feet.position_body) @ rotation.T).ravel()

@@ -34,6 +34,8 @@ class Intake:
         self._counts = counts
         self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
         self._imu_ns: int | None = None
+        self._force_sum: Array = np.zeros(3)
+        self._force_count = 0
         self._rates: list[Array] = []
         self._forces_body: list[Array] = []  # the last two
         self._load = FootLoad(robot, contact, config.force_timeout_s)
@@ -47,6 +49,11 @@ class Intake:
             return None
         turn = self._rotation_body_imu
         return Rest(rest.stamp_ns, turn @ rest.angular_velocity, turn @ rest.specific_force, rest.sample_count)
+
+    @property
+    def mean_force(self) -> Array | None:
+        """Mean specific force of all readings so far, body frame, m/s^2, (3,): gravity, if the robot sways about."""
+        return None if self._force_count == 0 else self._force_sum / self._force_count
 
     @property
     def specific_force(self) -> Array | None:
@@ -82,6 +89,8 @@ class Intake:
         self._imu_ns = sample.stamp_ns
         self._standstill.push(sample)
         self._rates.append(self._rotation_body_imu @ sample.angular_velocity)
+        self._force_sum += self._rotation_body_imu @ sample.specific_force
+        self._force_count += 1
         self._forces_body = [*self._forces_body[-1:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:

@@ -3,7 +3,8 @@
 
 Blocks (paper section III-D): gyroscope, gravity while all feet stand, body velocity and rate seen by each stance leg
 (the rows of the least squares of eq. (6), so that the filter weighs them itself and one leg can be turned down),
-relative position of each foot that holds; and rest, while the robot stands still.
+relative position of each foot that holds; and rest, while the robot stands still. While no foot carries the body (it
+lies, or its contact sensing fails) every foot is asked, and hardly believed: better than coasting.
 """
 
 from collections.abc import Callable
@@ -126,11 +127,12 @@ def blocks(
     feet = reading.feet
     contact_jacobian = feet.jacobian[:, 3:] + so3.hat(radii_m[:, None] * up_body) @ feet.jacobian[:, :3]
     squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
-    for leg in np.flatnonzero(stance):
+    slip = config.foot_velocity_noise_mps if stance.any() else config.no_contact_velocity_noise_mps
+    for leg in np.flatnonzero(stance if stance.any() else reading.is_known):
         contact_arm = radii_m[leg] * up_body
         rolling = np.cross(feet.angular_velocity_body[leg], contact_arm)
         measured = rolling - feet.velocity_body[leg]
-        noise = np.linalg.cholesky(squared[leg] + config.foot_velocity_noise_mps**2 * identity)
+        noise = np.linalg.cholesky(squared[leg] + slip**2 * identity)
         lever = feet.position_body[leg] - contact_arm
         result.append(Block(measured, _velocity_of(lever, rolling), noise, int(leg)))
         if motion.holds[leg]:

@@ -127,6 +127,7 @@ class LegOdometryFilter:
             self.config.initial,
             reading,
             rest,
+            moving_force=self._intake.mean_force,
             foot_noise_m=profile.foot_sigma_m(reading),
             leg_scale=profile.leg_scale_sigma,
             is_wide=profile.is_wide,

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line ``coclo-vio``: the only place that prints or exits."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from coclo_vio import __version__, comparison, run_folder
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.dataset import guess_robot
+from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.errors import CocloError, ConfigError, DatasetError
+from coclo_vio.estimators import ESTIMATORS
+from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.robot.description import load_robot, robot_names
+from coclo_vio.run_config import RunConfig, resolve
+from coclo_vio.sample import sample_path
+
+app = typer.Typer(
+    name="coclo-vio",
+    help="Where a legged robot is, from what it feels and what it sees.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+_out = Console()
+_err = Console(stderr=True)
+_EVERY_NS = 200_000_000
+_COMPARED = "coclo,coclo_paper,inekf,naive"
+_ROWS = (
+    ("ate_m", "ATE [m]", ".3f"),
+    ("ate_planar_m", "ATE planar [m]", ".3f"),
+    ("rpe_1m_percent", "RPE per metre [%]", ".2f"),
+    ("drift_percent", "drift [%]", ".2f"),
+    ("paper_drift_percent", "paper drift [%]", ".2f"),
+    ("velocity_rmse_mps", "velocity RMSE [m/s]", ".3f"),
+    ("yaw_drift_deg", "yaw drift [deg]", ".2f"),
+    ("path_length_m", "path length [m]", ".2f"),
+    ("path_length_ratio", "path length ratio", ".3f"),
+    ("coverage", "coverage", ".3f"),
+    ("anees_pose", "ANEES pose", ".2f"),
+    ("realtime_factor", "times real time", ".1f"),
+)
+
+RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known robot, or the path of its YAML.")]
+ConfigOption = Annotated[Path | None, typer.Option("--config", "-c", help="YAML configuration.")]
+SetOption = Annotated[list[str] | None, typer.Option("--set", help="One value, such as filter.profile=paper.")]
+OutOption = Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+@app.command()
+def demo(output: OutOption = Path("demo_out")) -> None:
+    """Compare the estimators on the bundled walk of a six-legged Daisy: table, plots, report."""
+    _compare([sample_path()], _COMPARED, resolve(robot="daisy"), output)
+
+
+@app.command()
+def run(
+    dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
+    mode: Annotated[str, typer.Option("--mode", "-m", help=f"One of: {', '.join(ESTIMATORS)}.")] = "coclo",
+    robot: RobotOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    output: OutOption = Path("out"),
+) -> None:
+    """Run one estimator on a recording; with ground truth, say how far it drifted."""
+    resolved = _resolve_for(dataset, robot, config, settings)
+    with _progress_bar() as progress:
+        told = comparison.run_all(dataset, [mode], resolved, output, progress)
+    _tell_run(told, output)
+    failure = told["estimators"][mode]["failure"]
+    if told["ground_truth"] is not None and told["estimators"][mode]["estimates"]:
+        evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
+        _print_table(evaluations, f"{dataset.resolve().name}, {resolved.robot.name}")
+        _print_failures(failures)
+    if failure:
+        raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
+
+
+@app.command()
+def compare(
+    datasets: Annotated[list[Path], typer.Argument(help="Recordings with ground truth.")],
+    modes: Annotated[str, typer.Option("--modes", help="Estimators, separated by commas.")] = _COMPARED,
+    robot: RobotOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    output: OutOption = Path("out"),
+) -> None:
+    """Run several estimators side by side against ground truth: table, plots, compare.json, report.html."""
+    _compare(datasets, modes, None, output, robot, config, settings)
+
+
+@app.command()
+def evaluate(
+    run_or_tum: Annotated[Path, typer.Argument(help="Run folder or TUM trajectory.")],
+    vicon: Annotated[Path | None, typer.Option("--vicon", help="Ground truth: TUM, EuRoC or mocap CSV.")] = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure trajectories against ground truth."""
+    evaluation = _evaluation_config(run_or_tum, config, settings)
+    truth = None if vicon is None else read_ground_truth(vicon, DatasetConfig().columns, ReadTally("ground truth", 0.1))
+    failures: dict[str, str] = {}
+    if run_or_tum.is_dir():
+        evaluations, failures = comparison.evaluate_run(run_or_tum, evaluation, truth)
+    else:
+        evaluations = comparison.evaluate_tum(run_or_tum, evaluation, truth)
+    if as_json:
+        _out.print_json(json.dumps({name: value.to_json() for name, value in evaluations.items()}))
+    else:
+        _print_table(evaluations, str(run_or_tum))
+    _print_failures(failures)
+    if not evaluations:
+        raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
+
+
+@app.command()
+def benchmark(
+    as_json: JsonOption = False,
+    seconds: Annotated[float, typer.Option(help="Length of the trial that is timed, s.")] = 10.0,
+) -> None:
+    """Time the filter for six legs on one core, beside filterpy where that is installed."""
+    from coclo_vio.benchmark import run_benchmark  # noqa: PLC0415 -- sets thread limits and loads what it compares with
+
+    figures = run_benchmark(seconds)
+    if as_json:
+        _out.print_json(json.dumps(figures))
+        return
+    table = Table("figure", "value")
+    for name, value in figures.items():
+        table.add_row(name, "-" if value is None else f"{value:.4g}")
+    _out.print(table)
+
+
+@app.command(name="config")
+def show_config(
+    robot: RobotOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+) -> None:
+    """Print the resolved configuration as YAML; every key can be changed with --set or in a file."""
+    resolved = resolve(robot, config, settings or (), guess="daisy")
+    sys.stdout.write(yaml.safe_dump(resolved.model_dump(mode="json"), sort_keys=False))
+
+
+@app.command()
+def robots() -> None:
+    """List the known robots."""
+    table = Table("robot", "legs", "joints", "contact from", "URDF")
+    for name in robot_names():
+        known = load_robot(name)
+        urdf = known.urdf if known.urdf.startswith("example-robot-data:") else Path(known.urdf).name
+        table.add_row(name, ", ".join(known.leg_names), str(len(known.joint_names)), known.contact.source, urdf)
+    _out.print(table)
+    _out.print("Your own robot: a URDF and a few lines of YAML, given with --robot my_robot.yaml; see the README.")
+
+
+def main() -> None:
+    """Entry of the console script: one sentence and a status instead of a traceback for what users can mend."""
+    try:
+        app()
+    except ConfigError as error:
+        _fail(error, 2)
+    except CocloError as error:
+        _fail(error, 1)
+    except KeyboardInterrupt:
+        _err.print("stopped; what was estimated so far is in the output folder")
+        sys.exit(130)
+
+
+def _fail(error: CocloError, status: int) -> None:
+    _err.print(f"coclo-vio: {error}", markup=False, highlight=False, soft_wrap=True)
+    sys.exit(status)
+
+
+def _resolve_for(dataset: Path, robot: str | None, config: Path | None, settings: list[str] | None) -> RunConfig:
+    guess = guess_robot(dataset, DatasetConfig()) if robot is None else None
+    return resolve(robot, config, settings or (), guess)
+
+
+def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
+    """What the run was configured with, unless a file or setting says otherwise."""
+    own = run_or_tum / "config.yaml"
+    file = config or (own if own.is_file() else None)
+    return resolve(None, file, settings or (), guess="daisy").evaluation
+
+
+def _compare(
+    datasets: list[Path],
+    modes: str,
+    resolved: RunConfig | None,
+    output: Path,
+    robot: str | None = None,
+    config: Path | None = None,
+    settings: list[str] | None = None,
+) -> None:
+    names = [name.strip() for name in modes.split(",") if name.strip()]
+    compared: dict[str, Any] = {}
+    for dataset in datasets:
+        own = resolved or _resolve_for(dataset, robot, config, settings)
+        name = dataset.resolve().name
+        folder = output if len(datasets) == 1 else output / name
+        with _progress_bar() as progress:
+            told = comparison.run_all(dataset, names, own, folder, progress)
+        _tell_run(told, folder)
+        evaluations, failures = comparison.evaluate_run(folder, own.evaluation)
+        _print_table(evaluations, f"{name}, {own.robot.name}")
+        _print_failures(failures)
+        report = comparison.write_comparison(folder, f"{name}, {own.robot.name}", evaluations, own)
+        _out.print(f"report: {report}", soft_wrap=True)
+        compared[name] = {estimator: value.to_json() for estimator, value in evaluations.items()}
+    if len(datasets) > 1:
+        run_folder.write_json(output / "compare.json", compared)
+
+
+def _tell_run(told: Mapping[str, Any], folder: Path) -> None:
+    """Say what was left out, assumed or counted, and where the results are."""
+    _err.print(f"robot {told['robot']}; results in {folder}", soft_wrap=True, highlight=False)
+    reader = told.get("reader") or {}
+    for note in reader.get("notes", ()):
+        _err.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
+    for reason, count in (reader.get("dropped") or {}).items():
+        _err.print(f"left out: {count} x {reason}", soft_wrap=True, highlight=False, markup=False)
+    for name, estimator in told["estimators"].items():
+        counts = ", ".join(f"{key} {value}" for key, value in estimator["counts"].items() if value)
+        if counts:
+            _err.print(f"{name}: {counts}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
+    if not evaluations:
+        return
+    table = Table(title=title)
+    table.add_column("")
+    for name in evaluations:
+        table.add_column(name, justify="right")
+    values = [evaluation.to_json() for evaluation in evaluations.values()]
+    for key, label, form in _ROWS:
+        cells = [value[key] for value in values]
+        table.add_row(label, *("-" if cell is None else format(cell, form) for cell in cells))
+    _out.print(table)
+    for note in dict.fromkeys(note for evaluation in evaluations.values() for note in evaluation.notes):
+        _err.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _print_failures(failures: Mapping[str, str]) -> None:
+    for name, reason in failures.items():
+        _err.print(f"{name} has no result: {reason}", soft_wrap=True, highlight=False, markup=False)
+
+
+@contextmanager
+def _progress_bar() -> Iterator[comparison.Progress]:
+    """A line for each estimator with the seconds of recording it has done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"), TimeElapsedColumn())
+    with Progress(*columns, console=_err, transient=True) as bar:
+        tasks: dict[str, tuple[TaskID, int]] = {}
+        last: dict[str, int] = {}
+
+        def tell(estimator: str, stamp_ns: int) -> None:
+            if estimator not in tasks:
+                tasks[estimator] = (bar.add_task(estimator, total=None), stamp_ns)
+            if stamp_ns - last.get(estimator, stamp_ns - _EVERY_NS) >= _EVERY_NS:
+                task, first_ns = tasks[estimator]
+                bar.update(task, completed=(stamp_ns - first_ns) / 1e9)
+                last[estimator] = stamp_ns
+
+        yield tell
+
+
+@app.callback(invoke_without_command=True)
+def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        _out.print(__version__)
+        raise typer.Exit

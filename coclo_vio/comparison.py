@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording through several estimators into one run folder, and the folder's evaluation."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from coclo_vio import __version__, pipeline, run_folder
+from coclo_vio.config import write_yaml
+from coclo_vio.datasets.dataset import Dataset, open_dataset
+from coclo_vio.errors import CocloError, DatasetError, EvaluationError
+from coclo_vio.estimators import make_estimator
+from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.figures import plot_contacts, write_figures
+from coclo_vio.evaluation.report import write_report
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.run_config import RunConfig
+from coclo_vio.run_folder import RecordedRun, StateWriter
+from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
+
+Progress = Callable[[str, int], None]  # estimator, stamp in ns
+
+
+def run_all(
+    path: Path, modes: Sequence[str], config: RunConfig, folder: Path, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Run each mode on a recording; returns what ``run.json`` holds.
+
+    A mode that fails leaves its estimates up to there, and the others run.
+
+    Args:
+        path: the recording.
+        modes: names of estimators.
+        config: resolved configuration.
+        folder: run folder, made if needed.
+        progress: called with estimator and stamp.
+
+    Raises:
+        CocloError: the recording, the robot or the configuration is at fault.
+    """
+    robot = RobotModel(config.robot)
+    for mode in modes:
+        make_estimator(mode, robot, config)  # a misspelt mode is found before anything runs
+    dataset = open_dataset(path, config.robot, config.dataset)
+    run_folder.prepare(folder)
+    write_yaml(config, folder / "config.yaml")
+    truth = dataset.ground_truth()
+    if truth is not None:
+        run_folder.write_ground_truth(folder, truth)
+    run: dict[str, Any] = {
+        "version": __version__,
+        "dataset": str(path),
+        "robot": config.robot.name,
+        "ground_truth": None if truth is None else {"has_stamps": truth.has_stamps, "source": truth.source},
+        "recording_ns": None,
+        "estimators": {},
+    }
+    for mode in modes:
+        summary = _run_one(mode, dataset, robot, config, folder, progress)
+        run["recording_ns"] = summary.recording_ns
+        run["estimators"][mode] = {
+            "measurements": summary.measurements,
+            "estimates": summary.estimates,
+            "compute_s": summary.compute_s,
+            "realtime_factor": summary.realtime_factor,
+            "counts": dict(summary.counts),
+            "failure": summary.failure,
+        }
+        run["reader"] = asdict(dataset.report()) if summary.failure is None else run.get("reader")
+        run_folder.write_json(folder / "run.json", run)
+    return run
+
+
+def _run_one(
+    mode: str, dataset: Dataset, robot: RobotModel, config: RunConfig, folder: Path, progress: Progress | None
+) -> pipeline.RunSummary:
+    estimator = make_estimator(mode, robot, config)
+    told = None if progress is None else lambda stamp_ns: progress(mode, stamp_ns)
+    with StateWriter(folder, mode, robot.leg_names) as writer:
+        return pipeline.run(estimator, dataset.measurements(), writer.write, told)
+
+
+def evaluate_run(
+    folder: Path, config: EvaluationConfig, truth: GroundTruth | None = None
+) -> tuple[dict[str, Evaluation], dict[str, str]]:
+    """Every estimator of a run folder against ground truth.
+
+    Args:
+        folder: what ``run_all`` wrote.
+        config: how to compare.
+        truth: another ground truth than the run's own.
+
+    Returns:
+        The evaluations by estimator, and for those that could not be evaluated the reason.
+
+    Raises:
+        DatasetError: no run folder, or no ground truth.
+    """
+    run = run_folder.read_run_json(folder)
+    truth = truth or run_folder.read_ground_truth(folder, run)
+    if truth is None:
+        raise DatasetError(f"{folder} has no groundtruth.tum; give a ground truth with --vicon FILE")
+    recording = run.get("recording_ns")
+    evaluations: dict[str, Evaluation] = {}
+    failures: dict[str, str] = {}
+    for name, told in run["estimators"].items():
+        try:
+            estimate = run_folder.read_estimates(folder, name).trajectory
+            evaluations[name] = evaluate(
+                estimate,
+                truth,
+                config,
+                recording_ns=None if recording is None else (recording[0], recording[1]),
+                realtime_factor=told.get("realtime_factor"),
+            )
+        except CocloError as error:
+            failures[name] = told.get("failure") or str(error)
+    return evaluations, failures
+
+
+def evaluate_tum(path: Path, config: EvaluationConfig, truth: GroundTruth | None) -> dict[str, Evaluation]:
+    """One TUM trajectory against ground truth.
+
+    Raises:
+        EvaluationError: no ground truth was given, or the two cannot be compared.
+        DatasetError: the file cannot be read.
+    """
+    if truth is None:
+        raise EvaluationError(f"{path} is a trajectory without ground truth; give one with --vicon FILE")
+    return {path.stem: evaluate(read_tum(path), truth, config)}
+
+
+def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
+    """``compare.json``, figures and ``report.html`` of a run folder; returns the path of the report."""
+    write_evaluations(folder / "compare.json", evaluations)
+    runs = [run_folder.read_estimates(folder, name) for name in evaluations]
+    figures = _figures(folder, evaluations, runs)
+    return write_report(folder / "report.html", title, evaluations, figures, config.model_dump(mode="json"))
+
+
+def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None:
+    """An object per estimator."""
+    run_folder.write_json(path, {name: evaluation.to_json() for name, evaluation in evaluations.items()})
+
+
+def _figures(folder: Path, evaluations: Mapping[str, Evaluation], runs: Sequence[RecordedRun]) -> list[Path]:
+    if not evaluations:
+        return []
+    estimates: dict[str, Trajectory] = {name: evaluation.estimate for name, evaluation in evaluations.items()}
+    reference = next(iter(evaluations.values())).reference
+    figures = write_figures(estimates, reference, folder / "figures")
+    first = next((run for run in runs if run.leg_names), None)
+    if first is not None:
+        bands = folder / "figures" / "contacts.png"
+        figures.append(plot_contacts(first.trajectory.stamps_ns, first.contact_probability, first.leg_names, bands))
+    return figures
