@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from coclo_vio.calibration import ImuCalibration
+from coclo_vio.errors import ConfigError
+
+_ANGLES = st.floats(-3.2, 3.2)
+
+
+def test_an_imu_is_at_the_body_origin_unless_told() -> None:
+    np.testing.assert_array_equal(ImuCalibration().T_body_imu, np.eye(4))
+
+
+@given(_ANGLES, _ANGLES, _ANGLES)
+def test_roll_pitch_yaw_are_those_of_urdf(roll: float, pitch: float, yaw: float) -> None:
+    """Fixed axes x, y, z in this order: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    imu = ImuCalibration(rotation_body_imu_rpy_rad=(roll, pitch, yaw), position_body_m=(0.1, 0.2, 0.3))
+    expected = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+    np.testing.assert_allclose(imu.T_body_imu[:3, :3], expected, atol=1e-14)
+    np.testing.assert_array_equal(imu.T_body_imu[:3, 3], [0.1, 0.2, 0.3])
+
+
+def test_an_imu_turned_left_by_a_quarter_sees_body_forward_on_its_right() -> None:
+    imu = ImuCalibration(rotation_body_imu_rpy_rad=(0.0, 0.0, np.pi / 2))
+    forward_imu = imu.T_body_imu[:3, :3].T @ [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(forward_imu, [0.0, -1.0, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("gyroscope_noise_density", 0.0), ("accelerometer_bias_walk", -1e-9), ("gyroscope_bias_walk", float("nan"))],
+)
+def test_noise_out_of_bounds_is_refused(key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=rf"sensor.yaml: {key} = "):
+        ImuCalibration.parse({key: value}, "sensor.yaml")

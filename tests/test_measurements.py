@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import dataclasses
+
+import numpy as np
+import pytest
+
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
+
+_NONE = np.full(3, np.nan)
+
+
+def test_a_reading_of_another_length_is_named() -> None:
+    with pytest.raises(ValueError, match=r"ImuSample.angular_velocity must have shape \(3,\), got \(2,\)"):
+        ImuSample(0, np.zeros(2), np.zeros(3))
+    with pytest.raises(ValueError, match=r"JointSample.effort must have shape \(3,\), got \(4,\)"):
+        JointSample(0, np.zeros(3), np.zeros(3), np.zeros(4))
+    with pytest.raises(ValueError, match=r"FootForceSample.force must have shape \('any',\), got \(\)"):
+        FootForceSample(0, np.float64(3.0))  # type: ignore[arg-type]
+
+
+def test_an_imu_reading_must_be_finite() -> None:
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ValueError, match=rf"ImuSample.specific_force must be finite, got {bad} at index \(1,\)"):
+            ImuSample(0, np.zeros(3), np.array([0.0, bad, 9.81]))
+
+
+def test_joints_and_feet_may_say_nothing_but_never_infinity() -> None:
+    assert np.isnan(JointSample(0, _NONE, _NONE, _NONE).position).all()
+    assert np.isnan(FootForceSample(0, _NONE).force).all()
+    infinite = np.array([0.0, -np.inf, 0.0])
+    with pytest.raises(ValueError, match=r"JointSample.velocity must be finite, got -inf"):
+        JointSample(0, _NONE, infinite, _NONE)
+    with pytest.raises(ValueError, match=r"FootForceSample.force must be finite, got -inf"):
+        FootForceSample(0, infinite)
+
+
+def test_samples_cannot_be_changed_nor_changed_through_the_array_they_were_made_of() -> None:
+    given = np.zeros(3)
+    sample = ImuSample(5, given, np.array([0.0, 0.0, 9.81]))
+    given[0] = 1.0
+    np.testing.assert_array_equal(sample.angular_velocity, np.zeros(3))
+    with pytest.raises(ValueError, match="read-only"):
+        sample.angular_velocity[0] = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        sample.stamp_ns = 6  # type: ignore[misc]
+
+
+def test_readings_become_float64() -> None:
+    sample = JointSample(0, [1, 2], np.array([1, 2], dtype=np.float32), [0, 0])  # type: ignore[arg-type]
+    assert {sample.position.dtype, sample.velocity.dtype, sample.effort.dtype} == {np.dtype(np.float64)}
