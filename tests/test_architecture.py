@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ARCHITECTURE.md and the house style promise about the sources, held."""
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
+
+_ROOT = Path(__file__).resolve().parents[1]
+_PACKAGE = _ROOT / "coclo_vio"
+_SOURCES = sorted(_PACKAGE.rglob("*.py"))
+_OURS = sorted([*_SOURCES, *(_ROOT / "tests").rglob("*.py")])
+_MOST_LINES = 400
+
+# Who may import what; everybody else goes through them.
+_IMPORTERS = {
+    "gtsam": ("backend/",),
+    "pinocchio": ("geometry/se3.py", "robot/model.py"),
+    "matplotlib": ("evaluation/figures.py",),
+    "typer": ("cli.py",),
+    "rich": ("cli.py",),
+    "filterpy": ("filterpy_rival.py",),
+}
+
+
+def _name(path: Path) -> str:
+    return str(path.relative_to(_ROOT))
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _imported(tree: ast.Module) -> Iterator[str]:
+    """Top-level names of all imports, those inside functions too."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import():
+                yield from (alias.name.partition(".")[0] for alias in node.names)
+            case ast.ImportFrom(module=str(module), level=0):
+                yield module.partition(".")[0]
+
+
+def _exits_or_prints(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        match node:
+            case ast.Call(func=ast.Name(id="print" | "exit" | "quit" | "input" as name)):
+                yield name
+            case ast.Attribute(value=ast.Name(id="sys"), attr="exit" | "stdout" | "stderr" as name):
+                yield f"sys.{name}"
+            case ast.ImportFrom(module="sys", names=[*names]) if {alias.name for alias in names} & {"exit", "stdout"}:
+                yield "from sys import"
+            case ast.Name(id="SystemExit"):
+                yield "SystemExit"
+
+
+def _public_without_docstring(parent: ast.Module | ast.ClassDef) -> Iterator[str]:
+    """Public classes, functions and methods; what stands inside a function or a private class is nobody's interface."""
+    for node in parent.body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+            if not ast.get_docstring(node):
+                yield node.name
+            if isinstance(node, ast.ClassDef):
+                yield from _public_without_docstring(node)
+
+
+def test_the_import_contract_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(_ROOT)
+    assert lint_imports(config_filename=str(_ROOT / "pyproject.toml"), no_cache=True) == EXIT_STATUS_SUCCESS
+
+
+def test_the_import_contract_places_every_module() -> None:
+    contracts = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    layers = next(contract for contract in contracts if contract["type"] == "layers")["layers"]
+    placed = [module.strip() for layer in layers for module in layer.split("|")]
+    there = {path.stem if path.is_file() else path.name for path in _PACKAGE.iterdir() if _is_module(path)}
+    assert sorted(placed) == sorted(there)
+
+
+def _is_module(path: Path) -> bool:
+    return (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").is_file()
+
+
+@pytest.mark.parametrize("library", _IMPORTERS)
+def test_a_library_with_quirks_is_imported_in_one_place(library: str) -> None:
+    importers = {str(path.relative_to(_PACKAGE)) for path in _SOURCES if library in _imported(_tree(path))}
+    assert importers, f"nothing imports {library} any more: take it out of this list"
+    assert {importer for importer in importers if not importer.startswith(_IMPORTERS[library])} == set()
+
+
+def test_only_the_command_line_prints_or_exits() -> None:
+    found = {
+        _name(path): sorted(set(_exits_or_prints(_tree(path))))
+        for path in _SOURCES
+        if path != _PACKAGE / "cli.py" and any(_exits_or_prints(_tree(path)))
+    }
+    assert found == {}
+
+
+def test_the_search_for_printing_finds_it() -> None:
+    source = "import sys\nfrom sys import exit\nprint(1)\nsys.exit(2)\nraise SystemExit"
+    assert set(_exits_or_prints(ast.parse(source))) == {"print", "sys.exit", "from sys import", "SystemExit"}
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    missing = [f"{_name(path)}: {name}" for path in _SOURCES for name in _public_without_docstring(_tree(path))]
+    missing += [_name(path) for path in _SOURCES if not ast.get_docstring(_tree(path))]
+    assert missing == []
+
+
+def test_every_source_begins_with_its_licence() -> None:
+    first = "# SPDX-License-Identifier: BSD-3-Clause\n"
+    assert [_name(path) for path in _OURS if not path.read_text(encoding="utf-8").startswith(first)] == []
+
+
+def test_no_module_outgrows_its_reader() -> None:
+    lengths = {_name(path): len(path.read_text(encoding="utf-8").splitlines()) for path in _SOURCES}
+    assert {name: length for name, length in lengths.items() if length > _MOST_LINES} == {}
+
+
+def test_no_module_is_a_drawer() -> None:
+    assert {path.stem for path in _SOURCES} & {"utils", "common", "helpers", "misc"} == set()
+
+
+def test_constraints_are_plain_versions() -> None:
+    lines = (_ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    plain = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*==[0-9][0-9A-Za-z.+!]*")
+    assert [line for line in lines if not plain.fullmatch(line)] == []
+    assert len({_canonical(line.partition("==")[0]) for line in lines}) == len(lines)
+
+
+def test_every_dependency_is_held_to_a_version() -> None:
+    project = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [
+        *project["dependencies"],
+        *(name for extra in project["optional-dependencies"].values() for name in extra),
+    ]
+    names = {_canonical(re.split(r"[\[<>=~! ]", requirement)[0]) for requirement in wanted} - {"coclo-vio"}
+    lines = (_ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    assert names - {_canonical(line.partition("==")[0]) for line in lines} == set()
+
+
+def _canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
