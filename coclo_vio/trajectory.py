@@ -179,21 +179,22 @@ def _interpolate_columns(at_s: Array, own_s: Array, columns: Array) -> Array:
 
 def tum_line(stamp_ns: int, T_world_body: Array) -> str:  # noqa: N803
     """One line ``t x y z qx qy qz qw``: seconds with all nine decimals, from integer nanoseconds."""
-    seconds, nanoseconds = divmod(int(stamp_ns), _NS_PER_S)
-    quat_xyzw = so3.to_quat_xyzw(T_world_body[:3, :3])
-    values = " ".join(f"{value:.12g}" for value in (*T_world_body[:3, 3], *quat_xyzw))
-    return f"{seconds}.{nanoseconds:09d} {values}\n"
+    return _tum_line(stamp_ns, T_world_body[:3, 3], so3.to_quat_xyzw(T_world_body[:3, :3]))
+
+
+def _tum_line(stamp_ns: int, position: Array, quat_xyzw: Array) -> str:
+    sign = "-" if stamp_ns < 0 else ""
+    seconds, nanoseconds = divmod(abs(int(stamp_ns)), _NS_PER_S)
+    values = " ".join(f"{value:.12g}" for value in (*position, *quat_xyzw))
+    return f"{sign}{seconds}.{nanoseconds:09d} {values}\n"
 
 
 def write_tum(trajectory: Trajectory, path: Path) -> None:
-    """Write ``t x y z qx qy qz qw`` lines: seconds with all nine decimals, from integer nanoseconds."""
+    """Write the poses as ``tum_line`` does."""
     quat_xyzw = so3.to_quat_xyzw(trajectory.rotations)
-    with path.open("w", encoding="ascii") as out:
-        for stamp_ns, position, quat in zip(trajectory.stamps_ns, trajectory.positions, quat_xyzw, strict=True):
-            seconds, nanoseconds = divmod(abs(int(stamp_ns)), _NS_PER_S)
-            sign = "-" if stamp_ns < 0 else ""
-            values = " ".join(f"{value:.12g}" for value in (*position, *quat))
-            out.write(f"{sign}{seconds}.{nanoseconds:09d} {values}\n")
+    rows = zip(trajectory.stamps_ns, trajectory.positions, quat_xyzw, strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as out:
+        out.writelines(_tum_line(*row) for row in rows)
 
 
 def seconds_to_ns(text: str) -> int:
