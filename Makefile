@@ -52,7 +52,7 @@ bench: setup ## latencies and rates as JSON in $(OUT)/benchmark.json
 	@cat $(OUT)/benchmark.json
 
 sample: setup ## remake the bundled sample from its seed
-	$(ONE_THREAD) $(BIN)/coclo-vio simulate analytic --seed 1 -o coclo_vio/sample/daisy_walk
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.sample coclo_vio/sample_data/daisy_walk
 
 clean: ## remove .venv, caches and results
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out demo_out
