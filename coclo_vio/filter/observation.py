@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
+from coclo_vio.arrays import Array, IntArray
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.process import UP, lengthened
 from coclo_vio.filter.stance import FootMotion, Reading
@@ -21,24 +21,25 @@ from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.foot_load import GRAVITY_MPS2
 
+NO_LEG = -1
 CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """A few rows of measurement with their model and noise.
+    """Rows of measurement, three at a time, with their model and noise.
 
     Attributes:
-        measured: (m,).
-        model: from a stack of states to predicted measurements (points, m).
-        noise: lower factor of the noise covariance, (m, m).
-        leg: the leg that the rows come from, None for the IMU.
+        measured: (3 k,).
+        model: from a stack of states to predicted measurements (points, 3 k).
+        noise: lower factors of the noise covariance of each three rows, (k, 3, 3).
+        legs: the leg that each three rows come from, (k,); ``NO_LEG`` for the IMU.
     """
 
     measured: Array
     model: Callable[[State], Array]
     noise: Array
-    leg: int | None = None
+    legs: IntArray
 
 
 def gyroscope(stack: State) -> Array:
@@ -58,32 +59,32 @@ def _rest(stack: State) -> Array:
     return np.concatenate((stack.vector[:, VELOCITY], stack.vector[:, RATE]), axis=1)
 
 
-def _velocity_of(lever: Array, rolling: Array) -> Callable[[State], Array]:
-    """Velocity ``R^T v + w x lever`` of the body point at the contact, body frame, as a leg of nominal length sees it.
+def _velocity_of(levers: Array, rolling: Array) -> Callable[[State], Array]:
+    """Velocities ``R^T v + w x lever`` of the body points at contacts, body frame, as legs of nominal length see them.
 
     Args:
-        lever: from the body origin to the contact, m, body frame, (3,).
-        rolling: the part of the velocity that the turning foot link makes, m/s, body frame, (3,): not scaled.
+        levers: from the body origin to each contact, m, body frame, (k, 3).
+        rolling: the part of the velocity that the turning foot link makes, m/s, body frame, (k, 3): not scaled.
     """
-    cross = so3.hat(lever)
+    cross = np.concatenate(list(so3.hat(levers)), axis=1)
 
     def model(stack: State) -> Array:
-        body = (stack.vector[:, None, VELOCITY] @ stack.rotation)[:, 0]
-        velocity = body + stack.vector[:, RATE] @ cross
-        velocity[:, :2] -= stack.vector[:, LEG_SCALE] * (velocity - rolling)[:, :2]
-        return np.asarray(velocity)
+        count = len(stack.vector)
+        velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
+        velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
+        velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
+        return velocity.reshape(count, -1)
 
     return model
 
 
-def _position_of(leg: int, position_body: Array, hip_body: Array) -> Callable[[State], Array]:
-    """Position ``R^T (p - r)`` of a foot centre in the body frame, as a leg of nominal length sees it."""
+def _position_of(legs: IntArray, positions_body: Array, hips_body: Array) -> Callable[[State], Array]:
+    """Positions ``R^T (p - r)`` of foot centres in the body frame, (k, 3), as legs of nominal length see them."""
 
     def model(stack: State) -> Array:
-        relative = stack.feet[:, leg] - stack.vector[:, POSITION]
-        added = lengthened(stack.vector[:, LEG_SCALE], position_body[None], hip_body[None])
-        position: Array = (relative[:, None] @ stack.rotation - added)[:, 0]
-        return position
+        relative = stack.feet[:, legs] - stack.vector[:, None, POSITION]
+        position = relative @ stack.rotation - lengthened(stack.vector[:, LEG_SCALE], positions_body, hips_body)
+        return np.asarray(position.reshape(len(position), -1))
 
     return model
 
@@ -113,30 +114,41 @@ def blocks(
         config: parameters.
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
     """
-    identity = np.eye(3)
     result: list[Block] = []
     if reading.angular_velocity is not None:
-        result.append(Block(reading.angular_velocity, gyroscope, gyroscope_noise_radps * identity))
+        result.append(_imu_block(reading.angular_velocity, gyroscope, gyroscope_noise_radps))
     stance = reading.is_stance
     if reading.specific_force is not None and stance.all():
-        result.append(Block(reading.specific_force, specific_force_at_rest, config.gravity_noise_mps2 * identity))
+        result.append(_imu_block(reading.specific_force, specific_force_at_rest, config.gravity_noise_mps2))
     if reading.is_stationary:
-        sigma = np.repeat((config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps), 3)
-        result.append(Block(np.zeros(6), _rest, np.diag(sigma)))
+        sigmas = (config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps)
+        result.append(_imu_block(np.zeros(6), _rest, *sigmas))
+    carries = bool(stance.any())
+    legs = np.flatnonzero(stance if carries else reading.is_known)
+    if not len(legs):
+        return result
     up_body = mean.rotation.T @ UP
     feet = reading.feet
-    contact_jacobian = feet.jacobian[:, 3:] + so3.hat(radii_m[:, None] * up_body) @ feet.jacobian[:, :3]
+    slip = config.foot_velocity_noise_mps if carries else config.no_contact_velocity_noise_mps
+    arms = radii_m[legs, None] * up_body
+    arms_cross = so3.hat(arms)
+    jacobian = feet.jacobian[legs]
+    contact_jacobian = jacobian[:, 3:] + arms_cross @ jacobian[:, :3]
     squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
-    slip = config.foot_velocity_noise_mps if stance.any() else config.no_contact_velocity_noise_mps
-    for leg in np.flatnonzero(stance if stance.any() else reading.is_known):
-        contact_arm = radii_m[leg] * up_body
-        rolling = np.cross(feet.angular_velocity_body[leg], contact_arm)
-        measured = rolling - feet.velocity_body[leg]
-        noise = np.linalg.cholesky(squared[leg] + slip**2 * identity)
-        lever = feet.position_body[leg] - contact_arm
-        result.append(Block(measured, _velocity_of(lever, rolling), noise, int(leg)))
-        if motion.holds[leg]:
-            centre = feet.position_body[leg]
-            model = _position_of(int(leg), centre, hips_body[leg])
-            result.append(Block(centre, model, foot_noise[leg], int(leg)))
+    rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
+    measured = rolling - feet.velocity_body[legs]
+    model = _velocity_of(feet.position_body[legs] - arms, rolling)
+    noise = np.linalg.cholesky(squared + slip**2 * np.eye(3))
+    result.append(Block(measured.ravel(), model, noise, legs))
+    held = legs[motion.holds[legs]]
+    if len(held):
+        centres = feet.position_body[held]
+        model = _position_of(held, centres, hips_body[held])
+        result.append(Block(centres.ravel(), model, foot_noise[held], held))
     return result
+
+
+def _imu_block(measured: Array, model: Callable[[State], Array], *sigmas: float) -> Block:
+    """Rows that belong to no leg; one sigma for each three."""
+    noise = np.array(sigmas)[:, None, None] * np.eye(3)
+    return Block(measured, model, noise, np.full(len(sigmas), NO_LEG))

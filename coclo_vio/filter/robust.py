@@ -4,14 +4,13 @@
 from collections import Counter
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.observation import Block
+from coclo_vio.filter.observation import NO_LEG, Block
 from coclo_vio.filter.stance import Footholds, Reading
 from coclo_vio.filter.state import State, StateLayout
 from coclo_vio.robot.description import RobotDescription
@@ -45,7 +44,7 @@ class RobustProfile:
 
     def _foot_noise(self, reading: Reading) -> Array:
         """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; identity where unknown."""
-        linear = np.nan_to_num(reading.feet.jacobian[:, 3:])
+        linear = np.where(reading.is_known[:, None, None], reading.feet.jacobian[:, 3:], 0.0)
         encoders = linear @ np.swapaxes(linear, 1, 2) * self._robot.encoder_noise_rad**2
         return np.asarray(np.linalg.cholesky(encoders + self._config.foot_position_noise_m**2 * np.eye(3)))
 
@@ -88,8 +87,8 @@ class RobustProfile:
 
         predicted, rows = core.observe(model, observation.CURVED_COLUMNS)
         innovation = np.concatenate([block.measured for block in blocks]) - predicted
-        noise = block_diag(*[block.noise.T for block in blocks])
-        owner = np.concatenate([np.full(len(b.measured), -1 if b.leg is None else b.leg) for b in blocks])
+        noise = _noise_rows(blocks)
+        owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
         rejected = self._rejected(rows, noise, innovation, owner)
         stance = reading.is_stance & ~rejected
         self._without_legs_s = 0.0 if stance.any() else self._without_legs_s + dt_s
@@ -110,11 +109,25 @@ class RobustProfile:
     def _rejected(self, rows: Array, noise: Array, innovation: Array, owner: Array) -> BoolArray:
         """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
         rejected = np.zeros(self.layout.legs, dtype=np.bool_)
-        for leg in range(self.layout.legs):
-            own = np.flatnonzero(owner == leg)
-            if not len(own):
-                continue
-            deviations = np.concatenate((rows[:, own], noise[np.ix_(own, own)]))
-            squared = innovation[own] @ np.linalg.solve(deviations.T @ deviations, innovation[own])
-            rejected[leg] = squared > self._gate[len(own)]
+        covariance = rows.T @ rows + noise.T @ noise
+        counts = np.bincount(owner + 1, minlength=self.layout.legs + 1)[1:]
+        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner == NO_LEG) :]
+        ends = np.cumsum(counts)
+        for size, limit in self._gate.items():
+            legs = np.flatnonzero(counts == size)
+            if len(legs):
+                own = order[ends[legs, None] - size + np.arange(size)]
+                own_innovation = innovation[own][:, :, None]
+                solved = np.linalg.solve(covariance[own[:, :, None], own[:, None, :]], own_innovation)
+                rejected[legs] = (own_innovation * solved).sum(axis=(1, 2)) > limit
         return rejected
+
+
+def _noise_rows(blocks: list[Block]) -> Array:
+    """Rows ``N``, (m, m), with ``N^T N`` the noise covariance of all blocks."""
+    factors = np.concatenate([block.noise for block in blocks])
+    count = len(factors)
+    rows = np.zeros((count, 3, count, 3))
+    each = np.arange(count)
+    rows[each, :, each, :] = np.swapaxes(factors, 1, 2)
+    return rows.reshape(3 * count, 3 * count)
