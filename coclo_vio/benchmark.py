@@ -39,7 +39,7 @@ _NS_PER_S = 1_000_000_000
 _MEBIBYTE = 2.0**20
 
 
-def benchmark(walk_s: float = 8.0) -> dict[str, float | None]:
+def run_benchmark(walk_s: float = 8.0) -> dict[str, float | None]:
     """The figures of the filter, by name; None where filterpy is not installed.
 
     ``filter_cycles_per_s`` and ``paper_cycles_per_s`` count predict and update alone, from a reading of the joints to

@@ -19,7 +19,6 @@ import numpy as np
 from coclo_vio.arrays import Array, IntArray
 from coclo_vio.filter import process
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.observation import GRAVITY_MPS2
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
@@ -32,6 +31,7 @@ from coclo_vio.filter.state import (
     State,
 )
 from coclo_vio.geometry import so3
+from coclo_vio.robot.foot_load import GRAVITY_MPS2
 from coclo_vio.robot.model import RobotModel
 
 _LEAST_VARIANCE = 1e-8  # of every state at the start: filterpy's Cholesky needs a definite covariance
@@ -158,7 +158,7 @@ class FilterpyRival:
         return _Inputs(
             dt_s,
             motion,
-            np.linalg.cholesky(position_noise),
+            np.asarray(np.linalg.cholesky(position_noise)),
             legs,
             sees_gravity,
             so3.hat((feet.position_body - arms)[legs]),
