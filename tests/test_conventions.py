@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The conventions of CONVENTIONS.md that no other test holds, and that every one of them is held."""
+
+import ast
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coclo_vio.arrays import Array
+from coclo_vio.estimates import StateEstimate
+from coclo_vio.filter.cloning import delta_from_clone
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.observation import specific_force_at_rest
+from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
+from coclo_vio.geometry import se3, so3
+from coclo_vio.measurements import ImuSample
+from coclo_vio.robot.description import load_robot, robot_names
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+
+_ROOT = Path(__file__).resolve().parents[1]
+_LINK = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
+_LEFT = {"FL", "RL", "LF", "LH", "leg1", "leg3", "leg5"}
+_FRONT = {"FL", "FR", "LF", "RF", "leg1", "leg2"}
+_LAYOUT = StateLayout(legs=2, has_contacts=False)
+_SMALL = 1e-6
+
+
+def _state(seed: int) -> State:
+    rng = np.random.default_rng(seed)
+    vector = rng.normal(size=_LAYOUT.dimension)
+    vector[ROTATION] = vector[_LAYOUT.clone_rotation] = 0.0
+    return State(_LAYOUT, so3.exp(rng.normal(size=3)), vector, so3.exp(rng.normal(size=3)))
+
+
+def _pose(state: State) -> Array:
+    return se3.transform(state.rotation, state.vector[POSITION])
+
+
+def _clone_pose(state: State) -> Array:
+    return se3.transform(state.clone_rotation, state.vector[_LAYOUT.clone_position])
+
+
+@pytest.fixture(scope="module")
+def daisy() -> RobotModel:
+    return RobotModel(load_robot("daisy"))
+
+
+@pytest.fixture(scope="module")
+def turning_walk(daisy: RobotModel) -> AnalyticTrial:
+    """Perfect sensors; rest, then forward in a left turn."""
+    body = BodyMotionConfig(rest_s=1.0, walk_s=3.0, stop_s=0.5, speed_mps=0.15, curvature_per_m=1.0)
+    return generate(AnalyticTrialConfig(body=body, sensors=SensorNoiseConfig(noise_scale=0.0)), daisy, seed=5)
+
+
+@pytest.fixture(scope="module")
+def estimates(daisy: RobotModel, turning_walk: AnalyticTrial) -> list[StateEstimate]:
+    odometry = LegOdometryFilter(daisy, FilterConfig())
+    return [e for e in map(odometry.push, turning_walk.measurements) if e is not None]
+
+
+def test_every_convention_names_a_test_that_exists() -> None:
+    rows = [
+        line
+        for line in (_ROOT / "CONVENTIONS.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("| ") and not line.startswith("| convention")
+    ]
+    assert len(rows) >= 20
+    for row in rows:
+        links = _LINK.findall(row)
+        assert links, f"no test holds: {row}"
+        for path, name in links:
+            tree = ast.parse((_ROOT / path).read_text(encoding="utf-8"))
+            assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, f"{path}::{name}"
+
+
+@pytest.mark.parametrize("name", sorted(set(robot_names()) - {"a1", "anymal_b"}))
+def test_body_frame_is_x_forward_y_left_z_up(name: str) -> None:
+    model = RobotModel(load_robot(name))
+    standing = (0.0, 0.8, -1.6) * 4 if name == "go1" else (0.0, 0.1, -1.3, 0.0, -0.1, 1.3) * 3
+    feet = model.feet(np.array(standing), np.zeros(len(model.joint_names))).position_body
+    for leg, (x, y, z) in zip(model.leg_names, feet, strict=True):
+        assert (y > 0) == (leg in _LEFT)
+        assert z < 0
+        if leg in _FRONT:
+            assert x > 0
+
+
+def test_gravity_points_down_and_an_accelerometer_at_rest_reads_up(turning_walk: AnalyticTrial) -> None:
+    at_rest = next(m for m in turning_walk.measurements if isinstance(m, ImuSample))
+    np.testing.assert_allclose(at_rest.specific_force, [0.0, 0.0, 9.81], atol=1e-9)
+    level = State(_LAYOUT, np.eye(3)[None], np.zeros((1, _LAYOUT.dimension)), np.eye(3))
+    np.testing.assert_array_equal(specific_force_at_rest(level), [[0.0, 0.0, 9.81]])
+
+
+def test_the_world_is_where_the_filter_starts(estimates: list[StateEstimate]) -> None:
+    start = estimates[0].nav.T_world_body
+    np.testing.assert_array_equal(start[:3, 3], np.zeros(3))
+    assert so3.yaw(start[:3, :3]) == 0.0
+    np.testing.assert_allclose(start[2, :3], [0.0, 0.0, 1.0], atol=1e-9)
+
+
+def test_velocity_is_in_the_world_and_angular_velocity_in_the_body(
+    estimates: list[StateEstimate], turning_walk: AnalyticTrial
+) -> None:
+    truth = turning_walk.truth
+    at = int(np.searchsorted(truth.stamps_ns, 3_200_000_000))
+    estimate = next(e for e in estimates if e.stamp_ns == truth.stamps_ns[at])
+    T_estimate_truth = estimates[0].nav.T_world_body @ se3.inverse(truth.T_world_body[0])
+    assert truth.velocity_world is not None
+    velocity = T_estimate_truth[:3, :3] @ truth.velocity_world[at]
+    assert abs(so3.yaw(estimate.nav.T_world_body[:3, :3])) > 0.2, "the body has turned, so the axes differ"
+    np.testing.assert_allclose(estimate.nav.velocity_world, velocity, atol=0.01)
+    step = truth.rotations[at - 1].T @ truth.rotations[at + 1]
+    rate = so3.log(step) / ((truth.stamps_ns[at + 1] - truth.stamps_ns[at - 1]) / 1e9)
+    np.testing.assert_allclose(estimate.nav.angular_velocity_body, rate, atol=0.02)
+
+
+def test_covariance_of_an_estimate_is_of_right_local_rotation_first_errors() -> None:
+    """T = T_mean exp([rotation, position]); velocity differs in the world."""
+    mean = _state(11)
+    jacobian = mean.plain_jacobian()
+    for column in range(_LAYOUT.dimension):
+        error = np.zeros(_LAYOUT.dimension)
+        error[column] = _SMALL
+        moved = mean.corrected(error)
+        local = se3.log(se3.inverse(_pose(mean)) @ _pose(moved))
+        plain = np.concatenate((local, moved.vector[VELOCITY] - mean.vector[VELOCITY]))
+        np.testing.assert_allclose(jacobian[:, column], plain / _SMALL, atol=1e-5)
+
+
+def test_errors_inside_the_filter_turn_the_world() -> None:
+    """Right-invariant: R = exp(e) R_mean, and position, velocity and feet turn with it before their own error."""
+    mean = _state(12)
+    error = np.random.default_rng(13).normal(scale=0.3, size=_LAYOUT.dimension)
+    moved = mean.corrected(error)
+    turn = so3.exp(error[ROTATION])
+    np.testing.assert_allclose(moved.rotation, turn @ mean.rotation, atol=1e-14)
+    for part in (VELOCITY, POSITION):
+        np.testing.assert_allclose(moved.vector[part], turn @ mean.vector[part] + error[part], atol=1e-14)
+    np.testing.assert_allclose(moved.vector[RATE], mean.vector[RATE] + error[RATE], atol=1e-14)
+    feet = mean.feet @ turn.T + error[_LAYOUT.feet].reshape(-1, 3)
+    np.testing.assert_allclose(moved.feet, feet, atol=1e-14)
+
+
+def test_a_turned_world_changes_nothing_that_legs_or_imu_see() -> None:
+    mean = _state(14)
+    error = np.zeros(_LAYOUT.dimension)
+    error[ROTATION] = [0.0, 0.0, 1.3]
+    turned = mean.corrected(error)
+    body_velocity = turned.rotation.T @ turned.vector[VELOCITY]
+    relative_feet = (turned.feet - turned.vector[POSITION]) @ turned.rotation
+    np.testing.assert_allclose(body_velocity, mean.rotation.T @ mean.vector[VELOCITY], atol=1e-14)
+    np.testing.assert_allclose(relative_feet, (mean.feet - mean.vector[POSITION]) @ mean.rotation, atol=1e-14)
+    np.testing.assert_allclose(turned.rotation[2], mean.rotation[2], atol=1e-14)
+    assert np.linalg.norm(turned.feet - mean.feet) > 0.1
+
+
+def test_covariance_of_a_delta_is_of_its_right_local_error() -> None:
+    """T_start_end = T_mean exp([rotation, translation]), the clone being the start."""
+    mean = _state(15)
+    core = SquareRootFilter(mean, np.ones(_LAYOUT.dimension), is_wide=False)
+    for seed in range(5):
+        error = _SMALL * np.random.default_rng(seed).normal(size=_LAYOUT.dimension)
+        core.factor = np.zeros((_LAYOUT.dimension, _LAYOUT.dimension))
+        core.factor[:, 0] = error  # a covariance of this one error
+        delta = delta_from_clone(core, 3, 8)
+        np.testing.assert_allclose(delta.T_start_end, se3.inverse(_clone_pose(mean)) @ _pose(mean), atol=1e-14)
+        moved = mean.corrected(error)
+        other = se3.inverse(_clone_pose(moved)) @ _pose(moved)
+        local = se3.log(se3.inverse(delta.T_start_end) @ other) / _SMALL
+        np.testing.assert_allclose(delta.covariance / _SMALL**2, np.outer(local, local), atol=1e-3)
