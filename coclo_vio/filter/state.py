@@ -99,7 +99,9 @@ class State:
 
     def spread(self, errors: Array) -> "State":
         """The stack of states that differ from this mean by error vectors (points, L); the clone is left alone."""
-        turn = so3.exp(errors[:, ROTATION])
+        return self._spread(errors, so3.exp(errors[:, ROTATION]))
+
+    def _spread(self, errors: Array, turn: Array) -> "State":
         world = self.layout.world
         vector = self.vector + errors
         vectors_world = self.vector[world].reshape(-1, 3)
@@ -110,8 +112,8 @@ class State:
     def corrected(self, step: Array) -> "State":
         """This mean moved by one error vector (L,), the clone with it."""
         layout = self.layout
-        moved = self.spread(step[None])
-        clone_turn = so3.exp(step[layout.clone_rotation])
+        turn, clone_turn = so3.exp(np.stack((step[ROTATION], step[layout.clone_rotation])))
+        moved = self._spread(step[None], turn[None])
         vector = moved.vector[0]
         clone_at = layout.clone_position
         vector[clone_at] = clone_turn @ self.vector[clone_at] + step[clone_at]

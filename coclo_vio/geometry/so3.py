@@ -9,9 +9,10 @@ robotics", 2018, appendix B.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
+from coclo_vio.arrays import Array, BoolArray
 
 _SMALL_ANGLE_RAD = 1e-4
+_IDENTITY = np.eye(3)
 
 
 def hat(vectors: Array) -> Array:
@@ -26,23 +27,24 @@ def hat(vectors: Array) -> Array:
     return matrices
 
 
-def _coefficients(rotvecs: Array) -> tuple[Array, Array, Array]:
-    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 of the angles t, by series below 1e-4 rad."""
+def _small_angles(rotvecs: Array) -> tuple[Array, Array, BoolArray]:
+    """Squared angles, angles with 1 in place of those below 1e-4 rad, and which those are."""
     squared = np.einsum("...i,...i->...", rotvecs, rotvecs)
     angle = np.sqrt(squared)
     small = angle < _SMALL_ANGLE_RAD
-    angle = np.where(small, 1.0, angle)
-    sinc = np.where(small, 1.0 - squared / 6.0, np.sin(angle) / angle)
-    half = np.where(small, 0.5 - squared / 24.0, 2.0 * (np.sin(0.5 * angle) / angle) ** 2)
-    third = np.where(small, 1.0 / 6.0 - squared / 120.0, (angle - np.sin(angle)) / angle**3)
-    return sinc, half, third
+    return squared, np.where(small, 1.0, angle), small
 
 
 def exp(rotvecs: Array) -> Array:
-    """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues)."""
-    sinc, half, _ = _coefficients(rotvecs)
+    """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues).
+
+    ``I + sin(t)/t K + (1 - cos t)/t^2 K^2``, by series below 1e-4 rad.
+    """
+    squared, angle, small = _small_angles(rotvecs)
+    sinc = np.where(small, 1.0 - squared / 6.0, np.sin(angle) / angle)
+    half = np.where(small, 0.5 - squared / 24.0, 2.0 * (np.sin(0.5 * angle) / angle) ** 2)
     skew = hat(rotvecs)
-    return np.eye(3) + sinc[..., None, None] * skew + half[..., None, None] * (skew @ skew)
+    return _IDENTITY + sinc[..., None, None] * skew + half[..., None, None] * (skew @ skew)
 
 
 def log(rotations: Array) -> Array:
@@ -65,7 +67,9 @@ def log_below_pi(rotations: Array) -> Array:
 
 def right_jacobian(rotvecs: Array) -> Array:
     """Right Jacobians ``(..., 3, 3)``: ``exp(p + d) = exp(p) exp(J_r(p) d)`` to first order (Sola, eq. 143)."""
-    _, half, third = _coefficients(rotvecs)
+    squared, angle, small = _small_angles(rotvecs)
+    half = np.where(small, 0.5 - squared / 24.0, 2.0 * (np.sin(0.5 * angle) / angle) ** 2)
+    third = np.where(small, 1.0 / 6.0 - squared / 120.0, (angle - np.sin(angle)) / angle**3)
     skew = hat(rotvecs)
     return np.eye(3) - half[..., None, None] * skew + third[..., None, None] * (skew @ skew)
 
