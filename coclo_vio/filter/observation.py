@@ -73,7 +73,7 @@ def _velocity_of(levers: Array, rolling: Array) -> Callable[[State], Array]:
         velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
-        return velocity.reshape(count, -1)
+        return np.asarray(velocity.reshape(count, -1))
 
     return model
 
@@ -138,7 +138,7 @@ def blocks(
     rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
     measured = rolling - feet.velocity_body[legs]
     model = _velocity_of(feet.position_body[legs] - arms, rolling)
-    noise = np.linalg.cholesky(squared + slip**2 * np.eye(3))
+    noise = np.asarray(np.linalg.cholesky(squared + slip**2 * np.eye(3)))
     result.append(Block(measured.ravel(), model, noise, legs))
     held = legs[motion.holds[legs]]
     if len(held):
