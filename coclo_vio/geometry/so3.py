@@ -9,9 +9,10 @@ robotics", 2018, appendix B.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.arrays import Array
 
 _SMALL_ANGLE_RAD = 1e-4
+_NO_ZERO = 1e-300  # added to a square, it keeps a quotient from 0 / 0 and changes no other
 _IDENTITY = np.eye(3)
 
 
@@ -27,24 +28,17 @@ def hat(vectors: Array) -> Array:
     return matrices
 
 
-def _small_angles(rotvecs: Array) -> tuple[Array, Array, BoolArray]:
-    """Squared angles, angles with 1 in place of those below 1e-4 rad, and which those are."""
-    squared = np.einsum("...i,...i->...", rotvecs, rotvecs)
-    angle = np.sqrt(squared)
-    small = angle < _SMALL_ANGLE_RAD
-    return squared, np.where(small, 1.0, angle), small
-
-
 def exp(rotvecs: Array) -> Array:
     """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues).
 
-    ``I + sin(t)/t K + (1 - cos t)/t^2 K^2``, by series below 1e-4 rad.
+    ``I + sin(t)/t K + 2 (sin(t/2)/t)^2 K^2``: both quotients lose no digit however small t, unless it is zero.
     """
-    squared, angle, small = _small_angles(rotvecs)
-    sinc = np.where(small, 1.0 - squared / 6.0, np.sin(angle) / angle)
-    half = np.where(small, 0.5 - squared / 24.0, 2.0 * (np.sin(0.5 * angle) / angle) ** 2)
+    angle = np.sqrt(np.einsum("...i,...i->...", rotvecs, rotvecs) + _NO_ZERO)
+    sinc = np.sin(angle) / angle
+    half = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
     skew = hat(rotvecs)
-    return _IDENTITY + sinc[..., None, None] * skew + half[..., None, None] * (skew @ skew)
+    rotations: Array = _IDENTITY + sinc[..., None, None] * skew + half[..., None, None] * (skew @ skew)
+    return rotations
 
 
 def log(rotations: Array) -> Array:
@@ -57,21 +51,22 @@ def log_below_pi(rotations: Array) -> Array:
     """``log`` several times faster, from the matrix alone; loses digits within 1e-3 rad of pi."""
     skew = 0.5 * (rotations - np.swapaxes(rotations, -1, -2))
     axis_sine = np.stack((skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]), axis=-1)
-    sine = np.sqrt(np.einsum("...i,...i->...", axis_sine, axis_sine))
+    sine = np.sqrt(np.einsum("...i,...i->...", axis_sine, axis_sine) + _NO_ZERO)
     cosine = 0.5 * (np.einsum("...ii->...", rotations) - 1.0)
-    small = (sine < _SMALL_ANGLE_RAD) & (cosine > 0.0)
-    safe = np.where(sine < 1e-300, 1.0, sine)
-    scale = np.where(small, 1.0 + sine**2 / 6.0, np.arctan2(sine, cosine) / safe)
-    return np.asarray(scale[..., None] * axis_sine)
+    return np.asarray((np.arctan2(sine, cosine) / sine)[..., None] * axis_sine)
 
 
 def right_jacobian(rotvecs: Array) -> Array:
     """Right Jacobians ``(..., 3, 3)``: ``exp(p + d) = exp(p) exp(J_r(p) d)`` to first order (Sola, eq. 143)."""
-    squared, angle, small = _small_angles(rotvecs)
+    squared = np.einsum("...i,...i->...", rotvecs, rotvecs)
+    angle = np.sqrt(squared)
+    small = angle < _SMALL_ANGLE_RAD
+    angle = np.where(small, 1.0, angle)
     half = np.where(small, 0.5 - squared / 24.0, 2.0 * (np.sin(0.5 * angle) / angle) ** 2)
     third = np.where(small, 1.0 / 6.0 - squared / 120.0, (angle - np.sin(angle)) / angle**3)
     skew = hat(rotvecs)
-    return np.eye(3) - half[..., None, None] * skew + third[..., None, None] * (skew @ skew)
+    jacobians: Array = np.eye(3) - half[..., None, None] * skew + third[..., None, None] * (skew @ skew)
+    return jacobians
 
 
 def right_jacobian_inverse(rotvecs: Array) -> Array:
