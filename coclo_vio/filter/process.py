@@ -114,12 +114,10 @@ def noise_rows(
     feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
     feet[6:9, ~motion.holds] = move_rows[:, None, POSITION]
     carried = np.where(motion.is_known[:, None, None], foot_noise, _LOST_LEG_NOISE_M * identity)
-    for leg in range(legs):
-        own = slice(19 + 3 * leg, 22 + 3 * leg)
-        if motion.holds[leg]:
-            feet[own, leg] = config.foothold_creep * np.sqrt(dt_s) * identity
-        else:
-            feet[own, leg] = (mean.rotation @ carried[leg]).T
+    creep = config.foothold_creep * np.sqrt(dt_s) * identity
+    own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
+    each = np.arange(legs)
+    feet[19:].reshape(legs, 3, legs, 3)[each, :, each] = own
     rows[:, layout.feet] = feet.reshape(len(rows), -1)
     world = mean.vector[layout.world].reshape(-1, 3)
     turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)
