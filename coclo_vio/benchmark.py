@@ -37,6 +37,8 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 ProfileName = Literal["robust", "paper"]
 _NS_PER_S = 1_000_000_000
 _MEBIBYTE = 2.0**20
+_ROUNDS = 3
+_FILTERPY_READINGS = 120
 
 
 def run_benchmark(walk_s: float = 8.0) -> dict[str, float | None]:
@@ -53,16 +55,20 @@ def run_benchmark(walk_s: float = 8.0) -> dict[str, float | None]:
     robot = RobotModel(load_robot("daisy"))
     trial = benchmark_trial(robot, walk_s)
     readings = moving_readings(robot, trial.measurements)
-    ours = filter_cycles_per_s(robot, readings, "robust")
-    theirs = filterpy_cycles_per_s(robot, readings)
-    pushes, realtime = push_rates(robot, trial.measurements)
+    best: dict[str, float] = {}
+    for _ in range(_ROUNDS):  # in turns, the best of each: other work on the machine only ever slows down
+        rates = {
+            "filter_cycles_per_s": filter_cycles_per_s(robot, readings, "robust"),
+            "paper_cycles_per_s": filter_cycles_per_s(robot, readings, "paper"),
+            "filterpy_cycles_per_s": filterpy_cycles_per_s(robot, readings[:_FILTERPY_READINGS]),
+        }
+        rates["filter_pushes_per_s"], rates["realtime_factor"] = push_rates(robot, trial.measurements)
+        best = {name: max(rate or 0.0, best.get(name, 0.0)) for name, rate in rates.items()}
+    theirs = best.pop("filterpy_cycles_per_s") or None
     return {
-        "filter_cycles_per_s": ours,
-        "paper_cycles_per_s": filter_cycles_per_s(robot, readings, "paper"),
-        "filter_pushes_per_s": pushes,
+        **best,
         "filterpy_cycles_per_s": theirs,
-        "filter_vs_filterpy": None if theirs is None else ours / theirs,
-        "realtime_factor": realtime,
+        "filter_vs_filterpy": None if theirs is None else best["filter_cycles_per_s"] / theirs,
         "peak_rss_mb": peak_rss_mb(),
     }
 
