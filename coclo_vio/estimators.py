@@ -29,8 +29,8 @@ def _coclo(robot: RobotModel, config: RunConfig) -> Estimator:
     return LegOdometryFilter(robot, config.filter)
 
 
-def _coclo_nominal(robot: RobotModel, config: RunConfig) -> Estimator:
-    robust = config.filter.robust.model_copy(update={"estimates_leg_scale": False})
+def _coclo_leg_scale(robot: RobotModel, config: RunConfig) -> Estimator:
+    robust = config.filter.robust.model_copy(update={"estimates_leg_scale": True})
     return LegOdometryFilter(robot, config.filter.model_copy(update={"profile": "robust", "robust": robust}))
 
 
@@ -50,7 +50,7 @@ def _naive(*, rolls_feet: bool, weighs_load: bool) -> Callable[[RobotModel, RunC
 
 ESTIMATORS: Mapping[str, EstimatorKind] = {
     "coclo": EstimatorKind("contact-centric leg odometry, the configured profile (default: robust)", _coclo),
-    "coclo_nominal": EstimatorKind("the robust profile with legs of nominal length", _coclo_nominal),
+    "coclo_leg_scale": EstimatorKind("the robust profile, estimating the effective leg length", _coclo_leg_scale),
     "coclo_paper": EstimatorKind("the paper's profile, section III as printed", _coclo_paper),
     "inekf": EstimatorKind("IMU-centric contact-aided filter of GTSAM, a baseline", _inekf),
     "naive": EstimatorKind(

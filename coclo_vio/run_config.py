@@ -57,4 +57,5 @@ def resolve(
             )
     base: dict[str, Any] = load_robot(preset).model_dump() if preset else {}
     source = str(file) if file else "configuration"
+    values["filter"] = merged(base.get("filter", {}), values.get("filter", {}))
     return RunConfig.parse({**values, "robot": merged(base, changes)}, source)

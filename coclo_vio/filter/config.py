@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parameters of the filter. Noise that belongs to a robot's sensors stands in its description, not here."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
-from coclo_vio.config import StageConfig
+from coclo_vio.config import StageConfig, merged
+from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.standstill import StandstillConfig
 
 Noise = Annotated[float, Field(gt=0)]
@@ -55,7 +57,7 @@ class RobustConfig(StageConfig):
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
     estimates_leg_scale: Annotated[
         bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")
-    ] = True
+    ] = False
     leg_scale_sigma: Annotated[
         float, Field(gt=0, lt=0.5, description="relative error of the effective leg length at the start")
     ] = 0.05
@@ -71,7 +73,7 @@ class RobustConfig(StageConfig):
     ] = 0.005
     standstill_rate_noise_radps: Annotated[
         float, Field(gt=0, description="one sigma of the body rate at standstill, rad/s")
-    ] = 0.02
+    ] = 0.005
 
 
 class PaperConfig(StageConfig):
@@ -101,6 +103,15 @@ class PaperConfig(StageConfig):
 
 class FilterConfig(StageConfig):
     """COCLO: the profile, its parameters, and how a run starts and copes with gaps."""
+
+    @classmethod
+    def of_robot(cls, robot: RobotDescription, changes: Mapping[str, Any] | None = None) -> Self:
+        """The defaults, changed by what the robot's description says of the filter, then by ``changes``.
+
+        Raises:
+            ConfigError: a key that does not exist, or a value out of bounds.
+        """
+        return cls.parse(merged(robot.filter, changes or {}), f"filter of robot {robot.name!r}")
 
     profile: Annotated[
         Literal["robust", "paper"], Field(description="paper: section III as printed; robust: what we recommend")

@@ -38,7 +38,7 @@ class LegOdometryFilter:
     """
 
     def __init__(self, robot: RobotModel, config: FilterConfig | None = None) -> None:
-        self.config = config or FilterConfig()
+        self.config = config or FilterConfig.of_robot(robot.description)
         self._counts: Counter[str] = Counter()
         self._robot = robot
         contact = robot.description.contact

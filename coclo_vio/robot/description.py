@@ -6,7 +6,7 @@ A description is a YAML file beside a URDF. Those of this package (``robot_names
 
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -47,6 +47,10 @@ class RobotDescription(StageConfig):
     joint_aliases: dict[str, str] = Field(
         default_factory=dict, description="names that logs use for joints, each with its URDF joint name"
     )
+    filter: Annotated[
+        dict[str, Any],
+        Field(default_factory=dict, description="what the filter takes otherwise for this robot (see FilterConfig)"),
+    ]
     encoder_noise_rad: Annotated[float, Field(gt=0, lt=1, description="one sigma of a joint position, rad")] = 1e-3
     joint_velocity_noise_radps: Annotated[
         float, Field(gt=0, lt=10, description="one sigma of a joint velocity, rad/s")
