@@ -46,7 +46,7 @@ lint: setup ## style, types, import contract
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: setup ## latencies and rates as JSON in $(OUT)/benchmark.json
+bench: setup ## latencies and rates as JSON in out/benchmark.json (OUT=... elsewhere)
 	@mkdir -p $(OUT)
 	$(ONE_THREAD) $(BIN)/coclo-vio benchmark --json > $(OUT)/benchmark.json
 	@cat $(OUT)/benchmark.json

@@ -19,6 +19,7 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
 from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.run_config import resolve
 
 _ROOT = Path(__file__).resolve().parents[1]
 _README = (_ROOT / "README.md").read_text(encoding="utf-8")
@@ -87,10 +88,18 @@ def test_every_command_that_a_page_names_exists(page: str) -> None:
     assert set(re.findall(r"(?:^|`|/)coclo-vio ([a-z]+)\b", text, flags=re.MULTILINE)) <= there
 
 
+def test_the_python_of_the_readme_runs() -> None:
+    names: dict[str, object] = {"measurement": ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81]))}
+    exec(_block("python"), names)
+    assert isinstance(names["odometry"], LegOdometryFilter)
+    assert names["estimate"] is None, "an IMU sample alone completes no step"
+
+
 def test_every_setting_of_the_readme_exists() -> None:
-    for setting in re.findall(r"--set (\S+?)`", _README):
-        assert setting == "filter.profile=paper"
-        assert LegOdometryFilter(RobotModel(load_robot("daisy"))).config.profile == "robust"
+    settings = re.findall(r"--set ([\w.]+=\S+?)`", _README)
+    assert settings
+    for setting in settings:
+        resolve("daisy", settings=[setting])
 
 
 def test_every_page_that_a_page_links_to_exists() -> None:
