@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 import yaml
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -38,19 +39,18 @@ _out = Console()
 _err = Console(stderr=True)
 _EVERY_NS = 200_000_000
 _COMPARED = "coclo,coclo_paper,inekf,naive"
-_ROWS = (
-    ("ate_m", "ATE [m]", ".3f"),
-    ("ate_planar_m", "ATE planar [m]", ".3f"),
-    ("rpe_1m_percent", "RPE per metre [%]", ".2f"),
-    ("drift_percent", "drift [%]", ".2f"),
-    ("paper_drift_percent", "paper drift [%]", ".2f"),
-    ("velocity_rmse_mps", "velocity RMSE [m/s]", ".3f"),
-    ("yaw_drift_deg", "yaw drift [deg]", ".2f"),
-    ("path_length_m", "path length [m]", ".2f"),
-    ("path_length_ratio", "path length ratio", ".3f"),
-    ("coverage", "coverage", ".3f"),
-    ("anees_pose", "ANEES pose", ".2f"),
-    ("realtime_factor", "times real time", ".1f"),
+_COLUMNS = (
+    ("ate_m", "ATE\nm", ".3f"),
+    ("ate_planar_m", "planar\nm", ".3f"),
+    ("rpe_1m_percent", "RPE\n%/m", ".2f"),
+    ("drift_percent", "drift\n%", ".2f"),
+    ("paper_drift_percent", "paper\n%", ".2f"),
+    ("velocity_rmse_mps", "velocity\nm/s", ".3f"),
+    ("yaw_drift_deg", "yaw\ndeg", ".2f"),
+    ("path_length_ratio", "path\nratio", ".3f"),
+    ("coverage", "cover-\nage", ".3f"),
+    ("anees_pose", "ANEES\n", ".2f"),
+    ("realtime_factor", "real\ntime x", ".1f"),
 )
 
 RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known robot, or the path of its YAML.")]
@@ -243,15 +243,17 @@ def _tell_run(told: Mapping[str, Any], folder: Path) -> None:
 def _print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
     if not evaluations:
         return
-    table = Table(title=title)
-    table.add_column("")
-    for name in evaluations:
-        table.add_column(name, justify="right")
-    values = [evaluation.to_json() for evaluation in evaluations.values()]
-    for key, label, form in _ROWS:
-        cells = [value[key] for value in values]
-        table.add_row(label, *("-" if cell is None else format(cell, form) for cell in cells))
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1), title_justify="left")
+    table.add_column("", no_wrap=True)
+    for _, label, _ in _COLUMNS:
+        table.add_column(label, justify="right", no_wrap=True)
+    for name, evaluation in evaluations.items():
+        values = evaluation.to_json()
+        cells = ("-" if values[key] is None else format(values[key], form) for key, _, form in _COLUMNS)
+        table.add_row(name, *cells)
     _out.print(table)
+    travelled_m = max(evaluation.path_length_m for evaluation in evaluations.values())
+    _out.print(f"path of the ground truth {travelled_m:.2f} m; ANEES 1 is honest, above it too sure", highlight=False)
     for note in dict.fromkeys(note for evaluation in evaluations.values() for note in evaluation.notes):
         _err.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
 

@@ -54,6 +54,9 @@ class RobustConfig(StageConfig):
     gravity_noise_mps2: Annotated[
         float, Field(gt=0, description="one sigma of the specific force against gravity, all feet down, m/s^2")
     ] = 0.3
+    gravity_dwell_s: Annotated[
+        float, Field(ge=0, description="all feet must have stood this long before gravity is measured, s")
+    ] = 0.1
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
     estimates_leg_scale: Annotated[
         bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")

@@ -21,7 +21,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.foot_load import GRAVITY_MPS2
 
-NO_LEG = -1
+NO_LEG, GRAVITY = -1, -2
 CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them
 
 
@@ -33,7 +33,8 @@ class Block:
         measured: (3 k,).
         model: from a stack of states to predicted measurements (points, 3 k).
         noise: lower factors of the noise covariance of each three rows, (k, 3, 3).
-        legs: the leg that each three rows come from, (k,); ``NO_LEG`` for the IMU.
+        legs: the leg that each three rows come from, (k,); ``GRAVITY`` for the accelerometer,
+            ``NO_LEG`` for what else is no leg's.
     """
 
     measured: Array
@@ -100,6 +101,7 @@ def blocks(
     robot: RobotDescription,
     config: RobustConfig,
     gyroscope_noise_radps: float,
+    sees_gravity: bool,
 ) -> list[Block]:
     """The measurements of one joint sample.
 
@@ -113,13 +115,15 @@ def blocks(
         robot: noise of its sensors.
         config: parameters.
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
+        sees_gravity: whether all feet have stood long enough for the accelerometer to show gravity.
     """
     result: list[Block] = []
     if reading.angular_velocity is not None:
         result.append(_imu_block(reading.angular_velocity, gyroscope, gyroscope_noise_radps))
     stance = reading.is_stance
-    if reading.specific_force is not None and stance.all():
-        result.append(_imu_block(reading.specific_force, specific_force_at_rest, config.gravity_noise_mps2))
+    if reading.specific_force is not None and sees_gravity:
+        force, sigma = reading.specific_force, config.gravity_noise_mps2
+        result.append(_imu_block(force, specific_force_at_rest, sigma, owner=GRAVITY))
     if reading.is_stationary:
         sigmas = (config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps)
         result.append(_imu_block(np.zeros(6), _rest, *sigmas))
@@ -148,7 +152,7 @@ def blocks(
     return result
 
 
-def _imu_block(measured: Array, model: Callable[[State], Array], *sigmas: float) -> Block:
+def _imu_block(measured: Array, model: Callable[[State], Array], *sigmas: float, owner: int = NO_LEG) -> Block:
     """Rows that belong to no leg; one sigma for each three."""
     noise = np.array(sigmas)[:, None, None] * np.eye(3)
-    return Block(measured, model, noise, np.full(len(sigmas), NO_LEG))
+    return Block(measured, model, noise, np.full(len(sigmas), owner))

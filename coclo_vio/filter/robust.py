@@ -6,11 +6,11 @@ from collections import Counter
 import numpy as np
 from scipy.stats import chi2
 
-from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.observation import NO_LEG, Block
+from coclo_vio.filter.observation import GRAVITY, NO_LEG, Block
 from coclo_vio.filter.stance import Footholds, Reading
 from coclo_vio.filter.state import State, StateLayout
 from coclo_vio.robot.description import RobotDescription
@@ -32,6 +32,7 @@ class RobustProfile:
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
         self._footholds: Footholds | None = None
         self._without_legs_s = 0.0
+        self._all_stand_s = 0.0
 
     def start(self, reading: Reading) -> None:
         """Take the first reading; feet that stand in it are footholds."""
@@ -56,6 +57,7 @@ class RobustProfile:
         config, imu = self._config, self._robot.imu
         motion = self._footholds.advance(reading, is_gap=is_gap)
         foot_noise = self._foot_noise(reading)
+        self._all_stand_s = self._all_stand_s + dt_s if reading.is_stance.all() else 0.0
         core.predict(
             lambda stack: process.predict(stack, dt_s, motion, self._radii_m, self._hips_body),
             lambda mean: process.noise_rows(
@@ -73,6 +75,7 @@ class RobustProfile:
             robot=self._robot,
             config=config,
             gyroscope_noise_radps=gyroscope_noise_radps,
+            sees_gravity=self._all_stand_s >= config.gravity_dwell_s,
         )
         if not blocks:
             self._counts["step_without_measurement"] += 1
@@ -89,7 +92,9 @@ class RobustProfile:
         innovation = np.concatenate([block.measured for block in blocks]) - predicted
         noise = _noise_rows(blocks)
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
-        rejected = self._rejected(rows, noise, innovation, owner)
+        covariance = rows.T @ rows + noise.T @ noise
+        keep = ~self._shaken(covariance, innovation, owner)
+        rejected = self._rejected(covariance, innovation, owner)
         stance = reading.is_stance & ~rejected
         self._without_legs_s = 0.0 if stance.any() else self._without_legs_s + dt_s
         if self._without_legs_s > self._config.recovery_s and rejected.any():
@@ -100,18 +105,30 @@ class RobustProfile:
         if rejected.any():
             self._counts["leg_rejected"] += int(rejected.sum())
             footholds.release(rejected)
-            keep = ~np.isin(owner, np.flatnonzero(rejected))
+            keep &= ~np.isin(owner, np.flatnonzero(rejected))
+        if not keep.all():
             rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
         if len(innovation):
             core.update(rows, noise, innovation)
         return stance
 
-    def _rejected(self, rows: Array, noise: Array, innovation: Array, owner: Array) -> BoolArray:
+    def _shaken(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
+        """The gravity rows, where the accelerometer shows more than gravity (chi-square gate), (m,)."""
+        is_gravity: BoolArray = np.asarray(owner == GRAVITY)
+        if not is_gravity.any():
+            return is_gravity
+        own = innovation[is_gravity]
+        squared = own @ np.linalg.solve(covariance[np.ix_(is_gravity, is_gravity)], own)
+        if squared <= self._gate[3]:
+            return np.zeros(len(owner), dtype=np.bool_)
+        self._counts["gravity_rejected"] += 1
+        return is_gravity
+
+    def _rejected(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
         """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
         rejected = np.zeros(self.layout.legs, dtype=np.bool_)
-        covariance = rows.T @ rows + noise.T @ noise
-        counts = np.bincount(owner + 1, minlength=self.layout.legs + 1)[1:]
-        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner == NO_LEG) :]
+        counts = np.bincount(owner[owner > NO_LEG], minlength=self.layout.legs)
+        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner <= NO_LEG) :]
         ends = np.cumsum(counts)
         for size, limit in self._gate.items():
             legs = np.flatnonzero(counts == size)
