@@ -94,6 +94,12 @@ class Intake:
         self._forces_body = [*self._forces_body[-1:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:
+        legs = len(self._robot.leg_names)
+        if len(sample.force) != legs:
+            raise FilterError(
+                f"a foot force sample has {len(sample.force)} entries, robot {self._robot.description.name!r} has "
+                f"{legs} legs; give them in the order of its legs"
+            )
         self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
 
     def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
