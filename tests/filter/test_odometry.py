@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The filter from the outside, with input as robots give it: late, twice, with holes, without sensors."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coclo_vio.errors import FilterError
+from coclo_vio.estimates import StateEstimate
+from coclo_vio.filter.config import FilterConfig, RobustConfig
+from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.geometry import se3, so3
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+
+NOMINAL = RobustConfig(estimates_leg_scale=False)
+PROFILES = [FilterConfig(robust=NOMINAL), FilterConfig(profile="paper")]
+TICK_NS = 10_000_000
+
+CleanRuns = dict[str, tuple[list[StateEstimate], LegOdometryFilter]]
+
+
+def run(
+    robot: RobotModel, measurements: Iterable[Measurement], config: FilterConfig = PROFILES[0]
+) -> tuple[list[StateEstimate], LegOdometryFilter]:
+    odometry = LegOdometryFilter(robot, config)
+    estimates = [estimate for estimate in map(odometry.push, measurements) if estimate is not None]
+    return estimates, odometry
+
+
+def position(estimate: StateEstimate) -> np.ndarray:
+    return estimate.nav.T_world_body[:3, 3]
+
+
+def position_sigma_m(estimate: StateEstimate) -> float:
+    return float(np.sqrt(np.trace(estimate.covariance[3:6, 3:6])))
+
+
+def miss_m(estimate: StateEstimate, trial: AnalyticTrial) -> float:
+    """Distance of an estimate from the truth, whose heading and place at the start are those of the world."""
+    row = int(np.searchsorted(trial.truth.stamps_ns, estimate.stamp_ns))
+    return float(np.linalg.norm(position(estimate) - (trial.truth.positions[row] - trial.truth.positions[0])))
+
+
+@pytest.fixture(scope="module")
+def clean_runs(daisy: RobotModel, noisy_walk: AnalyticTrial) -> CleanRuns:
+    """Both profiles over the whole walk."""
+    return {config.profile: run(daisy, noisy_walk.measurements, config) for config in PROFILES}
+
+
+@pytest.fixture(params=PROFILES, ids=["robust", "paper"])
+def config(request: pytest.FixtureRequest) -> FilterConfig:
+    assert isinstance(request.param, FilterConfig)
+    return request.param
+
+
+def test_a_clean_stream_counts_nothing_odd(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
+) -> None:
+    estimates, odometry = clean_runs[config.profile]
+    assert set(odometry.counts) <= {"standstill", "leg_rejected"}
+    assert miss_m(estimates[-1], noisy_walk) < (0.02 if config.profile == "robust" else 0.06)
+    steps = np.diff([estimate.stamp_ns for estimate in estimates])
+    assert np.all(steps == TICK_NS)
+
+
+def test_repeated_and_late_samples_are_refused_and_change_nothing(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
+) -> None:
+    measurements = noisy_walk.measurements
+    spoilt: list[Measurement] = []
+    for number, measurement in enumerate(measurements):
+        spoilt.append(measurement)
+        if number % 30 in {0, 1, 2} and number > 60:
+            spoilt.append(measurement)  # twice
+            spoilt.append(measurements[number - 30])  # again, 0.1 s late
+    clean, _ = clean_runs[config.profile]
+    estimates, odometry = run(daisy, spoilt, config)
+    assert len(estimates) == len(clean)
+    np.testing.assert_array_equal(estimates[-1].nav.T_world_body, clean[-1].nav.T_world_body)
+    np.testing.assert_array_equal(estimates[-1].covariance, clean[-1].covariance)
+    for kind, name in ((JointSample, "joint"), (ImuSample, "imu"), (FootForceSample, "foot_force")):
+        extra = sum(isinstance(one, kind) for one in spoilt) - sum(isinstance(one, kind) for one in measurements)
+        assert extra > 80
+        assert odometry.counts[f"{name}_stamp_refused"] == extra
+
+
+def test_irregular_rates_are_integrated_over_their_true_steps(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    """A third of the joint samples is lost at random, and IMU samples independently of them."""
+    random = np.random.default_rng(2)
+    kept = [one for one in noisy_walk.measurements if random.uniform() > 0.33]
+    estimates, odometry = run(daisy, kept)
+    assert len(set(np.diff([estimate.stamp_ns for estimate in estimates]).tolist())) > 2
+    assert odometry.counts["gyroscope_missing"] > 10
+    assert miss_m(estimates[-1], noisy_walk) < 0.03
+
+
+def test_a_gap_lets_go_of_the_feet_and_the_covariance_grows(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
+) -> None:
+    gap = (2_000_000_000, 2_500_000_000)
+    kept = [one for one in noisy_walk.measurements if not gap[0] <= one.stamp_ns < gap[1]]
+    estimates, odometry = run(daisy, kept, config)
+    assert odometry.counts["gap"] == 1
+    before = next(estimate for estimate in reversed(estimates) if estimate.stamp_ns < gap[0])
+    after = next(estimate for estimate in estimates if estimate.stamp_ns >= gap[1])
+    whole, _ = clean_runs[config.profile]
+    unbroken = next(estimate for estimate in whole if estimate.stamp_ns >= gap[1])
+    assert position_sigma_m(after) > position_sigma_m(before)
+    if config.profile == "robust":  # the paper says nothing of gaps: its feet hold through them
+        assert position_sigma_m(after) > 1.5 * position_sigma_m(unbroken)
+    assert miss_m(after, noisy_walk) < 4.0 * position_sigma_m(after)
+    assert np.isfinite(estimates[-1].nav.T_world_body).all()
+
+
+@pytest.mark.parametrize("what", ["position", "velocity"])
+def test_a_silent_joint_takes_its_leg_out_and_nothing_else(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, what: str
+) -> None:
+    silence = (2_000_000_000, 3_000_000_000)
+    spoilt: list[Measurement] = []
+    for one in noisy_walk.measurements:
+        if isinstance(one, JointSample) and silence[0] <= one.stamp_ns < silence[1]:
+            values = np.array(getattr(one, what))
+            values[4] = np.nan  # of the second leg
+            spoilt.append(replace(one, **{what: values}))
+        else:
+            spoilt.append(one)
+    estimates, odometry = run(daisy, spoilt, config)
+    assert odometry.counts["leg_unknown"] == 100
+    during = [one for one in estimates if silence[0] <= one.stamp_ns < silence[1]]
+    assert len(during) == 100
+    assert not any(one.feet is not None and one.feet.is_stance[1] for one in during)
+    assert miss_m(estimates[-1], noisy_walk) < (0.03 if config.profile == "robust" else 0.1)
+
+
+def test_without_an_imu_the_legs_alone_carry_the_filter(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
+) -> None:
+    """No gravity, no rate: it starts on the move after the timeout, level, and finds its way by the joints."""
+    joints = [one for one in noisy_walk.measurements if not isinstance(one, ImuSample)]
+    estimates, odometry = run(daisy, joints)
+    assert odometry.counts["started_moving"] == 1
+    assert odometry.counts["gyroscope_missing"] == len(noisy_walk.truth)
+    with_imu, _ = clean_runs["robust"]
+    assert estimates[-1].covariance[2, 2] > with_imu[-1].covariance[2, 2]
+    assert miss_m(estimates[-1], noisy_walk) < 0.1
+
+
+def test_without_any_force_no_foot_stands_and_the_uncertainty_grows(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
+) -> None:
+    """Torques of NaN: no foot is known to stand once the robot moves; all of them together are hardly believed."""
+    spoilt = [
+        replace(one, effort=np.full_like(one.effort, np.nan)) if isinstance(one, JointSample) else one
+        for one in noisy_walk.measurements
+    ]
+    estimates, _ = run(daisy, spoilt)
+    with_force, _ = clean_runs["robust"]
+    walking = [one for one in estimates if 2_000_000_000 < one.stamp_ns < 3_500_000_000]
+    assert not any(one.feet is not None and one.feet.is_stance.any() for one in walking)
+    assert position_sigma_m(estimates[-1]) > 3.0 * position_sigma_m(with_force[-1])
+    assert miss_m(estimates[-1], noisy_walk) < noisy_walk.truth.path_length_m()
+
+
+def test_a_start_on_the_move_is_counted_and_starts_unsure(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
+) -> None:
+    begin_ns = 2_000_000_000
+    moving = [one for one in noisy_walk.measurements if one.stamp_ns >= begin_ns]
+    estimates, odometry = run(daisy, moving, config)
+    assert odometry.counts["started_moving"] == 1
+    waited_s = (estimates[0].stamp_ns - begin_ns) * 1e-9
+    assert waited_s == pytest.approx(FilterConfig().rest_timeout_s, abs=0.02)
+    rested, _ = clean_runs[config.profile]
+    assert estimates[0].covariance[0, 0] > rested[0].covariance[0, 0]
+    assert estimates[0].covariance[6, 6] > rested[0].covariance[6, 6]
+    speed = np.linalg.norm(estimates[-60].nav.velocity_world)
+    row = int(np.searchsorted(noisy_walk.truth.stamps_ns, estimates[-60].stamp_ns))
+    assert noisy_walk.truth.velocity_world is not None
+    assert speed == pytest.approx(np.linalg.norm(noisy_walk.truth.velocity_world[row]), abs=0.08)
+
+
+def test_a_minute_of_standing_does_not_drift(daisy: RobotModel) -> None:
+    body = BodyMotionConfig(rest_s=61.0, walk_s=0.0, stop_s=0.0)
+    trial = generate(AnalyticTrialConfig(rate_hz=25.0, substeps=1, body=body), daisy, seed=4)
+    estimates, odometry = run(daisy, trial.measurements)
+    moved = np.array([position(estimate) for estimate in estimates])
+    assert np.linalg.norm(moved[-1] - moved[0]) < 1e-3
+    assert odometry.counts["standstill"] > 1450
+    yaw = so3.yaw(np.array([estimate.nav.T_world_body[:3, :3] for estimate in estimates]))
+    assert abs(yaw[-1]) < 2e-3
+
+
+def test_samples_of_another_robot_are_an_error(daisy: RobotModel) -> None:
+    odometry = LegOdometryFilter(daisy)
+    with pytest.raises(FilterError, match=r"17 joints.*18"):
+        odometry.push(JointSample(0, np.zeros(17), np.zeros(17), np.zeros(17)))
+    with pytest.raises(FilterError, match=r"4 entries, robot .* 6 legs"):
+        odometry.push(FootForceSample(0, np.zeros(4)))
+
+
+def test_clones_need_a_start(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    odometry = LegOdometryFilter(daisy)
+    with pytest.raises(FilterError, match="not started"):
+        odometry.clone()
+    with pytest.raises(FilterError, match="not started"):
+        odometry.delta_since_clone()
+    for measurement in noisy_walk.measurements[:300]:
+        odometry.push(measurement)
+    with pytest.raises(FilterError, match="clone"):
+        odometry.delta_since_clone()
+
+
+def cloned_walk(
+    daisy: RobotModel, measurements: Sequence[Measurement], every: int, config: FilterConfig
+) -> tuple[LegOdometryFilter, list[np.ndarray], list[StateEstimate]]:
+    """The filter, its deltas from clone to clone, and its estimates at the clones."""
+    odometry, deltas, at_clones = LegOdometryFilter(daisy, config), [], []
+    count = 0
+    for measurement in measurements:
+        estimate = odometry.push(measurement)
+        if estimate is None:
+            continue
+        if count % every == 0:
+            if count:
+                deltas.append(odometry.delta_since_clone().T_start_end)
+            odometry.clone()
+            at_clones.append(estimate)
+        count += 1
+    return odometry, deltas, at_clones
+
+
+def test_a_fresh_clone_is_certain_and_is_the_identity(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig
+) -> None:
+    odometry, _, _ = cloned_walk(daisy, noisy_walk.measurements[:900], 100, config)
+    odometry.clone()
+    delta = odometry.delta_since_clone()
+    assert delta.start_ns == delta.end_ns
+    np.testing.assert_allclose(delta.T_start_end, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(delta.covariance, 0.0, atol=1e-16)
+
+
+def test_the_delta_joins_the_clone_to_the_present(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    """The delta leads from the pose at the clone, as it is now known, to the present; it grows less sure with time."""
+    odometry, now = LegOdometryFilter(daisy, PROFILES[0]), None
+    sigmas: list[float] = []
+    cloned = None
+    for number, measurement in enumerate(noisy_walk.measurements):
+        now = odometry.push(measurement) or now
+        if number == 400:
+            odometry.clone()
+            cloned = now
+        if number > 400 and number % 200 == 0:
+            delta = odometry.delta_since_clone()
+            assert np.linalg.eigvalsh(delta.covariance)[0] > 0.0
+            sigmas.append(float(np.sqrt(np.trace(delta.covariance[3:, 3:]))))
+    assert now is not None
+    assert cloned is not None
+    assert delta.start_ns == cloned.stamp_ns
+    apart = se3.log(
+        se3.inverse(cloned.nav.T_world_body @ odometry.delta_since_clone().T_start_end) @ now.nav.T_world_body
+    )
+    assert np.abs(apart[:3]).max() < 5e-3  # the clone itself was smoothed since
+    assert np.abs(apart[3:]).max() < 5e-3
+    assert sigmas[-1] > sigmas[0]
+
+
+def test_chained_deltas_are_the_walk(daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig) -> None:
+    _, deltas, at_clones = cloned_walk(daisy, noisy_walk.measurements, 50, config)
+    chained = at_clones[0].nav.T_world_body
+    for delta in deltas:
+        chained = chained @ delta
+    apart = se3.log(se3.inverse(chained) @ at_clones[-1].nav.T_world_body)
+    assert np.linalg.norm(position(at_clones[-1])) > 0.3
+    assert np.abs(apart).max() < 0.02
+
+
+def test_a_pose_at_the_clone_pulls_the_present_along(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig
+) -> None:
+    odometry = LegOdometryFilter(daisy, config)
+    last = None
+    measurements = noisy_walk.measurements
+    for number, measurement in enumerate(measurements[:900]):
+        estimate = odometry.push(measurement)
+        last = estimate or last
+        if number == 600:
+            odometry.clone()
+            cloned = last
+    assert last is not None
+    assert cloned is not None
+    step_delta = odometry.delta_since_clone().T_start_end
+    shift = np.array([0.004, -0.003, 0.002])
+    T_measured = cloned.nav.T_world_body.copy()
+    T_measured[:3, 3] += shift
+    surprise = odometry.correct_at_clone(T_measured, np.diag([1e-2] * 3 + [1e-10] * 3))
+    assert surprise > 0.0
+    after_delta = odometry.delta_since_clone().T_start_end
+    estimate = next(one for one in map(odometry.push, measurements[900:]) if one is not None)
+    pulled = position(estimate) - position(last) - (estimate.stamp_ns - last.stamp_ns) * 1e-9 * last.nav.velocity_world
+    np.testing.assert_allclose(pulled, shift, atol=2e-3)
+    np.testing.assert_allclose(after_delta[:3, 3], step_delta[:3, 3], atol=2e-3)
+    assert estimate.covariance[3:6, 3:6].trace() < last.covariance[3:6, 3:6].trace()
+
+
+def test_the_present_needs_no_clone_to_agree_with_a_run_without(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
+) -> None:
+    """Cloning only remembers: the trajectory is the same to rounding."""
+    plain, _ = clean_runs[config.profile]
+    _, _, at_clones = cloned_walk(daisy, noisy_walk.measurements, 40, config)
+    by_stamp = {estimate.stamp_ns: estimate for estimate in plain}
+    for estimate in at_clones:
+        other = by_stamp[estimate.stamp_ns]
+        np.testing.assert_allclose(estimate.nav.T_world_body, other.nav.T_world_body, atol=1e-8)
