@@ -9,7 +9,7 @@ One state is not the paper's: the relative error of the effective leg length (``
 certain where it is not estimated.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
-``v = exp(e) v_mean + e_v`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
+``v = exp(e) (v_mean + e_v)`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
 invariant extended Kalman filter as a stable observer", 2017). Legs and IMU cannot see a turned or shifted world, and
 with this error their sigma points do not see it either: yaw never becomes falsely observable, however large its
 uncertainty. ``plain_jacobian`` leads from these errors to ordinary ones.
@@ -104,9 +104,8 @@ class State:
     def _spread(self, errors: Array, turn: Array) -> "State":
         world = self.layout.world
         vector = self.vector + errors
-        vectors_world = self.vector[world].reshape(-1, 3)
-        turned = vectors_world @ np.swapaxes(turn, -1, -2)
-        vector[:, world] = turned.reshape(len(errors), -1) + errors[:, world]
+        turned = vector[:, world].reshape(len(errors), -1, 3) @ np.swapaxes(turn, -1, -2)
+        vector[:, world] = turned.reshape(len(errors), -1)
         return replace(self, rotation=turn @ self.rotation, vector=vector)
 
     def corrected(self, step: Array) -> "State":
@@ -116,7 +115,7 @@ class State:
         moved = self._spread(step[None], turn[None])
         vector = moved.vector[0]
         clone_at = layout.clone_position
-        vector[clone_at] = clone_turn @ self.vector[clone_at] + step[clone_at]
+        vector[clone_at] = clone_turn @ (self.vector[clone_at] + step[clone_at])
         vector[ROTATION] = 0.0
         vector[layout.clone_rotation] = 0.0
         return State(layout, moved.rotation[0], vector, clone_turn @ self.clone_rotation)
@@ -126,8 +125,8 @@ class State:
         turn = stack.rotation @ self.rotation.T
         world = self.layout.world
         errors = stack.vector - self.vector
-        turned = self.vector[world].reshape(-1, 3) @ np.swapaxes(turn, -1, -2)
-        errors[:, world] = stack.vector[:, world] - turned.reshape(len(errors), -1)
+        turned_back = stack.vector[:, world].reshape(len(errors), -1, 3) @ turn
+        errors[:, world] = turned_back.reshape(len(errors), -1) - self.vector[world]
         errors[:, ROTATION] = so3.log_below_pi(turn)
         return errors
 

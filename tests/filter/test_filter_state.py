@@ -79,7 +79,7 @@ def test_corrected_is_spread_and_moves_the_clone_likewise(seed: int) -> None:
     np.testing.assert_allclose(mean.errors_of(stack_of(corrected))[0, here], step[here], atol=1e-9)
     clone_turn = corrected.clone_rotation @ mean.clone_rotation.T
     np.testing.assert_allclose(so3.log(clone_turn), step[layout.clone_rotation], atol=1e-9)
-    shift = corrected.vector[layout.clone_position] - clone_turn @ mean.vector[layout.clone_position]
+    shift = clone_turn.T @ corrected.vector[layout.clone_position] - mean.vector[layout.clone_position]
     np.testing.assert_allclose(shift, step[layout.clone_position], atol=1e-9)
     assert np.all(corrected.vector[ROTATION] == 0.0)
     assert np.all(corrected.vector[layout.clone_rotation] == 0.0)
