@@ -48,9 +48,9 @@ class RobustConfig(StageConfig):
     foot_velocity_noise_mps: Annotated[
         float, Field(gt=0, description="one sigma of a stance foot's velocity (slip, bending), m/s")
     ] = 0.05
-    no_contact_velocity_noise_mps: Annotated[
-        float, Field(gt=0, description="one sigma of any foot's velocity while no foot carries the body, m/s")
-    ] = 0.5
+    no_contact_velocity_density: Annotated[
+        float, Field(gt=0, description="white velocity of any foot while no foot carries the body, m/s/sqrt(Hz)")
+    ] = 0.2
     gravity_noise_mps2: Annotated[
         float, Field(gt=0, description="one sigma of the specific force against gravity, all feet down, m/s^2")
     ] = 0.3
@@ -73,7 +73,7 @@ class RobustConfig(StageConfig):
     ] = 0.1
     standstill_velocity_noise_mps: Annotated[
         float, Field(gt=0, description="one sigma of the body velocity at standstill, m/s")
-    ] = 0.005
+    ] = 0.02
     standstill_rate_noise_radps: Annotated[
         float, Field(gt=0, description="one sigma of the body rate at standstill, rad/s")
     ] = 0.005

@@ -101,6 +101,7 @@ def blocks(
     robot: RobotDescription,
     config: RobustConfig,
     gyroscope_noise_radps: float,
+    dt_s: float,
     sees_gravity: bool,
 ) -> list[Block]:
     """The measurements of one joint sample.
@@ -115,6 +116,7 @@ def blocks(
         robot: noise of its sensors.
         config: parameters.
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
+        dt_s: time since the last joint sample, s.
         sees_gravity: whether all feet have stood long enough for the accelerometer to show gravity.
     """
     result: list[Block] = []
@@ -133,7 +135,7 @@ def blocks(
         return result
     up_body = mean.rotation.T @ UP
     feet = reading.feet
-    slip = config.foot_velocity_noise_mps if carries else config.no_contact_velocity_noise_mps
+    slip = config.foot_velocity_noise_mps if carries else config.no_contact_velocity_density / np.sqrt(dt_s)
     arms = radii_m[legs, None] * up_body
     arms_cross = so3.hat(arms)
     jacobian = feet.jacobian[legs]

@@ -75,6 +75,7 @@ class RobustProfile:
             robot=self._robot,
             config=config,
             gyroscope_noise_radps=gyroscope_noise_radps,
+            dt_s=dt_s,
             sees_gravity=self._all_stand_s >= config.gravity_dwell_s,
         )
         if not blocks:
