@@ -147,16 +147,16 @@ def test_covariance_of_an_estimate_is_of_right_local_rotation_first_errors() -> 
 
 
 def test_errors_inside_the_filter_turn_the_world() -> None:
-    """Right-invariant: R = exp(e) R_mean, and position, velocity and feet turn with it before their own error."""
+    """Right-invariant: R = exp(e) R_mean, and position, velocity and feet turn with it, their own errors too."""
     mean = _state(12)
     error = np.random.default_rng(13).normal(scale=0.3, size=_LAYOUT.dimension)
     moved = mean.corrected(error)
     turn = so3.exp(error[ROTATION])
     np.testing.assert_allclose(moved.rotation, turn @ mean.rotation, atol=1e-14)
     for part in (VELOCITY, POSITION):
-        np.testing.assert_allclose(moved.vector[part], turn @ mean.vector[part] + error[part], atol=1e-14)
+        np.testing.assert_allclose(moved.vector[part], turn @ (mean.vector[part] + error[part]), atol=1e-14)
     np.testing.assert_allclose(moved.vector[RATE], mean.vector[RATE] + error[RATE], atol=1e-14)
-    feet = mean.feet @ turn.T + error[_LAYOUT.feet].reshape(-1, 3)
+    feet = (mean.feet + error[_LAYOUT.feet].reshape(-1, 3)) @ turn.T
     np.testing.assert_allclose(moved.feet, feet, atol=1e-14)
 
 

@@ -19,7 +19,7 @@ from coclo_vio.measurements import ImuSample, JointSample
 
 _NS_PER_S = 1_000_000_000
 _FEWEST_SAMPLES = 5
-_LEAVING = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once
+_LEAVING = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once, for a window
 _SPANNED = 0.8  # the part of the window that samples must span; slow sensors never span all of it
 
 
@@ -72,7 +72,7 @@ class StandstillDetector:
         window_ns = round(self.config.window_s * _NS_PER_S)
         self._imu = _SlidingMoments(window_ns)
         self._joints = _SlidingMoments(window_ns)
-        self._is_leaving = False
+        self._fast_ns: int | None = None
         self._counts = {"standstill_stamp_refused": 0}
 
     @property
@@ -88,16 +88,19 @@ class StandstillDetector:
                 is_taken = self._imu.push(sample.stamp_ns, values)
             case JointSample():
                 fastest = float(np.abs(np.nan_to_num(sample.velocity, nan=0.0)).max(initial=0.0))
-                self._is_leaving = fastest > _LEAVING * self.config.joint_speed_radps
                 is_taken = self._joints.push(sample.stamp_ns, np.nan_to_num(sample.velocity, nan=0.0))
+                if is_taken and fastest > _LEAVING * self.config.joint_speed_radps:
+                    self._fast_ns = sample.stamp_ns
         if not is_taken:
             self._counts["standstill_stamp_refused"] += 1
 
     @property
     def is_stationary(self) -> bool:
-        """Whether every limit was kept over the whole window, and no joint has just set off."""
+        """Whether every limit was kept over the whole window, and no joint was fast in it."""
         imu, config = self._imu, self.config
-        if self._is_leaving or imu.count < _FEWEST_SAMPLES or imu.span_ns < _SPANNED * imu.window_ns:
+        if imu.count < _FEWEST_SAMPLES or imu.span_ns < _SPANNED * imu.window_ns:
+            return False
+        if self._fast_ns is not None and self._fast_ns > imu.newest_ns - imu.window_ns:
             return False
         mean, variance = imu.mean(), imu.variance()
         if float(mean[:3] @ mean[:3]) > config.gyroscope_mean_radps**2:

@@ -53,14 +53,15 @@ def errors(estimates: list[StateEstimate], trial: AnalyticTrial) -> np.ndarray:
 
 
 def test_a_robot_that_stands_stays_where_it_is(go1: RobotModel) -> None:
-    trial = generate(AnalyticTrialConfig(body=STANDING), go1, seed=2)
+    quiet = SensorNoiseConfig(joint_velocity_noise_radps=0.02)  # a standing robot's angles hardly change
+    trial = generate(AnalyticTrialConfig(body=STANDING, sensors=quiet), go1, seed=2)
     estimates = run(InvariantLegOdometry(go1), trial.measurements)
     assert len(estimates) > 200
     assert np.abs(errors(estimates, trial)[:, 3:]).max() < 2e-3  # foot noise 1 mm rad x 0.3 m, averaged
     assert np.linalg.norm(estimates[-1].nav.velocity_world) < 0.01
     assert (
-        np.abs(estimates[-1].nav.gyroscope_bias - trial.gyroscope_bias[-1]).max() < 3e-4
-    )  # 2 mrad/s / sqrt(250), 2 sigma
+        np.abs(estimates[-1].nav.gyroscope_bias - trial.gyroscope_bias[-1]).max() < 1.3e-3
+    )  # 10 mrad/s / sqrt(250), 2 sigma
 
 
 @pytest.mark.parametrize("name", ["go1", "daisy"])

@@ -86,6 +86,7 @@ def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotMode
             robot=daisy.description,
             config=RobustConfig(),
             gyroscope_noise_radps=1e-3,
+            dt_s=0.01,
             sees_gravity=bool(reading.is_stance.all()),
         )
         rows = sum(len(block.measured) for block in blocks)
@@ -114,6 +115,7 @@ def test_a_velocity_that_is_not_the_bodys_leaves_a_residual(daisy: RobotModel, c
         robot=daisy.description,
         config=RobustConfig(),
         gyroscope_noise_radps=1e-3,
+        dt_s=0.01,
         sees_gravity=bool(reading.is_stance.all()),
     )
     velocity = next(block for block in blocks if len(block.measured) == 3 * len(legs) and block.legs[0] >= 0)
