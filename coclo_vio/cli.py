@@ -44,13 +44,12 @@ _COLUMNS = (
     ("ate_planar_m", "planar\nm", ".3f"),
     ("rpe_1m_percent", "RPE\n%/m", ".2f"),
     ("drift_percent", "drift\n%", ".2f"),
-    ("paper_drift_percent", "paper\n%", ".2f"),
-    ("velocity_rmse_mps", "velocity\nm/s", ".3f"),
+    ("velocity_rmse_mps", "speed\nm/s", ".3f"),
     ("yaw_drift_deg", "yaw\ndeg", ".2f"),
     ("path_length_ratio", "path\nratio", ".3f"),
-    ("coverage", "cover-\nage", ".3f"),
+    ("coverage", "cover\n", ".3f"),
     ("anees_pose", "ANEES\n", ".2f"),
-    ("realtime_factor", "real\ntime x", ".1f"),
+    ("realtime_factor", "real\ntime", ".1f"),
 )
 
 RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known robot, or the path of its YAML.")]
@@ -243,7 +242,7 @@ def _tell_run(told: Mapping[str, Any], folder: Path) -> None:
 def _print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
     if not evaluations:
         return
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1), title_justify="left")
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title_justify="left")
     table.add_column("", no_wrap=True)
     for _, label, _ in _COLUMNS:
         table.add_column(label, justify="right", no_wrap=True)
