@@ -41,13 +41,12 @@ _EVERY_NS = 200_000_000
 _COMPARED = "coclo,coclo_paper,inekf,naive"
 _COLUMNS = (
     ("ate_m", "ATE\nm", ".3f"),
-    ("ate_planar_m", "planar\nm", ".3f"),
+    ("ate_planar_m", "xy\nm", ".3f"),
     ("rpe_1m_percent", "RPE\n%/m", ".2f"),
     ("drift_percent", "drift\n%", ".2f"),
     ("velocity_rmse_mps", "speed\nm/s", ".3f"),
     ("yaw_drift_deg", "yaw\ndeg", ".2f"),
     ("path_length_ratio", "path\nratio", ".3f"),
-    ("coverage", "cover\n", ".3f"),
     ("anees_pose", "ANEES\n", ".2f"),
     ("realtime_factor", "real\ntime", ".1f"),
 )
@@ -252,7 +251,11 @@ def _print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
         table.add_row(name, *cells)
     _out.print(table)
     travelled_m = max(evaluation.path_length_m for evaluation in evaluations.values())
-    _out.print(f"path of the ground truth {travelled_m:.2f} m; ANEES 1 is honest, above it too sure", highlight=False)
+    covered = min(evaluation.coverage or 0.0 for evaluation in evaluations.values())
+    _out.print(
+        f"ground truth {travelled_m:.2f} m, covered {covered:.3f} or more; ANEES 1 is honest, above it too sure",
+        highlight=False,
+    )
     for note in dict.fromkeys(note for evaluation in evaluations.values() for note in evaluation.notes):
         _err.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
 
