@@ -45,11 +45,32 @@ def run_all(
         make_estimator(mode, robot, config)  # a misspelt mode is found before anything runs
     dataset = open_dataset(path, config.robot, config.dataset)
     run_folder.prepare(folder)
-    write_yaml(config, folder / "config.yaml")
+    with run_folder.writing(folder):
+        write_yaml(config, folder / "config.yaml")
+        run = _described(path, dataset, config, folder)
+        for mode in modes:
+            summary = _run_one(mode, dataset, robot, config, folder, progress)
+            run["recording_ns"] = _union(run["recording_ns"], summary.recording_ns)
+            run["estimators"][mode] = {
+                "measurements": summary.measurements,
+                "estimates": summary.estimates,
+                "compute_s": summary.compute_s,
+                "realtime_factor": summary.realtime_factor,
+                "counts": dict(summary.counts),
+                "failure": summary.failure,
+            }
+            run_folder.write_json(folder / "run.json", run)
+        _add_reader(run, dataset)
+        run_folder.write_json(folder / "run.json", run)
+    return run
+
+
+def _described(path: Path, dataset: Dataset, config: RunConfig, folder: Path) -> dict[str, Any]:
+    """``run.json`` before any estimator has run; the ground truth goes to its own file."""
     truth = dataset.ground_truth()
     if truth is not None:
         run_folder.write_ground_truth(folder, truth)
-    run: dict[str, Any] = {
+    return {
         "version": __version__,
         "dataset": str(path),
         "robot": config.robot.name,
@@ -57,20 +78,25 @@ def run_all(
         "recording_ns": None,
         "estimators": {},
     }
-    for mode in modes:
-        summary = _run_one(mode, dataset, robot, config, folder, progress)
-        run["recording_ns"] = summary.recording_ns
-        run["estimators"][mode] = {
-            "measurements": summary.measurements,
-            "estimates": summary.estimates,
-            "compute_s": summary.compute_s,
-            "realtime_factor": summary.realtime_factor,
-            "counts": dict(summary.counts),
-            "failure": summary.failure,
-        }
-        run["reader"] = asdict(dataset.report()) if summary.failure is None else run.get("reader")
-        run_folder.write_json(folder / "run.json", run)
-    return run
+
+
+def _add_reader(run: dict[str, Any], dataset: Dataset) -> None:
+    """What was read, and from when to when, also where every estimator stopped early."""
+    try:
+        report = dataset.report()
+    except DatasetError:  # each estimator has told of it as its failure
+        run["reader"] = None
+        return
+    run["reader"] = asdict(report)
+    for stream in report.streams:
+        run["recording_ns"] = _union(run["recording_ns"], (stream.start_ns, stream.end_ns))
+
+
+def _union(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[int, int] | None:
+    """The shortest interval that holds both."""
+    if one is None or other is None:
+        return one or other
+    return min(one[0], other[0]), max(one[1], other[1])
 
 
 def _run_one(
@@ -101,7 +127,7 @@ def evaluate_run(
     run = run_folder.read_run_json(folder)
     truth = truth or run_folder.read_ground_truth(folder, run)
     if truth is None:
-        raise DatasetError(f"{folder} has no groundtruth.tum; give a ground truth with --vicon FILE")
+        raise DatasetError(f"{folder} has no ground truth; give one with `coclo-vio evaluate {folder} --vicon FILE`")
     recording = run.get("recording_ns")
     evaluations: dict[str, Evaluation] = {}
     failures: dict[str, str] = {}
@@ -127,17 +153,19 @@ def evaluate_tum(path: Path, config: EvaluationConfig, truth: GroundTruth | None
         EvaluationError: no ground truth was given, or the two cannot be compared.
         DatasetError: the file cannot be read.
     """
+    estimate = read_tum(path)
     if truth is None:
         raise EvaluationError(f"{path} is a trajectory without ground truth; give one with --vicon FILE")
-    return {path.stem: evaluate(read_tum(path), truth, config)}
+    return {path.stem: evaluate(estimate, truth, config)}
 
 
 def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
     """``compare.json``, figures and ``report.html`` of a run folder; returns the path of the report."""
-    write_evaluations(folder / "compare.json", evaluations)
-    runs = [run_folder.read_estimates(folder, name) for name in evaluations]
-    figures = _figures(folder, evaluations, runs)
-    return write_report(folder / "report.html", title, evaluations, figures, config.model_dump(mode="json"))
+    with run_folder.writing(folder):
+        write_evaluations(folder / "compare.json", evaluations)
+        runs = [run_folder.read_estimates(folder, name) for name in evaluations]
+        figures = _figures(folder, evaluations, runs)
+        return write_report(folder / "report.html", title, evaluations, figures, config.model_dump(mode="json"))
 
 
 def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None:

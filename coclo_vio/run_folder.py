@@ -6,7 +6,8 @@ Estimates are written as they come, so a run that stops early leaves all it had.
 
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
@@ -16,12 +17,17 @@ from typing import Any, Self
 import numpy as np
 
 from coclo_vio.arrays import Array
-from coclo_vio.errors import DatasetError
+from coclo_vio.errors import DatasetError, listing
 from coclo_vio.estimates import StateEstimate
 from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum, tum_line, write_tum
 
 _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 _VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
+_STATE_COLUMNS = (
+    "stamp_ns",
+    *(f"{name}_{axis}" for name in _VECTORS for axis in "xyz"),
+    *(f"pose_covariance_{row}{column}" for row, column in _UPPER),
+)
 
 
 class StateWriter:
@@ -35,11 +41,8 @@ class StateWriter:
     def __init__(self, folder: Path, estimator: str, leg_names: tuple[str, ...]) -> None:
         self._tum: TextIOWrapper = (folder / f"{estimator}.tum").open("w", encoding="ascii", newline="\n")
         self._state: TextIOWrapper = (folder / f"{estimator}_state.csv").open("w", encoding="utf-8", newline="\n")
-        header = ["stamp_ns"]
-        header += [f"{name}_{axis}" for name in _VECTORS for axis in "xyz"]
-        header += [f"pose_covariance_{row}{column}" for row, column in _UPPER]
-        header += [f"{leg}.{what}" for leg in leg_names for what in ("contact_probability", "is_stance")]
-        self._state.write(",".join(header) + "\n")
+        feet = (f"{leg}.{what}" for leg in leg_names for what in ("contact_probability", "is_stance"))
+        self._state.write(",".join([*_STATE_COLUMNS, *feet]) + "\n")
 
     def write(self, estimate: StateEstimate) -> None:
         """Append one estimate to both files."""
@@ -92,6 +95,21 @@ def prepare(folder: Path) -> Path:
     return folder
 
 
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turns what the system has against a file inside the folder into an error that names it.
+
+    Raises:
+        DatasetError: a file cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DatasetError(
+            f"cannot write {error.filename or folder}: {error.strerror}; choose another folder with -o"
+        ) from error
+
+
 def write_ground_truth(folder: Path, truth: GroundTruth) -> None:
     """Write ``groundtruth.tum``; whether its stamps are real goes to ``run.json``."""
     write_tum(truth.trajectory, folder / "groundtruth.tum")
@@ -108,17 +126,35 @@ def read_run_json(folder: Path) -> dict[str, Any]:
     Raises:
         DatasetError: it is missing or malformed.
     """
+    path = folder / "run.json"
     try:
-        values = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        values = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise DatasetError(
             f"{folder} is no run folder: it has no run.json; give the folder that `coclo-vio run -o` wrote"
         ) from error
-    except json.JSONDecodeError as error:
-        raise DatasetError(f"{folder / 'run.json'} is not JSON ({error}); run again") from error
-    if not isinstance(values, dict) or "estimators" not in values:
-        raise DatasetError(f"{folder / 'run.json'} names no estimators; it was written by something else")
-    return values
+    except ValueError as error:
+        raise DatasetError(f"{path} is not JSON ({error}); run again") from error
+    wrong = _wrong_in(values)
+    if wrong is not None:
+        raise DatasetError(f"{path}: {wrong} is missing or malformed, as `coclo-vio run` never writes it; run again")
+    return dict(values)
+
+
+def _wrong_in(run: Any) -> str | None:
+    """The first part of ``run.json`` that is not as it is written, None where all is well."""
+    if not isinstance(run, dict):
+        return "its object"
+    estimators, recording, truth = run.get("estimators"), run.get("recording_ns"), run.get("ground_truth")
+    if not isinstance(estimators, dict) or not all(isinstance(told, dict) for told in estimators.values()):
+        return "estimators"
+    if recording is not None and not (
+        isinstance(recording, list) and len(recording) == 2 and all(isinstance(stamp, int) for stamp in recording)
+    ):
+        return "recording_ns"
+    if truth is not None and not (isinstance(truth, dict) and {"has_stamps", "source"} <= set(truth)):
+        return "ground_truth"
+    return None
 
 
 def read_ground_truth(folder: Path, run: Mapping[str, Any]) -> GroundTruth | None:
@@ -140,20 +176,33 @@ def read_estimates(folder: Path, name: str) -> RecordedRun:
     path = folder / f"{name}_state.csv"
     if not path.exists():
         return RecordedRun(name, poses, np.zeros((len(poses), 0)), ())
-    with path.open(encoding="utf-8", newline="") as lines:
-        header = next(csv.reader(lines), [])
-    try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except ValueError as error:
-        raise DatasetError(f"{path}: {error}; run again, or delete it to do without velocities") from error
-    if len(table) != len(poses) or table.shape[1] != len(header):
-        raise DatasetError(f"{path} has {len(table)} rows, {name}.tum has {len(poses)} poses; run again")
-    index = {column: position for position, column in enumerate(header)}
-    covariance = np.zeros((len(table), 6, 6))
+    columns = _read_states(path, poses)
+    covariance = np.zeros((len(poses), 6, 6))
     for row, column in _UPPER:
-        covariance[:, row, column] = covariance[:, column, row] = table[:, index[f"pose_covariance_{row}{column}"]]
-    legs = tuple(column.rpartition(".")[0] for column in header if column.endswith(".contact_probability"))
-    probability = table[:, [index[f"{leg}.contact_probability"] for leg in legs]]
-    velocity = table[:, [index[f"velocity_world_{axis}"] for axis in "xyz"]]
+        covariance[:, row, column] = covariance[:, column, row] = columns[f"pose_covariance_{row}{column}"]
+    velocity = np.stack([columns[f"velocity_world_{axis}"] for axis in "xyz"], axis=1)
     trajectory = Trajectory(poses.stamps_ns, poses.T_world_body, velocity, covariance)
+    legs = tuple(column.rpartition(".")[0] for column in columns if column.endswith(".contact_probability"))
+    probability = np.array([columns[f"{leg}.contact_probability"] for leg in legs]).reshape(len(legs), len(poses)).T
     return RecordedRun(name, trajectory, probability, legs)
+
+
+def _read_states(path: Path, poses: Trajectory) -> dict[str, Array]:
+    """The columns (N,) of a state file that stands beside N poses, by name."""
+    try:
+        with path.open(encoding="utf-8", newline="") as lines:
+            header = next(csv.reader(lines), [])
+            table = np.array([[float(cell) for cell in row] for row in csv.reader(lines)])
+    except (OSError, ValueError, csv.Error) as error:
+        raise DatasetError(f"{path}: {error}; run again, or delete it to do without velocities") from error
+    missing = [name for name in _STATE_COLUMNS if name not in header]
+    if missing:
+        raise DatasetError(f"{path} lacks the columns {listing(missing)}; run again")
+    if table.shape != (len(poses), len(header)):
+        raise DatasetError(f"{path} has {len(table)} rows for the {len(poses)} poses beside it; run again")
+    if not np.isfinite(table).all():
+        row, column = (int(index) for index in np.argwhere(~np.isfinite(table))[0])
+        raise DatasetError(f"{path}, line {row + 2}: {header[column]} is {table[row, column]}, not finite; run again")
+    if (table[:, header.index("stamp_ns")] != poses.stamps_ns).any():
+        raise DatasetError(f"{path} has other stamps than the poses beside it; run again")
+    return dict(zip(header, table.T, strict=True))
