@@ -13,7 +13,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.errors import ConfigError, listing
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
+from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
 
 
 class RunConfig(StageConfig):
@@ -42,11 +42,11 @@ def resolve(
     Raises:
         ConfigError: an unknown robot or key, a value out of bounds, or no robot at all.
     """
-    values = merged(read_yaml(file) if file else {}, parse_settings(settings))
-    changes = values.pop("robot", {})
-    if not isinstance(changes, Mapping):
-        raise ConfigError(f"robot = {changes!r}: give keys below it, such as robot.contact.on_force, or use --robot")
-    changes = dict(changes)
+    given = read_yaml(file) if file else {}
+    if file is not None and "robot" in given:
+        given["robot"] = _robot_of_file(given["robot"], file, is_replaced=robot is not None)
+    values = merged(given, parse_settings(settings))
+    changes = dict(_mapping(values.pop("robot", {})))
     preset = robot or changes.pop("preset", None)
     changes.pop("preset", None)
     if preset is None and "legs" not in changes:
@@ -55,7 +55,30 @@ def resolve(
             raise ConfigError(
                 f"which robot is it? Give --robot NAME or a YAML file; known robots are: {listing(robot_names())}"
             )
-    base: dict[str, Any] = load_robot(preset).model_dump() if preset else {}
-    source = str(file) if file else "configuration"
-    values["filter"] = merged(base.get("filter", {}), values.get("filter", {}))
-    return RunConfig.parse({**values, "robot": merged(base, changes)}, source)
+    described = merged(load_robot(preset).model_dump() if preset else {}, changes)
+    own, asked = described.get("filter"), values.get("filter", {})
+    if isinstance(own, Mapping) and isinstance(asked, Mapping):  # otherwise the check below says what is wrong
+        values["filter"] = merged(own, asked)
+    sources = [str(file)] if file else []
+    sources += ["--set"] if settings else []
+    return RunConfig.parse({**values, "robot": described}, " with ".join(sources) or "configuration")
+
+
+def _mapping(robot: Any) -> Mapping[str, Any]:
+    if not isinstance(robot, Mapping):
+        raise ConfigError(f"robot = {robot!r}: give keys below it, such as robot.contact.on_force, or use --robot")
+    return robot
+
+
+def _robot_of_file(robot: Any, file: Path, *, is_replaced: bool) -> Mapping[str, Any]:
+    """What a file says of the robot, its URDF found from the file's own folder.
+
+    Where the command line names another robot, what the file says of its own robot does not hold for it.
+    """
+    said = dict(_mapping(robot))
+    if is_replaced and ("legs" in said or "preset" in said):
+        return {}
+    urdf = said.get("urdf")
+    if isinstance(urdf, str) and not urdf.startswith(EXTRA_SCHEME):
+        said["urdf"] = str(file.parent.resolve() / urdf)
+    return said

@@ -15,7 +15,7 @@ from coclo_vio.config import StageConfig, read_yaml
 from coclo_vio.errors import ConfigError, RobotModelError, listing
 from coclo_vio.robot.contact import ContactConfig
 
-_EXTRA_SCHEME = "example-robot-data:"
+EXTRA_SCHEME = "example-robot-data:"
 _EXTRA_DISTRIBUTION = "example-robot-data"
 _EXTRA_FOLDER = "/example-robot-data/robots/"
 
@@ -97,7 +97,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     """
     path = _yaml_path(str(name_or_path))
     description = RobotDescription.parse(read_yaml(path), str(path))
-    if description.urdf.startswith(_EXTRA_SCHEME):
+    if description.urdf.startswith(EXTRA_SCHEME):
         return description
     return description.model_copy(update={"urdf": str(path.parent.resolve() / description.urdf)})
 
@@ -120,10 +120,10 @@ def urdf_path(description: RobotDescription) -> Path:
     Raises:
         RobotModelError: there is no such file, or it needs the ``robots`` extra that is not installed.
     """
-    if not description.urdf.startswith(_EXTRA_SCHEME):
+    if not description.urdf.startswith(EXTRA_SCHEME):
         path = Path(description.urdf)
     else:
-        path = _path_in_extra(description.name, description.urdf.removeprefix(_EXTRA_SCHEME))
+        path = _path_in_extra(description.name, description.urdf.removeprefix(EXTRA_SCHEME))
     if not path.is_file():
         raise RobotModelError(f"robot {description.name!r}: there is no URDF file {path}; correct `urdf` in its YAML")
     return path
