@@ -23,6 +23,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.robot.foot_load import GRAVITY_MPS2
 from coclo_vio.robot.standstill import Rest
 
+_WEIGHTLESS_MPS2 = 1.0  # a mean specific force smaller than this shows no direction: the body is taken as level
 _TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start
 
 
@@ -50,7 +51,8 @@ def initial_filter(
         is_wide: see ``SquareRootFilter``.
     """
     force = moving_force if rest is None else rest.specific_force
-    rotation = np.eye(3) if force is None else so3.from_gravity(force)
+    is_blind = force is None or float(np.linalg.norm(force)) < _WEIGHTLESS_MPS2
+    rotation = np.eye(3) if force is None or is_blind else so3.from_gravity(force)
     vector = np.zeros(layout.dimension)
     vector[layout.feet] = (np.nan_to_num(reading.feet.position_body) @ rotation.T).ravel()
     if layout.has_contacts:
