@@ -2,9 +2,12 @@
 """The command line ``coclo-vio``: the only place that prints or exits."""
 
 import json
+import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +15,7 @@ import typer
 import yaml
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -39,6 +43,7 @@ _out = Console()
 _err = Console(stderr=True)
 _EVERY_NS = 200_000_000
 _COMPARED = "coclo,coclo_paper,inekf,naive"
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _COLUMNS = (
     ("ate_m", "ATE\nm", ".3f"),
     ("ate_planar_m", "xy\nm", ".3f"),
@@ -117,7 +122,7 @@ def evaluate(
     else:
         evaluations = comparison.evaluate_tum(run_or_tum, evaluation, truth)
     if as_json:
-        _out.print_json(json.dumps({name: value.to_json() for name, value in evaluations.items()}))
+        _print_json({name: value.to_json() for name, value in evaluations.items()})
     else:
         _print_table(evaluations, str(run_or_tum))
     _print_failures(failures)
@@ -128,14 +133,17 @@ def evaluate(
 @app.command()
 def benchmark(
     as_json: JsonOption = False,
-    seconds: Annotated[float, typer.Option(help="Length of the trial that is timed, s.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=2.0, help="Length of the walk that is timed, s.")] = 8.0,
+    rounds: Annotated[int, typer.Option(min=1, help="How often; the best counts.")] = 3,
 ) -> None:
     """Time the filter for six legs on one core, beside filterpy where that is installed."""
-    from coclo_vio.benchmark import run_benchmark  # noqa: PLC0415 -- sets thread limits and loads what it compares with
+    from coclo_vio.benchmark import run_benchmark  # noqa: PLC0415 -- loads what it compares with
 
-    figures = run_benchmark(seconds)
+    os.environ.update(_ONE_THREAD)
+    with ProcessPoolExecutor(1, get_context("spawn")) as fresh:  # NumPy takes its number of threads as it is loaded
+        figures = fresh.submit(run_benchmark, seconds, rounds).result()
     if as_json:
-        _out.print_json(json.dumps(figures))
+        _print_json(figures)
         return
     table = Table("figure", "value")
     for name, value in figures.items():
@@ -174,9 +182,6 @@ def main() -> None:
         _fail(error, 2)
     except CocloError as error:
         _fail(error, 1)
-    except KeyboardInterrupt:
-        _err.print("stopped; what was estimated so far is in the output folder")
-        sys.exit(130)
 
 
 def _fail(error: CocloError, status: int) -> None:
@@ -205,28 +210,49 @@ def _compare(
     config: Path | None = None,
     settings: list[str] | None = None,
 ) -> None:
-    names = [name.strip() for name in modes.split(",") if name.strip()]
+    names = list(dict.fromkeys(name.strip() for name in modes.split(",") if name.strip()))
+    if not names:
+        raise ConfigError(f"--modes names no estimator; there are: {', '.join(ESTIMATORS)}")
     compared: dict[str, Any] = {}
-    for dataset in datasets:
+    fruitless: list[str] = []
+    for name, dataset in zip(_distinct_names(datasets), datasets, strict=True):
         own = resolved or _resolve_for(dataset, robot, config, settings)
-        name = dataset.resolve().name
         folder = output if len(datasets) == 1 else output / name
         with _progress_bar() as progress:
             told = comparison.run_all(dataset, names, own, folder, progress)
         _tell_run(told, folder)
         evaluations, failures = comparison.evaluate_run(folder, own.evaluation)
         _print_table(evaluations, f"{name}, {own.robot.name}")
-        _print_failures(failures)
+        stopped = {mode: one["failure"] for mode, one in told["estimators"].items() if one["failure"]}
+        _print_failures(failures | stopped)
         report = comparison.write_comparison(folder, f"{name}, {own.robot.name}", evaluations, own)
-        _out.print(f"report: {report}", soft_wrap=True)
+        _out.print(f"report: {report}", soft_wrap=True, markup=False)
         compared[name] = {estimator: value.to_json() for estimator, value in evaluations.items()}
+        if not evaluations or len(stopped) == len(names):
+            fruitless.append(str(dataset))
     if len(datasets) > 1:
-        run_folder.write_json(output / "compare.json", compared)
+        with run_folder.writing(output):
+            run_folder.write_json(output / "compare.json", compared)
+    if fruitless:
+        raise DatasetError(f"no estimator got through {', '.join(fruitless)}; what stopped each is told above")
+
+
+def _distinct_names(datasets: Sequence[Path]) -> list[str]:
+    """What each recording is called: its last path component, numbered where an earlier one has the same."""
+    names: list[str] = []
+    for dataset in datasets:
+        name = plain = dataset.resolve().name
+        number = 1
+        while name in names:
+            number += 1
+            name = f"{plain}_{number}"
+        names.append(name)
+    return names
 
 
 def _tell_run(told: Mapping[str, Any], folder: Path) -> None:
     """Say what was left out, assumed or counted, and where the results are."""
-    _err.print(f"robot {told['robot']}; results in {folder}", soft_wrap=True, highlight=False)
+    _err.print(f"robot {told['robot']}; results in {folder}", soft_wrap=True, highlight=False, markup=False)
     reader = told.get("reader") or {}
     for note in reader.get("notes", ()):
         _err.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
@@ -241,7 +267,7 @@ def _tell_run(told: Mapping[str, Any], folder: Path) -> None:
 def _print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
     if not evaluations:
         return
-    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title_justify="left")
+    table = Table(title=escape(title), box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title_justify="left")
     table.add_column("", no_wrap=True)
     for _, label, _ in _COLUMNS:
         table.add_column(label, justify="right", no_wrap=True)
@@ -260,9 +286,14 @@ def _print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
         _err.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
 
 
+def _print_json(values: Mapping[str, Any]) -> None:
+    """One JSON object, never coloured or folded."""
+    sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
+
+
 def _print_failures(failures: Mapping[str, str]) -> None:
     for name, reason in failures.items():
-        _err.print(f"{name} has no result: {reason}", soft_wrap=True, highlight=False, markup=False)
+        _err.print(f"{name} stopped early or has no result: {reason}", soft_wrap=True, highlight=False, markup=False)
 
 
 @contextmanager
@@ -281,7 +312,11 @@ def _progress_bar() -> Iterator[comparison.Progress]:
                 bar.update(task, completed=(stamp_ns - first_ns) / 1e9)
                 last[estimator] = stamp_ns
 
-        yield tell
+        try:
+            yield tell
+        except KeyboardInterrupt:
+            _err.print("stopped; what was estimated so far is in the output folder")
+            raise
 
 
 @app.callback(invoke_without_command=True)
