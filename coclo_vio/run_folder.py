@@ -192,14 +192,20 @@ def _read_states(path: Path, poses: Trajectory) -> dict[str, Array]:
     try:
         with path.open(encoding="utf-8", newline="") as lines:
             header = next(csv.reader(lines), [])
-            table = np.array([[float(cell) for cell in row] for row in csv.reader(lines)])
+            rows = [[float(cell) for cell in row] for row in csv.reader(lines)]
     except (OSError, ValueError, csv.Error) as error:
         raise DatasetError(f"{path}: {error}; run again, or delete it to do without velocities") from error
     missing = [name for name in _STATE_COLUMNS if name not in header]
     if missing:
         raise DatasetError(f"{path} lacks the columns {listing(missing)}; run again")
-    if table.shape != (len(poses), len(header)):
-        raise DatasetError(f"{path} has {len(table)} rows for the {len(poses)} poses beside it; run again")
+    if len(rows) != len(poses):
+        raise DatasetError(f"{path} has {len(rows)} rows for the {len(poses)} poses beside it; run again")
+    ragged = next((number for number, row in enumerate(rows) if len(row) != len(header)), None)
+    if ragged is not None:
+        raise DatasetError(
+            f"{path}, line {ragged + 2}: {len(rows[ragged])} cells under a header of {len(header)} columns; run again"
+        )
+    table = np.array(rows)
     if not np.isfinite(table).all():
         row, column = (int(index) for index in np.argwhere(~np.isfinite(table))[0])
         raise DatasetError(f"{path}, line {row + 2}: {header[column]} is {table[row, column]}, not finite; run again")

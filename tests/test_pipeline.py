@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pytest
+
+from coclo_vio import pipeline
+from coclo_vio.errors import DatasetError, FilterError
+from coclo_vio.estimates import NavState, StateEstimate
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+
+
+class Counting:
+    """An estimator that answers joint samples, and fails at one of them."""
+
+    def __init__(self, fails_at_ns: int | None = None) -> None:
+        self._fails_at_ns = fails_at_ns
+        self._answered = 0
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return {"answered": self._answered}
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        if measurement.stamp_ns == self._fails_at_ns:
+            raise FilterError(f"lost at {measurement.stamp_ns} ns")
+        if not isinstance(measurement, JointSample):
+            return None
+        self._answered += 1
+        nav = NavState(np.eye(4), *(np.zeros(3) for _ in range(4)))
+        return StateEstimate(measurement.stamp_ns, nav, np.eye(9))
+
+
+def _measurements(count: int) -> list[Measurement]:
+    """Three sensors in turn, 1 ms apart."""
+    kinds = (
+        lambda stamp_ns: FootForceSample(stamp_ns, np.zeros(4)),
+        lambda stamp_ns: ImuSample(stamp_ns, np.zeros(3), np.zeros(3)),
+        lambda stamp_ns: JointSample(stamp_ns, np.zeros(12), np.zeros(12), np.zeros(12)),
+    )
+    return [kinds[number % 3](5_000_000 + 1_000_000 * number) for number in range(count)]
+
+
+def test_every_estimate_is_handed_on_in_order() -> None:
+    taken: list[StateEstimate] = []
+    summary = pipeline.run(Counting(), _measurements(9), taken.append)
+    assert [estimate.stamp_ns for estimate in taken] == [7_000_000, 10_000_000, 13_000_000]
+    assert (summary.measurements, summary.estimates, summary.failure) == (9, 3, None)
+    assert summary.recording_ns == (5_000_000, 13_000_000)
+    assert summary.counts == {"answered": 3}
+
+
+def test_an_estimator_that_fails_keeps_what_it_had() -> None:
+    taken: list[StateEstimate] = []
+    summary = pipeline.run(Counting(fails_at_ns=11_000_000), _measurements(12), taken.append)
+    assert summary.failure == "lost at 11000000 ns"
+    assert [estimate.stamp_ns for estimate in taken] == [7_000_000, 10_000_000]
+    assert (summary.measurements, summary.estimates) == (6, 2)
+    assert summary.counts == {"answered": 2}
+
+
+def test_a_recording_that_breaks_off_keeps_what_came_before() -> None:
+    def broken() -> Iterator[Measurement]:
+        yield from _measurements(4)
+        raise DatasetError("line 5: mend it")
+
+    taken: list[StateEstimate] = []
+    summary = pipeline.run(Counting(), broken(), taken.append)
+    assert (summary.failure, len(taken)) == ("line 5: mend it", 1)
+
+
+def test_errors_that_nobody_foresaw_are_not_swallowed() -> None:
+    class Faulty(Counting):
+        def push(self, measurement: Measurement) -> StateEstimate | None:
+            raise KeyError("bug")
+
+    with pytest.raises(KeyError):
+        pipeline.run(Faulty(), _measurements(1), lambda _: None)
+
+
+def test_progress_hears_every_stamp() -> None:
+    heard: list[int] = []
+    pipeline.run(Counting(), _measurements(5), lambda _: None, heard.append)
+    assert heard == [sample.stamp_ns for sample in _measurements(5)]
+
+
+def test_the_real_time_factor_is_recording_over_computing() -> None:
+    summary = pipeline.RunSummary(3, 1, (1_000_000_000, 5_000_000_000), 0.5, {}, None)
+    assert summary.realtime_factor == pytest.approx(8.0)
+
+
+def test_an_empty_recording_has_no_extent_and_no_real_time_factor() -> None:
+    summary = pipeline.run(Counting(), [], lambda _: None)
+    assert summary.recording_ns is None
+    assert summary.realtime_factor is None
+
+
+def test_stamps_out_of_order_still_give_the_extent() -> None:
+    summary = pipeline.run(Counting(), reversed(_measurements(4)), lambda _: None)
+    assert summary.recording_ns == (5_000_000, 8_000_000)
