@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A short walk through several estimators: what is on disk afterwards, also when one of them fails."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from coclo_vio import comparison, estimators, run_folder
+from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.errors import ConfigError, DatasetError, EvaluationError, FilterError
+from coclo_vio.estimates import Estimator, StateEstimate
+from coclo_vio.estimators import EstimatorKind
+from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.filter.naive import NaiveLegOdometry
+from coclo_vio.measurements import Measurement
+from coclo_vio.robot.description import load_robot
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.run_config import RunConfig, resolve
+from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.trajectory import GroundTruth, Trajectory, write_tum
+
+CONFIG = resolve("daisy")
+FAILS_AT_NS = 1_500_000_000
+END_NS = 3_000_000_000
+MESSAGE = "the feet went missing; look for them"
+
+
+class Failing:
+    """The naive estimator until half of the way."""
+
+    def __init__(self, robot: RobotModel, config: RunConfig) -> None:
+        self._naive = NaiveLegOdometry(robot, config.filter, rolls_feet=True, weighs_load=False)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return self._naive.counts
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        if measurement.stamp_ns >= FAILS_AT_NS:
+            raise FilterError(MESSAGE)
+        return self._naive.push(measurement)
+
+
+def _failing(robot: RobotModel, config: RunConfig) -> Estimator:
+    return Failing(robot, config)
+
+
+@pytest.fixture(autouse=True)
+def _failing_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = {**estimators.ESTIMATORS, "failing": EstimatorKind("fails half-way", _failing)}
+    monkeypatch.setattr(estimators, "ESTIMATORS", kinds)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds of a Daisy that stands and walks, with ground truth."""
+    robot = load_robot("daisy")
+    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
+    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
+    folder = tmp_path_factory.mktemp("walk")
+    write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
+    return folder
+
+
+def test_a_run_folder_has_all_that_the_design_says(log: Path, tmp_path: Path) -> None:
+    told = comparison.run_all(log, ["naive", "naive_rolling"], CONFIG, tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {
+        *("naive.tum", "naive_state.csv", "naive_rolling.tum", "naive_rolling_state.csv"),
+        *("groundtruth.tum", "config.yaml", "run.json"),
+    }
+    on_disk = run_folder.read_run_json(tmp_path / "out")
+    assert on_disk == json.loads(json.dumps(told))
+    assert set(on_disk["estimators"]) == {"naive", "naive_rolling"}
+    assert on_disk["estimators"]["naive"]["measurements"] == 3 * 301
+    assert on_disk["recording_ns"] == [0, END_NS]
+    assert on_disk["reader"]["format"] == "leg log"
+    assert resolve(None, tmp_path / "out" / "config.yaml") == CONFIG
+
+
+def test_the_same_run_gives_the_same_files(log: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        comparison.run_all(log, ["naive"], CONFIG, tmp_path / name)
+    for file in ("naive.tum", "naive_state.csv", "groundtruth.tum", "config.yaml"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_an_estimator_that_fails_leaves_what_it_had_and_the_others_go_on(log: Path, tmp_path: Path) -> None:
+    comparison.run_all(log, ["failing", "naive_rolling"], CONFIG, tmp_path)
+    run = run_folder.read_run_json(tmp_path)
+    assert run["estimators"]["failing"]["failure"] == MESSAGE
+    assert run["estimators"]["naive_rolling"]["failure"] is None
+    failed, whole = (run_folder.read_estimates(tmp_path, name).trajectory for name in ("failing", "naive_rolling"))
+    assert failed.stamps_ns[-1] == FAILS_AT_NS - 10_000_000
+    assert whole.stamps_ns[-1] == END_NS
+    np.testing.assert_array_equal(failed.T_world_body, whole.T_world_body[: len(failed)])
+
+
+def test_half_a_run_covers_half(log: Path, tmp_path: Path) -> None:
+    """Also where no estimator saw the rest of the recording."""
+    comparison.run_all(log, ["failing"], CONFIG, tmp_path)
+    assert run_folder.read_run_json(tmp_path)["recording_ns"] == [0, END_NS]
+    evaluations, failures = comparison.evaluate_run(tmp_path, CONFIG.evaluation)
+    assert failures == {}
+    coverage = evaluations["failing"].coverage
+    assert coverage is not None
+    assert coverage < 0.5
+
+
+def test_an_estimator_without_any_estimate_says_why(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{__name__}.FAILS_AT_NS", 0)
+    comparison.run_all(log, ["failing", "naive"], CONFIG, tmp_path)
+    evaluations, failures = comparison.evaluate_run(tmp_path, CONFIG.evaluation)
+    assert set(evaluations) == {"naive"}
+    assert failures == {"failing": MESSAGE}
+
+
+def test_a_recording_that_breaks_is_every_estimator_s_failure(log: Path, tmp_path: Path) -> None:
+    lines = (log / "leg_log.csv").read_text(encoding="ascii").splitlines(keepends=True)
+    lines[200] = lines[200].replace(",", ",oops,", 1)
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "leg_log.csv").write_text("".join(lines), encoding="ascii")
+    run = comparison.run_all(tmp_path / "broken", ["naive", "naive_rolling"], CONFIG, tmp_path / "out")
+    assert run["reader"] is None
+    for told in run["estimators"].values():
+        assert "line 201" in told["failure"]
+        assert told["estimates"] > 100
+
+
+def test_a_misspelt_mode_is_found_before_anything_runs(log: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no mode 'naiv'"):
+        comparison.run_all(log, ["naive", "naiv"], CONFIG, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_cannot_be_written_is_told(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "naive.tum").mkdir()
+    with pytest.raises(DatasetError, match=r"cannot write .*naive\.tum: .*directory; choose another folder with -o"):
+        comparison.run_all(log, ["naive"], CONFIG, tmp_path)
+
+
+def test_progress_hears_the_estimator_and_the_stamps(log: Path, tmp_path: Path) -> None:
+    heard: list[tuple[str, int]] = []
+    comparison.run_all(log, ["naive"], CONFIG, tmp_path, lambda name, stamp_ns: heard.append((name, stamp_ns)))
+    assert heard[0] == ("naive", 0)
+    assert heard[-1] == ("naive", END_NS)
+    assert len(heard) == 903
+
+
+def test_a_run_without_ground_truth_asks_for_one(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log" / "leg_log.csv").write_bytes((log / "leg_log.csv").read_bytes())
+    run = comparison.run_all(tmp_path / "log", ["naive"], CONFIG, tmp_path / "out")
+    assert run["ground_truth"] is None
+    with pytest.raises(DatasetError, match=r"no ground truth; give one with .*--vicon FILE"):
+        comparison.evaluate_run(tmp_path / "out", CONFIG.evaluation)
+
+
+def test_another_ground_truth_can_be_given(log: Path, tmp_path: Path) -> None:
+    comparison.run_all(log, ["naive"], CONFIG, tmp_path)
+    own, _ = comparison.evaluate_run(tmp_path, EvaluationConfig())
+    truth = run_folder.read_ground_truth(tmp_path, run_folder.read_run_json(tmp_path))
+    assert truth is not None
+    doubled = truth.trajectory.T_world_body.copy()
+    doubled[:, :3, 3] *= 2.0
+    other = GroundTruth(Trajectory(truth.trajectory.stamps_ns, doubled), True, "doubled")
+    given, _ = comparison.evaluate_run(tmp_path, EvaluationConfig(), other)
+    assert given["naive"].path_length_m == pytest.approx(2.0 * own["naive"].path_length_m, rel=1e-6)
+
+
+def test_a_trajectory_is_evaluated_by_its_file_name(log: Path, tmp_path: Path) -> None:
+    comparison.run_all(log, ["naive"], CONFIG, tmp_path)
+    run = run_folder.read_run_json(tmp_path)
+    truth = run_folder.read_ground_truth(tmp_path, run)
+    alone = comparison.evaluate_tum(tmp_path / "naive.tum", EvaluationConfig(), truth)
+    whole, _ = comparison.evaluate_run(tmp_path, EvaluationConfig())
+    assert alone["naive"].ate_m == pytest.approx(whole["naive"].ate_m, abs=1e-9)
+    assert alone["naive"].anees_pose is None
+    with pytest.raises(EvaluationError, match="trajectory without ground truth; give one with --vicon FILE"):
+        comparison.evaluate_tum(tmp_path / "naive.tum", EvaluationConfig(), None)
+    with pytest.raises(DatasetError, match=r"missing\.tum"):
+        comparison.evaluate_tum(tmp_path / "missing.tum", EvaluationConfig(), None)
+
+
+def test_a_comparison_writes_numbers_figures_and_a_report(log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    comparison.run_all(log, ["naive", "naive_rolling"], CONFIG, tmp_path)
+    evaluations, _ = comparison.evaluate_run(tmp_path, CONFIG.evaluation)
+    report = comparison.write_comparison(tmp_path, "a <walk>", evaluations, CONFIG)
+    compared = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
+    assert set(compared) == {"naive", "naive_rolling"}
+    assert compared["naive"]["ate_m"] == evaluations["naive"].ate_m
+    assert (tmp_path / "figures" / "contacts.png").stat().st_size > 1000
+    page = report.read_text(encoding="utf-8")
+    assert "a &lt;walk&gt;" in page
+    assert "data:image/png" in page
+
+
+def test_the_written_configuration_is_plain_yaml(log: Path, tmp_path: Path) -> None:
+    comparison.run_all(log, ["naive"], CONFIG, tmp_path)
+    values = yaml.safe_load((tmp_path / "config.yaml").read_text(encoding="utf-8"))
+    assert values["robot"]["name"] == "daisy"
+    assert values["filter"]["profile"] == CONFIG.filter.profile
+
+
+def test_write_tum_is_what_evaluate_tum_reads(log: Path, tmp_path: Path) -> None:
+    """The ground truth against itself has no error."""
+    comparison.run_all(log, ["naive"], CONFIG, tmp_path)
+    truth = run_folder.read_ground_truth(tmp_path, run_folder.read_run_json(tmp_path))
+    assert truth is not None
+    write_tum(truth.trajectory, tmp_path / "perfect.tum")
+    perfect = comparison.evaluate_tum(tmp_path / "perfect.tum", EvaluationConfig(), truth)["perfect"]
+    assert perfect.ate_m < 1e-4
+    assert perfect.coverage == pytest.approx(1.0)
