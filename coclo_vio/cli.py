@@ -185,7 +185,8 @@ def main() -> None:
 
 
 def _fail(error: CocloError, status: int) -> None:
-    _err.print(f"coclo-vio: {error}", markup=False, highlight=False, soft_wrap=True)
+    sentence = " ".join(line.strip() for line in str(error).splitlines())  # a YAML error shows its place below
+    _err.print(f"coclo-vio: {sentence}", markup=False, highlight=False, soft_wrap=True)
     sys.exit(status)
 
 
@@ -300,7 +301,7 @@ def _print_failures(failures: Mapping[str, str]) -> None:
 def _progress_bar() -> Iterator[comparison.Progress]:
     """A line for each estimator with the seconds of recording it has done."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"), TimeElapsedColumn())
-    with Progress(*columns, console=_err, transient=True) as bar:
+    with Progress(*columns, console=_err, transient=True, disable=not _err.is_terminal) as bar:
         tasks: dict[str, tuple[TaskID, int]] = {}
         last: dict[str, int] = {}
 
