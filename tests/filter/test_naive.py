@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.arrays import Array
-from coclo_vio.errors import FilterError
+from coclo_vio.errors import CocloError, FilterError
 from coclo_vio.estimates import StateEstimate
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.naive import NaiveLegOdometry
@@ -131,5 +131,5 @@ def _with_false_velocity(trial: AnalyticTrial, sample: int, joints: slice, radps
 def test_a_sample_of_another_robot_is_refused_with_the_numbers(odometry) -> None:
     with pytest.raises(FilterError, match="12 joints, robot 'daisy' has 18"):
         odometry().push(JointSample(0, np.zeros(12), np.zeros(12), np.zeros(12)))
-    with pytest.raises(FilterError, match="4 entries, robot 'daisy' has 6 legs"):
+    with pytest.raises(CocloError, match="4 entries, robot 'daisy' has 6 legs"):
         odometry().push(FootForceSample(0, np.zeros(4)))
