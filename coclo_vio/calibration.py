@@ -11,14 +11,19 @@ from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
 
 Triple = tuple[float, float, float]
+Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 
 
 class ImuCalibration(StageConfig):
-    """Mounting and noise of an IMU. The defaults are those of a cheap MEMS part (Bosch BMI055 class)."""
+    """Mounting and noise of an IMU. The defaults are those of a cheap MEMS part (Bosch BMI055 class).
+
+    The filter uses the rotation, the gyroscope's noise and the bias walks; the lever arm and the accelerometer's noise
+    serve the IMU-centric baseline: the filter asks the accelerometer for gravity only, while the robot stands.
+    """
 
     position_body_m: Annotated[Triple, Field(description="origin of the imu frame, body frame, m")] = (0.0, 0.0, 0.0)
     rotation_body_imu_rpy_rad: Annotated[
-        Triple, Field(description="roll, pitch, yaw of R_body_imu (URDF order: R = Rz Ry Rx), rad")
+        tuple[Angle, Angle, Angle], Field(description="roll, pitch, yaw of R_body_imu (URDF order: R = Rz Ry Rx), rad")
     ] = (0.0, 0.0, 0.0)
     gyroscope_noise_density: Annotated[float, Field(gt=0, description="white noise, rad/s/sqrt(Hz)")] = 2e-4
     gyroscope_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, rad/s^2/sqrt(Hz)")] = 2e-5

@@ -150,7 +150,7 @@ class Header:
             wanted = listing(self._patterns.stamp_ns + self._patterns.stamp_s)
             raise TopicNotFound(
                 f"{self._path} has no column of time: looked for {wanted} among {listing(self._names)}; "
-                "name yours in datasets.columns.stamp_ns or stamp_s"
+                "name yours in dataset.columns.stamp_ns or stamp_s"
             )
         return found
 
@@ -166,7 +166,7 @@ class Header:
         if 0 < len(indices) < 6:
             raise TopicNotFound(
                 f"{self._path} has {len(indices)} of the 6 IMU columns, {listing(self._names[i] for i in indices)}; "
-                f"name the others in datasets.columns.gyroscope and accelerometer; there are {listing(self._names)}"
+                f"name the others in dataset.columns.gyroscope and accelerometer; there are {listing(self._names)}"
             )
         return indices or None
 
@@ -178,7 +178,7 @@ class Header:
         """
         raise TopicNotFound(
             f"{self._path} has no IMU column among {listing(self._names)}; name yours in "
-            "datasets.columns.gyroscope and accelerometer, or name the robot to read its joints"
+            "dataset.columns.gyroscope and accelerometer, or name the robot to read its joints"
         )
 
     def find_joints(self, robot: RobotDescription) -> tuple[int | None, ...]:
@@ -198,7 +198,7 @@ class Header:
             raise TopicNotFound(
                 f"{self._path} has no angle of {listing(missing)}: the robot wants the joints {listing(names)}, the "
                 f"columns are {listing(self._names)}; add joint_aliases to the robot's description, patterns to "
-                "datasets.columns.position, or name another robot"
+                "dataset.columns.position, or name another robot"
             )
         velocity = self._of_joints(self._patterns.velocity, robot)
         effort = self._of_joints(self._patterns.effort, robot)

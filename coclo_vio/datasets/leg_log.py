@@ -70,7 +70,8 @@ class LegLog(Recording):
         folder = self._log.parent
         if len(_logs_in(folder, self._config.columns)) > 1:
             tally.note(
-                f"{folder.name} holds several logs: whose ground truth is beside them is not known, none is read"
+                f"{folder.resolve().name} holds several logs: whose the ground truth beside them is "
+                "is not known, none is read"
             )
             return None
         found = [folder / name for name in GROUND_TRUTH_NAMES if (folder / name).is_file()]

@@ -76,7 +76,7 @@ def _sigmas(
     sigmas = np.full(layout.dimension, _TIED)
     sigmas[ROTATION] = (tilt, tilt, _TIED)
     sigmas[LEG_SCALE] = leg_scale
-    sigmas[RATE] = 1.0 if is_moving else config.gyroscope_bias_radps
+    sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
     sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
     sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2
     sigmas[VELOCITY] = config.moving_velocity_mps if is_moving else config.velocity_mps

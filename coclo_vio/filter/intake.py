@@ -5,6 +5,7 @@ Everything odd is counted.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -36,10 +37,15 @@ class Intake:
         self._imu_ns: int | None = None
         self._force_sum: Array = np.zeros(3)
         self._force_count = 0
-        self._rates: list[Array] = []
+        self._rates: list[tuple[int, Array]] = []  # stamp and rate of each reading since the last joint sample
         self._forces_body: list[Array] = []  # the last two
         self._load = FootLoad(robot, contact, config.force_timeout_s)
         self._joint_ns: int | None = None
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What contact and standstill counted."""
+        return {**self._contact.counts, **self._standstill.counts}
 
     @property
     def rest(self) -> Rest | None:
@@ -88,18 +94,12 @@ class Intake:
             return
         self._imu_ns = sample.stamp_ns
         self._standstill.push(sample)
-        self._rates.append(self._rotation_body_imu @ sample.angular_velocity)
+        self._rates.append((sample.stamp_ns, self._rotation_body_imu @ sample.angular_velocity))
         self._force_sum += self._rotation_body_imu @ sample.specific_force
         self._force_count += 1
         self._forces_body = [*self._forces_body[-1:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:
-        legs = len(self._robot.leg_names)
-        if len(sample.force) != legs:
-            raise FilterError(
-                f"a foot force sample has {len(sample.force)} entries, robot {self._robot.description.name!r} has "
-                f"{legs} legs; give them in the order of its legs"
-            )
         self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
 
     def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
@@ -113,17 +113,18 @@ class Intake:
             self._counts["joint_stamp_refused"] += 1
             return None
         self._standstill.push(sample)
-        force = self.specific_force
+        force = self.specific_force if self._rates else None  # an IMU that fell silent shows no gravity
         if up_body is None:
             up_body = np.array([0.0, 0.0, 1.0]) if force is None else force / max(float(np.linalg.norm(force)), 1e-6)
         feet = self._robot.feet(sample.position, sample.velocity)
-        rate = np.asarray(np.mean(self._rates, axis=0)) if self._rates else None
+        rates = tuple(self._rates)
+        rate = np.asarray(np.mean([each for _, each in rates], axis=0)) if rates else None
         contact = self._contact.update(sample.stamp_ns, self._load.at(sample, up_body, rate))
         if rate is None:
-            self._counts["gyroscope_missing"] += 1
+            self._counts["imu_missing"] += 1
         self._rates = []
         self._joint_ns = sample.stamp_ns
-        reading = Reading(sample.stamp_ns, feet, contact, rate, force, self._standstill.is_stationary)
+        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._standstill.is_stationary)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading

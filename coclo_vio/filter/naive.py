@@ -51,7 +51,8 @@ class NaiveLegOdometry:
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened."""
-        return {name: count for name, count in sorted(self._counts.items()) if count}
+        counts = {**self._counts, **self._intake.counts}
+        return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate after the start."""

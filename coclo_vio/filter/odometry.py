@@ -3,6 +3,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,13 +58,15 @@ class LegOdometryFilter:
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened, by name; see ``Intake`` and the profiles."""
-        return {name: count for name, count in sorted(self._counts.items()) if count}
+        counts = {**self._counts, **self._intake.counts}
+        return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate once the filter has started.
 
         Raises:
-            FilterError: the sample does not fit the robot, or the state is no longer finite.
+            FilterError: another number of joints than the robot's, or the state is no longer finite.
+            RobotModelError: another number of legs than the robot's.
         """
         up_body = None if self._core is None else self._core.mean.rotation[2]
         reading = self._intake.push(measurement, up_body)
@@ -73,9 +76,10 @@ class LegOdometryFilter:
             return self._try_to_start(reading)
         dt_s = (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
         is_gap = dt_s > self.config.max_gap_s
-        self._counts["gap"] += is_gap
-        gyroscope_noise = self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s)
-        is_stance = self._profile.step(self._core, reading, dt_s, gyroscope_noise, is_gap=is_gap)
+        if is_gap:
+            self._counts["gap"] += 1
+            reading, dt_s = self._bridge(self._core, reading)
+        is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
         self._stamp_ns = reading.stamp_ns
         return self._estimate(self._core, reading, is_stance)
 
@@ -113,6 +117,28 @@ class LegOdometryFilter:
         core, _ = self._cloned()
         return correct_clone(core, T_world_body, covariance).innovation_squared
 
+    def _bridge(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
+        """Turn with the gyroscope while the joints were silent; returns what is left of the reading and of the step.
+
+        The paper's profile takes the whole gap in one step, as printed.
+        """
+        rest_of = reading
+        if isinstance(self._profile, RobustProfile):
+            for stamp_ns, rate in reading.gyroscope:
+                if stamp_ns <= self._stamp_ns or stamp_ns >= reading.stamp_ns:
+                    continue
+                dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+                self._profile.coast(core, rate, dt_s, self._gyroscope_noise(dt_s))
+                self._stamp_ns = stamp_ns
+            last = reading.gyroscope[-1] if reading.gyroscope else None
+            is_current = last is not None and last[0] >= reading.stamp_ns
+            rest_of = replace(reading, angular_velocity=last[1] if last is not None and is_current else None)
+        return rest_of, (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+
+    def _gyroscope_noise(self, dt_s: float) -> float:
+        """One sigma of the gyroscope averaged over a step, rad/s."""
+        return float(self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s))
+
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
         rest = self._intake.rest
         if self._first_ns is None:
@@ -139,10 +165,12 @@ class LegOdometryFilter:
     def _estimate(self, core: SquareRootFilter, reading: Reading, is_stance: BoolArray) -> StateEstimate:
         mean = core.mean
         vector = mean.vector
-        if not np.isfinite(vector).all() or not np.isfinite(core.factor).all():
+        rows = mean.plain_jacobian() @ core.factor
+        covariance = rows @ rows.T
+        if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
             raise FilterError(
                 f"the state is not finite any more at {reading.stamp_ns} ns; what was estimated before stays valid; "
-                "look for wild readings there with `coclo-vio run --set filter.profile=robust`"
+                "look there for wild readings, or for stamps in another unit than their column says"
             )
         nav = NavState(
             se3.transform(mean.rotation, vector[POSITION]),
@@ -151,10 +179,9 @@ class LegOdometryFilter:
             vector[GYROSCOPE_BIAS],
             vector[ACCELEROMETER_BIAS],
         )
-        rows = mean.plain_jacobian() @ core.factor
         layout = mean.layout
         probability = np.clip(vector[layout.contacts], 0.0, 1.0) if layout.has_contacts else reading.contact.probability
-        return StateEstimate(reading.stamp_ns, nav, rows @ rows.T, FootState(mean.feet, probability, is_stance))
+        return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
 
     def _started(self) -> SquareRootFilter:
         if self._core is None:

@@ -11,7 +11,7 @@ from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.observation import GRAVITY, NO_LEG, Block
-from coclo_vio.filter.stance import Footholds, Reading
+from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import State, StateLayout
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
@@ -54,17 +54,13 @@ class RobustProfile:
     ) -> BoolArray:
         """Predict to the reading and take it; returns the legs that held the body, (n,)."""
         assert self._footholds is not None, "start() comes first"
-        config, imu = self._config, self._robot.imu
+        config = self._config
         motion = self._footholds.advance(reading, is_gap=is_gap)
         foot_noise = self._foot_noise(reading)
-        self._all_stand_s = self._all_stand_s + dt_s if reading.is_stance.all() else 0.0
-        core.predict(
-            lambda stack: process.predict(stack, dt_s, motion, self._radii_m, self._hips_body),
-            lambda mean: process.noise_rows(
-                mean, dt_s, motion, radii_m=self._radii_m, foot_noise=foot_noise, config=config, imu=imu
-            ),
-            process.CURVED_COLUMNS,
-        )
+        known_stand = bool(reading.is_known.any() and reading.is_stance[reading.is_known].all())
+        self._all_stand_s = self._all_stand_s + dt_s if known_stand else 0.0
+        self._counts["no_contact"] += not reading.is_stance.any()
+        self._predict(core, motion, dt_s, foot_noise)
         blocks = observation.blocks(
             reading,
             motion,
@@ -83,6 +79,29 @@ class RobustProfile:
             return np.zeros(self.layout.legs, dtype=np.bool_)
         return self._update(core, self._footholds, reading, blocks, dt_s)
 
+    def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
+        """One step on the gyroscope alone, body frame, rad/s, (3,): the joints say nothing."""
+        assert self._footholds is not None, "start() comes first"
+        motion = self._footholds.carried()
+        self._predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
+        predicted, rows = core.observe(observation.gyroscope, observation.CURVED_COLUMNS)
+        core.update(rows, gyroscope_noise_radps * np.eye(3), rate - predicted)
+
+    def _predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
+        core.predict(
+            lambda stack: process.predict(stack, dt_s, motion, self._radii_m, self._hips_body),
+            lambda mean: process.noise_rows(
+                mean,
+                dt_s,
+                motion,
+                radii_m=self._radii_m,
+                foot_noise=foot_noise,
+                config=self._config,
+                imu=self._robot.imu,
+            ),
+            process.CURVED_COLUMNS,
+        )
+
     def _update(
         self, core: SquareRootFilter, footholds: Footholds, reading: Reading, blocks: list[Block], dt_s: float
     ) -> BoolArray:
@@ -97,7 +116,8 @@ class RobustProfile:
         keep = ~self._shaken(covariance, innovation, owner)
         rejected = self._rejected(covariance, innovation, owner)
         stance = reading.is_stance & ~rejected
-        self._without_legs_s = 0.0 if stance.any() else self._without_legs_s + dt_s
+        is_refusing = bool(reading.is_stance.any() and not stance.any())
+        self._without_legs_s = self._without_legs_s + dt_s if is_refusing else 0.0
         if self._without_legs_s > self._config.recovery_s and rejected.any():
             self._counts["recovery"] += 1
             self._without_legs_s = 0.0

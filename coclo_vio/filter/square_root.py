@@ -11,10 +11,11 @@ Two exact savings, neither of which changes a result:
   ``(y+ + y-) / 2``, an orthogonal change of rows under which ``A^T A`` stays the same.
 * The factor is lower triangular, so column j moves only the states from j on. Where the model is linear in all of
   those (the *flat* columns), the pair is symmetric whatever its distance: one point is enough, and its even half is
-  the centre's. The states that bend the model (rotation, rate) stand first and only their columns need both points.
+  the centre's. The states that bend the model (rotation, leg scale, rate) stand first and only their
+  columns need both points.
 
 Since the distance of the flat points does not matter, the curved ones alone decide how wide the points have to lie
-for the weights to stay non-negative: sqrt(6) instead of sqrt(43) standard deviations for six legs.
+for the weights to stay non-negative: sqrt(7) instead of sqrt(43) standard deviations for six legs.
 """
 
 from dataclasses import dataclass

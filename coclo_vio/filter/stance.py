@@ -20,6 +20,7 @@ class Reading:
         feet: foot kinematics; rows of an unknown leg are NaN.
         contact: probability and decision for each leg.
         angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
+        gyroscope: each reading behind that mean with its stamp in nanoseconds, oldest first.
         specific_force: accelerometer, last two readings averaged (section III-D), body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
     """
@@ -28,6 +29,7 @@ class Reading:
     feet: FeetKinematics
     contact: ContactState
     angular_velocity: Array | None
+    gyroscope: tuple[tuple[int, Array], ...]
     specific_force: Array | None
     is_stationary: bool
 
@@ -82,6 +84,12 @@ class Footholds:
         self._rotation_body_foot = rotation
         self._position_body = position
         return FootMotion(holds, position, so3.log_below_pi(relative), is_known)
+
+    def carried(self) -> FootMotion:
+        """All feet carried with the body from where they were last known, while the joints say nothing."""
+        legs = len(self._is_anchored)
+        nothing = np.zeros(legs, dtype=np.bool_)
+        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing)
 
     def release(self, legs: BoolArray) -> None:
         """Stop trusting the footholds of these legs (n,): they slipped."""

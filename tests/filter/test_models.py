@@ -24,7 +24,7 @@ def true_reading(robot: RobotModel, trial: AnalyticTrial, row: int) -> Reading:
     stance = trial.stance[row]
     contact = ContactState(stance.astype(float), stance, trial.load_n[row])
     rate, force = trial.body.angular_velocity[row], np.array([0.0, 0.0, observation.GRAVITY_MPS2])
-    return Reading(int(trial.truth.stamps_ns[row]), feet, contact, rate, force @ trial.body.rotation[row], False)
+    return Reading(int(trial.truth.stamps_ns[row]), feet, contact, rate, (), force @ trial.body.rotation[row], False)
 
 
 def true_state(trial: AnalyticTrial, row: int) -> State:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.errors import FilterError
+from coclo_vio.errors import FilterError, RobotModelError
 from coclo_vio.estimates import StateEstimate
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import se3, so3
 from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
+from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 
 NOMINAL = RobustConfig(estimates_leg_scale=False)
@@ -95,7 +95,7 @@ def test_irregular_rates_are_integrated_over_their_true_steps(daisy: RobotModel,
     kept = [one for one in noisy_walk.measurements if random.uniform() > 0.33]
     estimates, odometry = run(daisy, kept)
     assert len(set(np.diff([estimate.stamp_ns for estimate in estimates]).tolist())) > 2
-    assert odometry.counts["gyroscope_missing"] > 10
+    assert odometry.counts["imu_missing"] > 10
     assert miss_m(estimates[-1], noisy_walk) < 0.03
 
 
@@ -145,7 +145,7 @@ def test_without_an_imu_the_legs_alone_carry_the_filter(
     joints = [one for one in noisy_walk.measurements if not isinstance(one, ImuSample)]
     estimates, odometry = run(daisy, joints)
     assert odometry.counts["started_moving"] == 1
-    assert odometry.counts["gyroscope_missing"] == len(noisy_walk.truth)
+    assert odometry.counts["imu_missing"] == len(noisy_walk.truth)
     with_imu, _ = clean_runs["robust"]
     assert estimates[-1].covariance[2, 2] > with_imu[-1].covariance[2, 2]
     assert miss_m(estimates[-1], noisy_walk) < 0.1
@@ -200,7 +200,7 @@ def test_samples_of_another_robot_are_an_error(daisy: RobotModel) -> None:
     odometry = LegOdometryFilter(daisy)
     with pytest.raises(FilterError, match=r"17 joints.*18"):
         odometry.push(JointSample(0, np.zeros(17), np.zeros(17), np.zeros(17)))
-    with pytest.raises(FilterError, match=r"4 entries, robot .* 6 legs"):
+    with pytest.raises(RobotModelError, match=r"4 entries, robot .* 6 legs"):
         odometry.push(FootForceSample(0, np.zeros(4)))
 
 
@@ -319,3 +319,48 @@ def test_the_present_needs_no_clone_to_agree_with_a_run_without(
     for estimate in at_clones:
         other = by_stamp[estimate.stamp_ns]
         np.testing.assert_allclose(estimate.nav.T_world_body, other.nav.T_world_body, atol=1e-8)
+
+
+def test_a_turn_that_begins_while_the_joints_are_silent_is_not_lost(daisy: RobotModel) -> None:
+    """The gyroscope goes on in a gap of the joints: what it turned is turned, to what its noise allows."""
+    body = BodyMotionConfig(rest_s=1.5, walk_s=3.0, stop_s=0.0, curvature_per_m=1.5)
+    trial = generate(AnalyticTrialConfig(body=body, sensors=SensorNoiseConfig(noise_scale=0.0)), daisy, seed=3)
+    silent = range(1_500_000_000, 2_600_000_000)
+    odometry = LegOdometryFilter(daisy)
+    turned: list[float] = []
+    for sample in trial.measurements:
+        if isinstance(sample, JointSample) and sample.stamp_ns in silent:
+            continue
+        estimate = odometry.push(sample)
+        if estimate is not None and sample.stamp_ns >= 1_490_000_000:
+            turned.append(float(so3.yaw(estimate.nav.T_world_body[:3, :3])))
+            if sample.stamp_ns >= silent.stop:
+                break
+    yaw = so3.yaw(trial.truth.rotations)
+    true_turn = yaw[260] - yaw[149]
+    assert odometry.counts["gap"] == 1
+    assert abs(true_turn) > np.radians(3.0)
+    assert turned[-1] - turned[0] == pytest.approx(true_turn, abs=np.radians(0.2))
+
+
+def test_an_imu_that_falls_silent_shows_no_gravity(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    """Its last reading is no reading: tilt grows uncertain again instead of being measured for ever."""
+    odometry = LegOdometryFilter(daisy)
+    tilt_sigma: list[float] = []
+    for sample in noisy_walk.measurements:
+        if isinstance(sample, ImuSample) and sample.stamp_ns > 2_000_000_000:
+            continue
+        estimate = odometry.push(sample)
+        if estimate is not None:
+            tilt_sigma.append(float(np.sqrt(estimate.covariance[0, 0])))
+    assert odometry.counts["imu_missing"] > 100
+    assert tilt_sigma[-1] > 2.0 * min(tilt_sigma)
+
+
+def test_torques_that_are_missing_are_counted(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    odometry = LegOdometryFilter(daisy)
+    for sample in noisy_walk.measurements:
+        is_joints = isinstance(sample, JointSample)
+        odometry.push(replace(sample, effort=np.full(18, np.nan)) if is_joints else sample)
+    assert odometry.counts["contact_load_missing"] == 6 * len(noisy_walk.truth)
+    assert odometry.counts["no_contact"] > 0
