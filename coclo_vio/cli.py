@@ -92,8 +92,8 @@ def run(
         raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
     if not told["estimators"][mode]["estimates"]:
         raise DatasetError(
-            f"no estimate came out of {told['estimators'][mode]['measurements']} measurements of {dataset}: {mode} needs "
-            "joint samples in time order, with stamps in the unit their column says; the counts above tell what it got"
+            f"no estimate came out of the {told['estimators'][mode]['measurements']} measurements of {dataset}: {mode} "
+            "needs joint samples in time order, stamped in the unit their column says; the counts above say what came"
         )
 
 

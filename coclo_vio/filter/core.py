@@ -9,6 +9,9 @@ from coclo_vio.arrays import Array
 from coclo_vio.filter.square_root import Correction, SigmaSpread, correct, lower_factor
 from coclo_vio.filter.state import POSITION, ROTATION, State
 
+MOST_ROTATION_SIGMA_RAD = 0.6
+"""Larger uncertainties of a rotation are reported as this; narrow sigma points stand up to sqrt(7) times as far."""
+
 
 class SquareRootFilter:
     """A square-root unscented Kalman filter on the manifold of ``State``.
@@ -37,6 +40,19 @@ class SquareRootFilter:
         moved = process(self.mean.spread(points.points(self.factor)))
         self.mean, deviations = moved.mean_and_deviations(points)
         self.factor = lower_factor(np.concatenate((points.rows(deviations), noise(self.mean))))
+        self._bound_rotation()
+
+    def _bound_rotation(self) -> None:
+        """Keep the rotation sigmas below ``MOST_ROTATION_SIGMA_RAD``, so that no sigma point passes half a turn.
+
+        Yaw is never observed and its uncertainty grows without end, which a rotation cannot follow. Its errors are
+        scaled, here and in the clone, with all their correlations: nothing is learned from it.
+        """
+        for start in (ROTATION.start, self.mean.layout.clone_rotation.start):
+            rows = slice(start, start + 3)
+            sigmas = np.sqrt(np.einsum("ij,ij->i", self.factor[rows], self.factor[rows]))
+            if sigmas.max() > MOST_ROTATION_SIGMA_RAD:
+                self.factor[rows] *= np.minimum(1.0, MOST_ROTATION_SIGMA_RAD / sigmas)[:, None]
 
     def observe(self, model: Callable[[State], Array], curved: int) -> tuple[Array, Array]:
         """Mean (M,) and square-root rows (L + extra, M) of a predicted measurement."""

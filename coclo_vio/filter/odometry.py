@@ -24,6 +24,10 @@ from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
 
 _NS_PER_S = 1_000_000_000
+_ADVICE = (
+    "what was estimated before stays valid; look there for wild readings, or for stamps in another unit than their "
+    "column says"
+)
 
 
 class LegOdometryFilter:
@@ -79,7 +83,10 @@ class LegOdometryFilter:
         if is_gap:
             self._counts["gap"] += 1
             reading, dt_s = self._bridge(self._core, reading)
-        is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
+        try:
+            is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
+        except np.linalg.LinAlgError as error:
+            raise FilterError(f"the filter broke down at {reading.stamp_ns} ns ({error}): {_ADVICE}") from error
         self._stamp_ns = reading.stamp_ns
         return self._estimate(self._core, reading, is_stance)
 
@@ -168,10 +175,7 @@ class LegOdometryFilter:
         rows = mean.plain_jacobian() @ core.factor
         covariance = rows @ rows.T
         if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
-            raise FilterError(
-                f"the state is not finite any more at {reading.stamp_ns} ns; what was estimated before stays valid; "
-                "look there for wild readings, or for stamps in another unit than their column says"
-            )
+            raise FilterError(f"the state is not finite any more at {reading.stamp_ns} ns: {_ADVICE}")
         nav = NavState(
             se3.transform(mean.rotation, vector[POSITION]),
             vector[VELOCITY],

@@ -6,13 +6,15 @@ A turn changes in what directions the sigma points lie, so that "the same" means
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from coclo_vio.filter.config import InitialConfig, PaperConfig, RobustConfig
-from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.core import MOST_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.initialisation import initial_filter
+from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.paper import PaperProfile
 from coclo_vio.filter.robust import RobustProfile
 from coclo_vio.filter.square_root import lower_factor
@@ -21,7 +23,8 @@ from coclo_vio.filter.state import POSITION, ROTATION, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.analytic import AnalyticTrial
+from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
 
 DT_S, GYROSCOPE_NOISE = 0.01, 2e-3
 FIRST, STEPS = 110, 200
@@ -150,3 +153,21 @@ def test_yaw_is_never_observed_however_unsure_it_is(daisy: RobotModel, readings:
 def test_yaw_gets_less_sure_with_time(make: Make, readings: list[Reading]) -> None:
     variance = np.array([P[2, 2] for _, P in walk(make, readings, unchanged)])[::50]
     assert np.all(np.diff(variance) > 0.0)
+
+
+def test_a_yaw_that_nobody_ever_saw_does_not_break_the_filter(daisy: RobotModel) -> None:
+    """After hours yaw may be anywhere: its sigma stops at a bound, and velocity stays as good as ever."""
+    drifting = daisy.description.imu.model_copy(update={"gyroscope_bias_walk": 0.5})
+    robot = RobotModel(daisy.description.model_copy(update={"imu": drifting}))
+    body = BodyMotionConfig(rest_s=1.0, walk_s=6.0, stop_s=0.0)
+    trial = generate(AnalyticTrialConfig(body=body), robot, seed=5)
+    odometry = LegOdometryFilter(robot)
+    shift_ns = 0
+    for _ in range(4):
+        for sample in trial.measurements:
+            estimate = odometry.push(replace(sample, stamp_ns=sample.stamp_ns + shift_ns))
+        shift_ns += trial.measurements[-1].stamp_ns + 10_000_000_000
+    assert estimate is not None
+    assert np.sqrt(estimate.covariance[2, 2]) <= 1.01 * MOST_ROTATION_SIGMA_RAD
+    speed = np.linalg.norm(estimate.nav.velocity_world)
+    assert speed == pytest.approx(np.linalg.norm(trial.truth.velocity_world[-1]), abs=0.05)
