@@ -8,7 +8,7 @@ import pytest
 
 from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.stance import Footholds, Reading
+from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State, StateLayout
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
@@ -67,6 +67,22 @@ def test_a_rolling_foot_is_exact_to_third_order_in_the_step(daisy: RobotModel) -
     assert 6.0 < coarse / fine < 12.0
 
 
+def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[observation.Block]:
+    return observation.blocks(
+        reading,
+        motion,
+        state,
+        radii_m=robot.foot_radii_m,
+        hips_body=robot.hip_position_body,
+        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
+        robot=robot.description,
+        config=RobustConfig(),
+        gyroscope_noise_radps=1e-3,
+        dt_s=0.01,
+        sees_gravity=bool(reading.is_stance.all()),
+    )
+
+
 def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotModel, clean_walk: AnalyticTrial) -> None:
     footholds = Footholds(true_reading(daisy, clean_walk, 0))
     seen = set()
@@ -76,19 +92,7 @@ def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotMode
         state = true_state(clean_walk, row)
         state.vector[GYROSCOPE_BIAS] = 0.0
         state.vector[ACCELEROMETER_BIAS] = 0.0
-        blocks = observation.blocks(
-            reading,
-            motion,
-            state,
-            radii_m=daisy.foot_radii_m,
-            hips_body=daisy.hip_position_body,
-            foot_noise=np.tile(np.eye(3), (6, 1, 1)),
-            robot=daisy.description,
-            config=RobustConfig(),
-            gyroscope_noise_radps=1e-3,
-            dt_s=0.01,
-            sees_gravity=bool(reading.is_stance.all()),
-        )
+        blocks = blocks_of(daisy, reading, motion, state)
         rows = sum(len(block.measured) for block in blocks)
         holding = int(np.count_nonzero(motion.holds))
         gravity = 3 * bool(reading.is_stance.all())
@@ -105,19 +109,7 @@ def test_a_velocity_that_is_not_the_bodys_leaves_a_residual(daisy: RobotModel, c
     state = true_state(clean_walk, 200)
     state.vector[VELOCITY] += (0.1, 0.0, 0.0)
     motion = Footholds(reading).advance(reading, is_gap=False)
-    blocks = observation.blocks(
-        reading,
-        motion,
-        state,
-        radii_m=daisy.foot_radii_m,
-        hips_body=daisy.hip_position_body,
-        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
-        robot=daisy.description,
-        config=RobustConfig(),
-        gyroscope_noise_radps=1e-3,
-        dt_s=0.01,
-        sees_gravity=bool(reading.is_stance.all()),
-    )
+    blocks = blocks_of(daisy, reading, motion, state)
     velocity = next(block for block in blocks if len(block.measured) == 3 * len(legs) and block.legs[0] >= 0)
     residual = (velocity.model(stack_of(state))[0] - velocity.measured).reshape(-1, 3)
     np.testing.assert_allclose(np.linalg.norm(residual, axis=1), 0.1, atol=1e-8)
