@@ -9,6 +9,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ByteImage = npt.NDArray[np.uint8]
 
 
 def checked(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...], *, allow_nan: bool = False) -> Array:
@@ -34,6 +35,13 @@ def checked(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...], *, a
         raise ValueError(f"{name} must be finite, got {array[where]} at index {where}")
     array.flags.writeable = False
     return array
+
+
+def read_only(image: ByteImage) -> ByteImage:
+    """The same image as a view that cannot be written to; images are too large to be copied at every boundary."""
+    view = image.view()
+    view.flags.writeable = False
+    return view
 
 
 def frozen(owner: object, name: str, value: Any) -> None:

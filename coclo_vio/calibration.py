@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known of the sensors before a recording starts: noise and mounting of the IMU."""
+"""What is known of the sensors before a recording starts: IMUs (noise, mounting) and cameras (lenses, mounting)."""
 
-from typing import Annotated
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from coclo_vio.arrays import Array
 from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
 
 Triple = tuple[float, float, float]
+Row = tuple[float, float, float, float]
+Matrix4 = tuple[Row, Row, Row, Row]
 Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 
 
@@ -36,3 +38,80 @@ class ImuCalibration(StageConfig):
         roll, pitch, yaw = self.rotation_body_imu_rpy_rad
         rotation = so3.about_z(yaw) @ so3.exp(np.array([0.0, pitch, 0.0])) @ so3.exp(np.array([roll, 0.0, 0.0]))
         return se3.transform(rotation, np.array(self.position_body_m))
+
+
+_DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5, 8), "equidistant": (4,)}
+
+
+class CameraCalibration(StageConfig):
+    """The lens of one camera: a pinhole, and what bends the rays before it.
+
+    ``radtan`` is OpenCV's model k1 k2 p1 p2 [k3 [k4 k5 k6]], ``equidistant`` its fisheye model k1 k2 k3 k4 (Kannala and
+    Brandt 2006). Pixel (0, 0) is the centre of the upper left pixel.
+    """
+
+    width_px: Annotated[int, Field(gt=0, description="image width, px")]
+    height_px: Annotated[int, Field(gt=0, description="image height, px")]
+    focal_px: Annotated[tuple[float, float], Field(description="focal lengths fx, fy, px")]
+    principal_point_px: Annotated[tuple[float, float], Field(description="principal point cx, cy, px")]
+    distortion: Annotated[Literal["none", "radtan", "equidistant"], Field(description="model of the lens")] = "none"
+    distortion_coefficients: Annotated[tuple[float, ...], Field(description="coefficients of that model")] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_fit_the_model(self) -> Self:
+        allowed = _DISTORTION_COEFFICIENTS[self.distortion]
+        if len(self.distortion_coefficients) not in allowed:
+            raise ValueError(
+                f"{self.distortion} distortion takes {' or '.join(map(str, allowed))} coefficients, "
+                f"got {len(self.distortion_coefficients)}"
+            )
+        if min(self.focal_px) <= 0.0:
+            raise ValueError(f"focal_px = {self.focal_px} must be positive")
+        return self
+
+    @property
+    def camera_matrix(self) -> Array:
+        """The pinhole's matrix K (3, 3), px."""
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+class StereoCalibration(StageConfig):
+    """A pair of cameras on the robot. Camera frames are x right, y down, z forward (REP 103's optical frames)."""
+
+    left: Annotated[CameraCalibration, Field(description="lens of the left camera")]
+    right: Annotated[CameraCalibration, Field(description="lens of the right camera")]
+    body_left_camera: Annotated[Matrix4, Field(description="T_body_left_camera, rows of a 4 x 4 matrix")]
+    body_right_camera: Annotated[Matrix4, Field(description="T_body_right_camera, rows of a 4 x 4 matrix")]
+    time_offset_s: Annotated[
+        float, Field(ge=-1, le=1, description="stamp of an image plus this is the clock of the body's IMU, s")
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _mountings_are_rigid(self) -> Self:
+        for side in ("left", "right"):
+            T = np.array(getattr(self, f"body_{side}_camera"))
+            is_rotation = np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0
+            if not is_rotation or not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+                raise ValueError(f"body_{side}_camera is no rigid transform: its rotation or its last row is wrong")
+        return self
+
+    @property
+    def T_body_left_camera(self) -> Array:  # noqa: N802
+        """Maps left camera coordinates to body, (4, 4)."""
+        return np.array(self.body_left_camera)
+
+    @property
+    def T_body_right_camera(self) -> Array:  # noqa: N802
+        """Maps right camera coordinates to body, (4, 4)."""
+        return np.array(self.body_right_camera)
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance of the two cameras, m."""
+        return float(np.linalg.norm(self.T_body_right_camera[:3, 3] - self.T_body_left_camera[:3, 3]))
+
+
+def matrix4(T: Array) -> Matrix4:  # noqa: N803
+    """A transform (4, 4) as the nested rows that a calibration holds."""
+    return tuple(tuple(row) for row in T.tolist())  # type: ignore[return-value]

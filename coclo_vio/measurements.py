@@ -5,13 +5,16 @@ Readers make them, the filter takes them. Arrays are checked once, here, and are
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
-from coclo_vio.arrays import Array, checked, frozen
+import numpy as np
+
+from coclo_vio.arrays import Array, ByteImage, checked, frozen, read_only
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuSample:
-    """One reading of an inertial measurement unit, in the imu frame.
+class InertialReading:
+    """One reading of an inertial measurement unit, in the frame of that unit.
 
     Attributes:
         stamp_ns: time in nanoseconds.
@@ -27,8 +30,21 @@ class ImuSample:
     specific_force: Array
 
     def __post_init__(self) -> None:
-        frozen(self, "angular_velocity", checked("ImuSample.angular_velocity", self.angular_velocity, (3,)))
-        frozen(self, "specific_force", checked("ImuSample.specific_force", self.specific_force, (3,)))
+        name = type(self).__name__
+        frozen(self, "angular_velocity", checked(f"{name}.angular_velocity", self.angular_velocity, (3,)))
+        frozen(self, "specific_force", checked(f"{name}.specific_force", self.specific_force, (3,)))
+
+
+class ImuSample(InertialReading):
+    """A reading of the body's IMU, in the imu frame."""
+
+    __slots__ = ()
+
+
+class CameraImuSample(InertialReading):
+    """A reading of the IMU inside the camera, in its own frame; it shakes with the camera, not with the body's IMU."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,4 +95,54 @@ class FootForceSample:
         frozen(self, "force", checked("FootForceSample.force", self.force, (None,), allow_nan=True))
 
 
-Measurement = ImuSample | JointSample | FootForceSample
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoFrame:
+    """Two images taken at the same time, grey.
+
+    Attributes:
+        stamp_ns: time of the middle of the exposure, in nanoseconds.
+        left: of the left camera, (rows, columns), uint8.
+        right: of the right camera, the same shape, uint8.
+
+    Raises:
+        ValueError: an image is not a grey 8-bit one, or the two differ in size.
+    """
+
+    stamp_ns: int
+    left: ByteImage
+    right: ByteImage
+
+    def __post_init__(self) -> None:
+        for side in ("left", "right"):
+            image = getattr(self, side)
+            if image.ndim != 2 or image.dtype != np.uint8:
+                raise ValueError(
+                    f"StereoFrame.{side} must be (rows, columns) of uint8, got {image.shape} {image.dtype}"
+                )
+            frozen(self, side, read_only(image))
+        if self.left.shape != self.right.shape:
+            raise ValueError(f"the left image is {self.left.shape}, the right one {self.right.shape}; they must agree")
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedStereoFrame:
+    """A stereo frame as it is stored: two compressed image files.
+
+    Attributes:
+        stamp_ns: time of the middle of the exposure, in nanoseconds.
+        left: the file of the left image, grey.
+        right: the file of the right image.
+        encoding: what kind of file.
+    """
+
+    stamp_ns: int
+    left: bytes
+    right: bytes
+    encoding: Literal["png", "jpeg"]
+
+
+Measurement = ImuSample | CameraImuSample | JointSample | FootForceSample | StereoFrame
+
+LEG_SENSORS: frozenset[type] = frozenset({ImuSample, JointSample, FootForceSample})
+VISION_SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame})
+ALL_SENSORS = LEG_SENSORS | VISION_SENSORS

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from coclo_vio.calibration import ImuCalibration
+from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets import euroc_folder, leg_log
 from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.report import ReadReport, StreamReport
 from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import Measurement
+from coclo_vio.measurements import LEG_SENSORS, Measurement
 from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
 from coclo_vio.trajectory import GroundTruth
 
@@ -37,8 +37,8 @@ class Dataset(Protocol):
 
     name: str
 
-    def measurements(self) -> Iterator[Measurement]:
-        """All samples in time order, from the beginning each time.
+    def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
+        """All samples of ``sensors`` in time order, from the beginning each time; no image is decoded unasked.
 
         Raises:
             DatasetError: the recording is malformed.
@@ -58,8 +58,24 @@ class Dataset(Protocol):
             DatasetError: it is malformed.
         """
 
+    def camera_imu_calibration(self) -> ImuCalibration | None:
+        """Mounting (``T_body_camera_imu``) and noise of the camera's IMU where the recording says them, otherwise None.
+
+        Raises:
+            DatasetError: it is malformed.
+        """
+
+    def stereo_calibration(self) -> StereoCalibration | None:
+        """Lenses and mounting of the two cameras where the recording says them, otherwise None.
+
+        Raises:
+            DatasetError: it is malformed.
+        """
+
     def report(self) -> ReadReport:
         """What the recording holds and what was left out; reads it through if that has not been done.
+
+        Covers every sensor; stereo frames are counted by their stamps, without decoding an image.
 
         Raises:
             DatasetError: the recording is malformed.

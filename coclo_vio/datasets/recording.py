@@ -7,14 +7,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coclo_vio.calibration import ImuCalibration
+from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.report import ReadReport, ReadTally
 from coclo_vio.datasets.samples import SampleTable
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
 from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import Measurement
+from coclo_vio.measurements import LEG_SENSORS, Measurement
 from coclo_vio.trajectory import GroundTruth
 
 
@@ -47,14 +47,22 @@ class Recording(ABC):
         """Mounting and noise of the IMU where the recording says them, otherwise None."""
         return None
 
-    def measurements(self) -> Iterator[Measurement]:
-        """All samples, streamed; in time order as far as the files are, or sorted if so configured.
+    def camera_imu_calibration(self) -> ImuCalibration | None:
+        """Mounting and noise of the camera's IMU where the recording says them, otherwise None."""
+        return None
+
+    def stereo_calibration(self) -> StereoCalibration | None:
+        """Lenses and mounting of the cameras where the recording says them, otherwise None."""
+        return None
+
+    def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
+        """All samples of ``sensors``, streamed; in time order as far as the files are, or sorted if so configured.
 
         Raises:
             DatasetError: a malformed file, or no sample in it at all.
         """
         tally = self._new_tally()
-        yield from tally.watch(self._stream(tally))
+        yield from (sample for sample in tally.watch(self._stream(tally)) if type(sample) in sensors)
         self._read = self._checked(tally)
 
     def ground_truth(self) -> GroundTruth | None:

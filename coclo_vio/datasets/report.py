@@ -7,10 +7,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.measurements import (
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    Measurement,
+    StereoFrame,
+)
 
 _NS_PER_S = 1_000_000_000
-STREAM_NAMES: Mapping[type, str] = {FootForceSample: "foot_force", ImuSample: "imu", JointSample: "joints"}
+STREAM_NAMES: Mapping[type, str] = {
+    FootForceSample: "foot_force",
+    ImuSample: "imu",
+    JointSample: "joints",
+    CameraImuSample: "camera_imu",
+    StereoFrame: "stereo",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +31,7 @@ class StreamReport:
     """One sensor's samples, as they were passed on.
 
     Attributes:
-        name: ``imu``, ``joints`` or ``foot_force``.
+        name: one of ``STREAM_NAMES``.
         samples: how many were passed on.
         rate_hz: samples a second outside the gaps; 0 for fewer than two.
         start_ns: the earliest stamp.
