@@ -27,17 +27,19 @@ class CsvTable:
     Attributes:
         path: the file.
         header: column names, without surrounding blanks, a leading ``#`` and a unit in square brackets.
+        ends_in_text: whether the last column holds text: then no number at the end of the file tells of no cut.
         has_cut_line: after the rows were read: whether the last line was cut off and left out.
         lacks_newline: after the rows were read: whether the last line, though complete, ends without a newline.
     """
 
     path: Path
     header: tuple[str, ...]
+    ends_in_text: bool = False
     has_cut_line: bool = field(default=False, init=False)
     lacks_newline: bool = field(default=False, init=False)
 
     @classmethod
-    def open(cls, path: Path) -> "CsvTable":
+    def open(cls, path: Path, *, ends_in_text: bool = False) -> "CsvTable":
         """The table in ``path``.
 
         Raises:
@@ -47,7 +49,7 @@ class CsvTable:
             header = next(csv.reader(file), None)
         if not header:
             raise DatasetError(f"{path} is empty: its first line must name the columns")
-        return cls(path, tuple(_plain_name(name) for name in header))
+        return cls(path, tuple(_plain_name(name) for name in header), ends_in_text)
 
     def rows(self) -> Iterator["CsvRow"]:
         """The rows under the header, in file order; blank lines are passed over.
@@ -100,7 +102,9 @@ class CsvRow:
         """Whether this row, the last of its file, was cut off: too short, or no newline and no number at its end."""
         if len(self.cells) < width:
             return True
-        return not ends_with_newline and len(self.cells) == width and _number(self.cells[-1]) is None
+        if ends_with_newline or self.table.ends_in_text:
+            return False
+        return len(self.cells) == width and _number(self.cells[-1]) is None
 
     def numbers(self, columns: Sequence[int]) -> list[float]:
         """The numbers in ``columns``, NaN where a cell is empty or not finite.
@@ -118,6 +122,10 @@ class CsvRow:
                 value = math.nan
             values.append(value if math.isfinite(value) else math.nan)
         return values
+
+    def text(self, column: int) -> str:
+        """The cell as text, without surrounding blanks."""
+        return self.cells[column].strip()
 
     def is_blank(self, columns: Sequence[int]) -> bool:
         """Whether all cells in ``columns`` are empty: the row says nothing of that stream."""

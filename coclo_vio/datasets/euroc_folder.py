@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The EuRoC (ASL) folder, with two sensors of our own for the legs.
+"""The EuRoC (ASL) folder, with three sensors of our own: the legs' two, and the camera's IMU.
 
 ======================================= =============================================================================
 ``mav0/imu0/data.csv``                  ``#timestamp [ns]``, ``w_RS_S_x`` ... rad/s, ``a_RS_S_x`` ... m/s^2
-``mav0/imu0/sensor.yaml``               noise densities, random walks, ``T_BS`` = ``T_body_imu``
+``mav0/imu1/data.csv``                  ours: the same, of the IMU inside the camera
 ``mav0/joints0/data.csv``               ours: ``#timestamp [ns]``, ``<joint>.position``, ``.velocity``, ``.effort``
 ``mav0/foot_force0/data.csv``           ours: ``#timestamp [ns]``, ``<leg>.force``
+``mav0/cam0``, ``mav0/cam1``            left, right camera: ``data.csv`` (``#timestamp [ns]``, ``filename``), ``data/``
+``mav0/<sensor>/sensor.yaml``           mounting ``T_BS`` = ``T_body_sensor``; an IMU's noise, a camera's lens
 ``mav0/state_groundtruth_estimate0``    ground truth; otherwise ``mav0/vicon0``, ``mav0/mocap0`` (their ``T_BS`` is
                                         taken into account), or ``groundtruth.tum`` beside ``mav0``
 ======================================= =============================================================================
@@ -16,35 +18,31 @@ aerial vehicle datasets", IJRR 2016.
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
-from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import ImuCalibration
+from coclo_vio.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.datasets import euroc_sensor
+from coclo_vio.datasets.camera_rows import CAMERAS, CameraRows
 from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
+from coclo_vio.datasets.euroc_sensor import SENSOR_YAML
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.recording import Recording
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.samples import SampleTable
-from coclo_vio.errors import DatasetError, listing
+from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3
+from coclo_vio.measurements import CameraImuSample
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
-LOOKS_FOR = "an EuRoC folder: mav0/imu0/data.csv or mav0/joints0/data.csv"
-_SENSORS = ("imu0", "joints0", "foot_force0")
+LOOKS_FOR = "an EuRoC folder: mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/cam0/data.csv"
+_SENSORS = ("imu0", "imu1", "joints0", "foot_force0")
+_MISSED = ("imu0", "joints0")
+_OF_THE_ROBOT = ("joints0", "foot_force0")
 _GROUND_TRUTH_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
-_NOISE_KEYS = {
-    "gyroscope_noise_density": "gyroscope_noise_density",
-    "gyroscope_random_walk": "gyroscope_bias_walk",
-    "accelerometer_noise_density": "accelerometer_noise_density",
-    "accelerometer_random_walk": "accelerometer_bias_walk",
-}
 
 
 class EurocFolder(Recording):
@@ -53,7 +51,7 @@ class EurocFolder(Recording):
     format_name = "EuRoC folder"
 
     def __init__(self, path: Path, robot: RobotDescription | None, config: DatasetConfig) -> None:
-        """Find the sensors' files and their columns; without a robot only the IMU is read.
+        """Find the sensors' files and their columns; without a robot IMUs and cameras are read.
 
         Raises:
             TopicNotFound: a column is missing; lists those that exist.
@@ -62,7 +60,13 @@ class EurocFolder(Recording):
         self._mav0 = _mav0(path)
         super().__init__(self._mav0.resolve().parent.name, config)
         self._robot = robot
-        self._tables(ReadTally(self.format_name, config.gap_s))
+        tally = ReadTally(self.format_name, config.gap_s)
+        tables, cameras = self._tables(tally), self._cameras(tally)
+        if not tables and cameras is None:
+            raise DatasetError(
+                f"{self._mav0} has nothing that can be read: imu0 is absent, imu1 too, cam0 and cam1 are not both there"
+                f"{', and the joints want a robot: name one' if robot is None else ''}"
+            )
 
     def imu_calibration(self) -> ImuCalibration | None:
         """Mounting and noise from ``imu0/sensor.yaml``, or None where there is no such file.
@@ -70,35 +74,49 @@ class EurocFolder(Recording):
         Raises:
             DatasetError: the file is malformed.
         """
-        path = self._mav0 / "imu0" / "sensor.yaml"
-        if not path.is_file():
-            return None
-        sensor = read_sensor_yaml(path)
-        values: dict[str, Any] = {ours: sensor[theirs] for theirs, ours in _NOISE_KEYS.items() if theirs in sensor}
-        T_body_imu = _transform(path, sensor)
-        if T_body_imu is not None:
-            values["position_body_m"] = tuple(T_body_imu[:3, 3].tolist())
-            values["rotation_body_imu_rpy_rad"] = tuple(
-                Rotation.from_matrix(T_body_imu[:3, :3]).as_euler("xyz").tolist()
-            )
-        return ImuCalibration.parse(values, str(path))
+        return self._imu("imu0")
+
+    def camera_imu_calibration(self) -> ImuCalibration | None:
+        """Mounting and noise from ``imu1/sensor.yaml``, or None where there is no such file.
+
+        Raises:
+            DatasetError: the file is malformed.
+        """
+        return self._imu("imu1")
+
+    def stereo_calibration(self) -> StereoCalibration | None:
+        """Lenses and mountings from ``sensor.yaml`` of both cameras, or None where one of them is absent.
+
+        Raises:
+            CalibrationMissing: a file lacks a key.
+            DatasetError: a file is malformed.
+        """
+        left, right = (self._mav0 / camera / SENSOR_YAML for camera in CAMERAS)
+        return euroc_sensor.read_stereo(left, right) if left.is_file() and right.is_file() else None
+
+    def _imu(self, sensor: str) -> ImuCalibration | None:
+        path = self._mav0 / sensor / SENSOR_YAML
+        return euroc_sensor.read_imu(path) if path.is_file() else None
 
     def _tables(self, tally: ReadTally) -> list[SampleTable]:
-        found = [table for name in _SENSORS for table in self._table(name, tally)]
-        if not found:
-            raise DatasetError(
-                f"{self._mav0} has nothing to read without a robot but imu0, and imu0 is absent; name one"
-            )
-        return found
+        return [table for name in _SENSORS for table in self._table(name, tally)]
+
+    def _cameras(self, tally: ReadTally) -> CameraRows | None:
+        absent = [camera for camera in CAMERAS if not (self._mav0 / camera / "data.csv").is_file()]
+        if not absent:
+            return CameraRows(self._mav0, self._config.columns)
+        if len(absent) == 1:
+            tally.note(f"{absent[0]}/data.csv is absent: the images of the other camera are left unread")
+        return None
 
     def _table(self, sensor: str, tally: ReadTally) -> Iterator[SampleTable]:
         path = self._mav0 / sensor / "data.csv"
         label = f"{sensor}/data.csv"
         if not path.is_file():
-            if sensor != "foot_force0":
+            if sensor in _MISSED:
                 tally.note(f"{label} is absent")
             return
-        if sensor != "imu0" and self._robot is None:
+        if sensor in _OF_THE_ROBOT and self._robot is None:
             tally.note(f"{label} is left unread: no robot was named")
             return
         table = CsvTable.open(path)
@@ -109,6 +127,9 @@ class EurocFolder(Recording):
                 samples = SampleTable(table, label, stamp, joints=header.joints(robot))
             case "foot_force0", RobotDescription() as robot:
                 samples = SampleTable(table, label, stamp, force=header.forces(robot))
+            case "imu1", _:
+                imu = header.imu() or header.no_imu()
+                samples = SampleTable(table, label, stamp, imu=imu, imu_kind=CameraImuSample)
             case _:
                 samples = SampleTable(table, label, stamp, imu=header.imu() or header.no_imu())
         samples.describe(header, tally)
@@ -119,15 +140,16 @@ class EurocFolder(Recording):
             path = self._mav0 / sensor / "data.csv"
             if path.is_file():
                 truth = read_ground_truth(path, self._config.columns, tally)
-                return _at_body(truth, path.with_name("sensor.yaml"), f"{sensor}/data.csv")
+                return _at_body(truth, path.with_name(SENSOR_YAML), f"{sensor}/data.csv")
         path = self._mav0.resolve().parent / "groundtruth.tum"
         return read_ground_truth(path, self._config.columns, tally) if path.is_file() else None
 
 
 def is_euroc_folder(path: Path) -> bool:
-    """Whether ``path`` holds, or is, a ``mav0`` with an IMU or joints."""
+    """Whether ``path`` holds, or is, a ``mav0`` with an IMU, joints or a camera."""
     mav0 = _mav0(path)
-    return mav0.resolve().name == "mav0" and any((mav0 / sensor / "data.csv").is_file() for sensor in _SENSORS)
+    sensors = (*_SENSORS, *CAMERAS)
+    return mav0.resolve().name == "mav0" and any((mav0 / sensor / "data.csv").is_file() for sensor in sensors)
 
 
 def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
@@ -136,44 +158,14 @@ def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...
     return joints, CsvTable.open(joints).header if joints.is_file() else ()
 
 
-def read_sensor_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a ``sensor.yaml``, whose ``%YAML:1.0`` line and OpenCV tags are no YAML.
-
-    Raises:
-        DatasetError: it cannot be read.
-    """
-    try:
-        text = path.read_text(encoding="utf-8").replace("!!opencv-matrix", "")
-        values = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise DatasetError(f"cannot read {path}: {error}") from error
-    if not isinstance(values, dict):
-        raise DatasetError(f"{path} must hold a mapping of keys to values, it holds a {type(values).__name__}")
-    return values
-
-
 def _mav0(path: Path) -> Path:
     return path / "mav0" if (path / "mav0").is_dir() else path
 
 
-def _transform(path: Path, sensor: dict[str, Any]) -> Array | None:
-    """``T_body_sensor`` (4, 4) from the key ``T_BS``, given as OpenCV matrix or as nested lists."""
-    given = sensor.get("T_BS")
-    if given is None:
-        return None
-    try:
-        matrix = np.array(given["data"] if isinstance(given, dict) else given, dtype=np.float64).reshape(4, 4)
-    except (KeyError, TypeError, ValueError) as error:
-        raise DatasetError(f"{path}: T_BS must be a matrix of 4 x 4 numbers ({error})") from error
-    rotation = matrix[:3, :3]
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0:
-        raise DatasetError(f"{path}: T_BS holds no rotation; keys there are {listing(sensor)}")
-    return matrix
-
-
 def _at_body(truth: GroundTruth, sensor_yaml: Path, source: str) -> GroundTruth:
     """The body's poses from those of a marker mounted at ``T_BS``."""
-    T_body_sensor = _transform(sensor_yaml, read_sensor_yaml(sensor_yaml)) if sensor_yaml.is_file() else None
+    sensor = euroc_sensor.read_sensor_yaml(sensor_yaml) if sensor_yaml.is_file() else {}
+    T_body_sensor = euroc_sensor.mounting(sensor_yaml, sensor)
     trajectory = truth.trajectory
     if T_body_sensor is None or np.array_equal(T_body_sensor, np.eye(4)):
         return GroundTruth(trajectory, truth.has_stamps, source)

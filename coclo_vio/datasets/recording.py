@@ -1,25 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all readers have in common: order, missing velocities, counting, and one report."""
+"""What the readers of text tables have in common: order, missing velocities, images, counting, and one report."""
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.datasets.camera_rows import CameraRows, ImagePair
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.report import ReadReport, ReadTally
 from coclo_vio.datasets.samples import SampleTable
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
 from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import LEG_SENSORS, Measurement
+from coclo_vio.measurements import LEG_SENSORS, Measurement, StereoFrame
 from coclo_vio.trajectory import GroundTruth
 
 
 class Recording(ABC):
-    """A recording made of tables of samples; a format says which tables, and where its ground truth is.
+    """A recording made of tables of samples, and of images where a format has any; a format says where they are.
 
     Invariant: ``measurements`` starts from the beginning each time it is called.
 
@@ -43,6 +44,10 @@ class Recording(ABC):
     def _read_ground_truth(self, tally: ReadTally) -> GroundTruth | None:
         """The reference trajectory, or None."""
 
+    def _cameras(self, tally: ReadTally) -> CameraRows | None:
+        """The images of two cameras, or None; notes on them go to ``tally``."""
+        return None
+
     def imu_calibration(self) -> ImuCalibration | None:
         """Mounting and noise of the IMU where the recording says them, otherwise None."""
         return None
@@ -58,11 +63,14 @@ class Recording(ABC):
     def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
         """All samples of ``sensors``, streamed; in time order as far as the files are, or sorted if so configured.
 
+        Images are decoded one pair at a time, and only where ``sensors`` asks for them.
+
         Raises:
             DatasetError: a malformed file, or no sample in it at all.
         """
         tally = self._new_tally()
-        yield from (sample for sample in tally.watch(self._stream(tally)) if type(sample) in sensors)
+        stream = self._stream(tally, decodes=StereoFrame in sensors)
+        yield from (sample for sample in stream if type(sample) in sensors)
         self._read = self._checked(tally)
 
     def ground_truth(self) -> GroundTruth | None:
@@ -82,7 +90,7 @@ class Recording(ABC):
         read = self._read
         if read is None:
             tally = self._new_tally()
-            deque(tally.watch(self._stream(tally)), maxlen=0)
+            deque(self._stream(tally, decodes=False), maxlen=0)
             read = self._read = self._checked(tally)
         truth = self._truth_and_report()[1]
         notes = tuple(dict.fromkeys((*read.notes, *truth.notes)))
@@ -97,7 +105,18 @@ class Recording(ABC):
             raise DatasetError(f"{self.name} holds no sample; rows left out: {dict(report.dropped) or 'none'}")
         return report
 
-    def _stream(self, tally: ReadTally) -> Iterator[Measurement]:
+    def _stream(self, tally: ReadTally, *, decodes: bool) -> Iterator[Measurement]:
+        """All samples, counted; images among them where they are to be decoded, otherwise counted by their stamps."""
+        cameras = self._cameras(tally)
+        pairs = [] if cameras is None else cameras.pairs(tally, self._config)
+        if decodes:
+            return tally.watch(merge_streams([self._samples(tally), _decoded(pairs)]))
+        for pair in pairs:
+            tally.count(StereoFrame, pair.stamp_ns)
+        return tally.watch(self._samples(tally))
+
+    def _samples(self, tally: ReadTally) -> Iterator[Measurement]:
+        """The samples of all sensors but the cameras."""
         tables = self._tables(tally)
         stream: Iterator[Measurement] = merge_streams([table.measurements(tally) for table in tables])
         if self._config.sort:
@@ -121,3 +140,8 @@ class Recording(ABC):
         if moved:
             tally.note(f"{moved} samples were older than the one before them: all have been put in time order")
         return ordered
+
+
+def _decoded(pairs: Iterable[ImagePair]) -> Iterator[StereoFrame]:
+    for pair in pairs:
+        yield pair.decoded()

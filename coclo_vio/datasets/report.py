@@ -168,14 +168,17 @@ class ReadTally:
 
     def watch(self, measurements: Iterable[Measurement]) -> Iterator[Measurement]:
         """The same measurements, counted as they pass."""
-        gap_ns = round(self.gap_s * _NS_PER_S)
         for sample in measurements:
-            name = STREAM_NAMES[type(sample)]
-            tally = self._streams.get(name)
-            if tally is None:
-                tally = self._streams[name] = StreamTally(gap_ns)
-            tally.add(sample.stamp_ns, has_nan=_has_nan(sample))
+            self.count(type(sample), sample.stamp_ns, has_nan=_has_nan(sample))
             yield sample
+
+    def count(self, kind: type, stamp_ns: int, *, has_nan: bool = False) -> None:
+        """Count one sample of a sensor by its stamp: an image need not be decoded to be counted."""
+        name = STREAM_NAMES[kind]
+        tally = self._streams.get(name)
+        if tally is None:
+            tally = self._streams[name] = StreamTally(round(self.gap_s * _NS_PER_S))
+        tally.add(stamp_ns, has_nan=has_nan)
 
     def report(self) -> ReadReport:
         """What was collected so far."""

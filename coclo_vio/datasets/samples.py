@@ -10,7 +10,7 @@ from coclo_vio.datasets.columns import Header, JointColumns, OptionalColumns, St
 from coclo_vio.datasets.csv_table import CsvRow, CsvTable
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.errors import listing
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, Measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,6 +18,7 @@ class SampleTable:
     """A table of measurements: where its columns stand, and what to call it in a report.
 
     A stream whose cells are all empty in a row has no sample there (a slower sensor); ``nan`` is a reading that failed.
+    ``imu_kind`` says whose inertial readings they are: the body's or the camera's.
     """
 
     table: CsvTable
@@ -26,6 +27,7 @@ class SampleTable:
     imu: tuple[int, ...] | None = None
     joints: JointColumns | None = None
     force: OptionalColumns | None = None
+    imu_kind: type[ImuSample] | type[CameraImuSample] = ImuSample
 
     def measurements(self, tally: ReadTally) -> Iterator[Measurement]:
         """The samples in file order; within a row foot force, IMU, joints.
@@ -55,12 +57,12 @@ class SampleTable:
         if self.table.lacks_newline:
             tally.note(f"{self.label}: the last line has no newline, its last number may be cut short")
 
-    def _imu_sample(self, row: CsvRow, stamp_ns: int, tally: ReadTally) -> Iterator[ImuSample]:
+    def _imu_sample(self, row: CsvRow, stamp_ns: int, tally: ReadTally) -> Iterator[ImuSample | CameraImuSample]:
         values = np.array(row.numbers(self.imu or ()))
         if np.isnan(values).any():
             tally.dropped[f"{self.label}: IMU reading empty or NaN"] += 1
         else:
-            yield ImuSample(stamp_ns, values[:3], values[3:])
+            yield self.imu_kind(stamp_ns, values[:3], values[3:])
 
     def describe(self, header: Header, tally: ReadTally) -> None:
         """Note what the table does not hold and which of its columns are left unread."""

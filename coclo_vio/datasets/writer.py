@@ -3,6 +3,7 @@
 
 Every reading is written with as many digits as its float needs (``repr``), so that a log read back is equal to what was
 written, value by value; ``nan`` is written for a reading that failed, an empty cell where a sensor has no sample.
+Images are written as the files they come as. What is written as a bag is in ``bag_writer``.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,14 +14,24 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-import yaml
 
 from coclo_vio.arrays import Array
-from coclo_vio.calibration import ImuCalibration
+from coclo_vio.datasets import euroc_sensor
+from coclo_vio.datasets.camera_rows import CAMERAS
+from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.images import suffix_of
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.measurements import (
+    CameraImuSample,
+    EncodedStereoFrame,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    Measurement,
+    StereoFrame,
+)
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.trajectory import GroundTruth, Trajectory, write_tum
 
@@ -31,7 +42,12 @@ _EUROC_IMU_COLUMNS = (
 )
 _POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _EUROC_POSE_COLUMNS = (*(f"p_RS_R_{axis} [m]" for axis in "xyz"), *(f"q_RS_{axis} []" for axis in "wxyz"))
-_SENSORS: Mapping[type, str] = {FootForceSample: "foot_force0", ImuSample: "imu0", JointSample: "joints0"}
+_SENSORS: Mapping[type, str] = {
+    FootForceSample: "foot_force0",
+    ImuSample: "imu0",
+    CameraImuSample: "imu1",
+    JointSample: "joints0",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +67,13 @@ class RecordedJoints:
         match sample:
             case FootForceSample():
                 arrays = [sample.force]
-            case ImuSample():
+            case ImuSample() | CameraImuSample():
                 arrays = [sample.angular_velocity, sample.specific_force]
             case JointSample():
                 velocity = [sample.velocity] if self.with_velocity else []
                 arrays = [sample.position, *velocity, *([sample.effort] if self.with_effort else [])]
+            case StereoFrame():
+                raise DatasetError("a decoded image is no row of a table; writers take encoded frames, as `frames`")
         return [cell for array in arrays for cell in _cells(array)]
 
 
@@ -78,7 +96,7 @@ def write_leg_log(
         The path of the log.
 
     Raises:
-        DatasetError: the folder cannot be written.
+        DatasetError: the folder cannot be written, or the measurements hold what a leg log has no column for.
     """
     path = folder / "leg_log.csv"
     headers = _headers(robot, _IMU_COLUMNS, joints)
@@ -88,6 +106,10 @@ def write_leg_log(
             out.write(_line(["stamp_ns", *chain.from_iterable(headers.values())]))
             for row in _rows(measurements):
                 cells = {type(sample): joints.cells_of(sample) for sample in row}
+                if not cells.keys() <= headers.keys():
+                    raise DatasetError(
+                        "a leg log has no place for the sensors of a camera; write an EuRoC folder or a bag"
+                    )
                 blanks = {kind: [""] * len(names) for kind, names in headers.items()}
                 out.write(_line([str(row[0].stamp_ns), *chain.from_iterable((blanks | cells).values())]))
         if ground_truth is not None:
@@ -98,42 +120,78 @@ def write_leg_log(
 
 
 def write_euroc_folder(
-    folder: Path,
-    robot: RobotDescription,
-    measurements: Iterable[Measurement],
-    ground_truth: GroundTruth | None = None,
-    *,
-    joints: RecordedJoints = ALL_JOINT_READINGS,
-    imu: ImuCalibration | None = None,
+    folder: Path, contents: RecordingContents, *, joints: RecordedJoints = ALL_JOINT_READINGS
 ) -> Path:
-    """Write ``mav0`` with ``imu0``, ``joints0``, ``foot_force0`` and ``state_groundtruth_estimate0``.
+    """Write ``mav0``: a folder for each sensor that has samples, its calibration, and the ground truth.
+
+    Images are written as the bytes given, named by their stamp.
+
+    Args:
+        folder: holds ``mav0`` afterwards; made if needed.
+        contents: what to write; streamed.
+        joints: which of the joints' readings.
 
     Returns:
         The path of ``mav0``.
 
     Raises:
-        DatasetError: the folder cannot be written, or the ground truth has no stamps, for which the layout has no
-            place.
+        DatasetError: there is a ``mav0`` already, whose files would be mixed with these; the folder cannot be written;
+            or the ground truth has no stamps, for which the layout has no place.
     """
-    if ground_truth is not None and not ground_truth.has_stamps:
+    truth = contents.ground_truth
+    if truth is not None and not truth.has_stamps:
         raise DatasetError("an EuRoC folder has no place for ground truth without stamps; write a leg log instead")
     mav0 = folder / "mav0"
-    headers = _headers(robot, _EUROC_IMU_COLUMNS, joints)
     try:
-        with ExitStack() as stack:
-            sheets: dict[type, TextIO] = {}
-            for sample in measurements:
-                kind = type(sample)
-                if kind not in sheets:
-                    sheets[kind] = stack.enter_context(_sheet(mav0 / _SENSORS[kind], headers[kind]))
-                sheets[kind].write(_line([str(sample.stamp_ns), *joints.cells_of(sample)]))
-        if imu is not None:
-            _write_sensor_yaml(mav0 / "imu0", imu)
-        if ground_truth is not None:
-            _write_euroc_truth(mav0 / "state_groundtruth_estimate0", ground_truth.trajectory)
+        folder.mkdir(parents=True, exist_ok=True)
+        mav0.mkdir()
+        _write_euroc_samples(mav0, contents, joints)
+        _write_euroc_images(mav0, contents.frames)
+        _write_euroc_calibrations(mav0, contents)
+        if truth is not None:
+            _write_euroc_truth(mav0 / "state_groundtruth_estimate0", truth.trajectory)
+    except FileExistsError as error:
+        raise DatasetError(f"{error.filename} is there already; delete it, or choose another folder") from error
     except OSError as error:
         raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another folder") from error
     return mav0
+
+
+def _write_euroc_samples(mav0: Path, contents: RecordingContents, joints: RecordedJoints) -> None:
+    headers = _headers(contents.robot, _EUROC_IMU_COLUMNS, joints) | {CameraImuSample: _EUROC_IMU_COLUMNS}
+    with ExitStack() as stack:
+        sheets: dict[type, TextIO] = {}
+        for sample in contents.measurements:
+            kind, cells = type(sample), joints.cells_of(sample)
+            if kind not in sheets:
+                sheets[kind] = stack.enter_context(_sheet(mav0 / _SENSORS[kind], headers[kind]))
+            sheets[kind].write(_line([str(sample.stamp_ns), *cells]))
+
+
+def _write_euroc_images(mav0: Path, frames: Iterable[EncodedStereoFrame]) -> None:
+    with ExitStack() as stack:
+        sheets: list[TextIO] = []
+        for frame in frames:
+            if not sheets:
+                sheets = [stack.enter_context(_sheet(mav0 / camera, ["filename"])) for camera in CAMERAS]
+                for camera in CAMERAS:
+                    (mav0 / camera / "data").mkdir()
+            name = f"{frame.stamp_ns}{suffix_of(frame.encoding)}"
+            for camera, sheet, data in zip(CAMERAS, sheets, (frame.left, frame.right), strict=True):
+                (mav0 / camera / "data" / name).write_bytes(data)
+                sheet.write(_line([str(frame.stamp_ns), name]))
+
+
+def _write_euroc_calibrations(mav0: Path, contents: RecordingContents) -> None:
+    for sensor, imu in (("imu0", contents.imu), ("imu1", contents.camera_imu)):
+        if imu is not None:
+            euroc_sensor.write_imu(mav0 / sensor, imu)
+    stereo = contents.stereo
+    if stereo is not None:
+        lenses = (stereo.left, stereo.right)
+        mountings = (stereo.T_body_left_camera, stereo.T_body_right_camera)
+        for camera, lens, T_body_camera in zip(CAMERAS, lenses, mountings, strict=True):
+            euroc_sensor.write_camera(mav0 / camera, lens, T_body_camera, stereo.time_offset_s)
 
 
 def _rows(measurements: Iterable[Measurement]) -> Iterator[list[Measurement]]:
@@ -167,20 +225,6 @@ def _write_euroc_truth(folder: Path, trajectory: Trajectory) -> None:
     with _sheet(folder, columns) as out:
         for stamp_ns, pose in zip(trajectory.stamps_ns, poses, strict=True):
             out.write(_line([str(int(stamp_ns)), *_cells(pose)]))
-
-
-def _write_sensor_yaml(folder: Path, imu: ImuCalibration) -> None:
-    values = {
-        "sensor_type": "imu",
-        "T_BS": {"cols": 4, "rows": 4, "data": imu.T_body_imu.ravel().tolist()},
-        "gyroscope_noise_density": imu.gyroscope_noise_density,
-        "gyroscope_random_walk": imu.gyroscope_bias_walk,
-        "accelerometer_noise_density": imu.accelerometer_noise_density,
-        "accelerometer_random_walk": imu.accelerometer_bias_walk,
-    }
-    folder.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
-    (folder / "sensor.yaml").write_text(text, encoding="ascii")
 
 
 def _sheet(folder: Path, columns: Iterable[str]) -> TextIO:

@@ -2,11 +2,16 @@
 import pytest
 
 from coclo_vio.config import parse_settings
+from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
 from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.measurements import JointSample
 from coclo_vio.robot.description import load_robot
+
+
+def to_euroc_folder(folder, robot, measurements):
+    return write_euroc_folder(folder, RecordingContents(robot, measurements))
 
 
 def one_sample_of(robot):
@@ -27,7 +32,7 @@ def test_a_path_that_is_not_there_is_named(tmp_path, biped):
         open_dataset(tmp_path / "nowhere", biped)
 
 
-@pytest.mark.parametrize("write", [write_leg_log, write_euroc_folder])
+@pytest.mark.parametrize("write", [write_leg_log, to_euroc_folder])
 def test_the_robot_is_guessed_from_the_joints(tmp_path, write):
     for name in ("daisy", "anymal_b"):
         robot = load_robot(name)
@@ -35,7 +40,7 @@ def test_the_robot_is_guessed_from_the_joints(tmp_path, write):
         assert guess_robot(tmp_path / name / "trial") == name
 
 
-@pytest.mark.parametrize("write", [write_leg_log, write_euroc_folder])
+@pytest.mark.parametrize("write", [write_leg_log, to_euroc_folder])
 def test_robots_that_share_their_joints_are_told_apart_by_name_or_not_at_all(tmp_path, write):
     robot = load_robot("go1")
     for folder, wanted in (("walk_go1_3", "go1"), ("A1-indoor", "a1"), ("data1", None), ("go1_and_a1", None)):

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.errors import DatasetError, TopicNotFound
@@ -26,7 +27,7 @@ accelerometer_random_walk: 3.0000e-3
 
 @pytest.fixture
 def folder(tmp_path, biped, log):
-    write_euroc_folder(tmp_path, biped, log)
+    write_euroc_folder(tmp_path, RecordingContents(biped, log))
     return tmp_path
 
 

@@ -5,14 +5,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coclo_vio.calibration import ImuCalibration
+from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
 from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
+from coclo_vio.measurements import ALL_SENSORS, CameraImuSample, FootForceSample, ImuSample, JointSample
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
-FOLDER_WRITERS = [write_leg_log, write_euroc_folder]
+
+def to_euroc_folder(folder, robot, measurements, ground_truth=None, **options):
+    return write_euroc_folder(folder, RecordingContents(robot, measurements, ground_truth), **options)
+
+
+FOLDER_WRITERS = [write_leg_log, to_euroc_folder]
 
 
 @pytest.fixture
@@ -70,7 +76,7 @@ def test_ground_truth_survives_the_leg_log(tmp_path, biped, log, truth):
 
 
 def test_ground_truth_with_velocity_survives_the_euroc_folder(tmp_path, biped, log, truth):
-    write_euroc_folder(tmp_path, biped, log, truth)
+    to_euroc_folder(tmp_path, biped, log, truth)
     back = open_dataset(tmp_path, biped).ground_truth()
     np.testing.assert_array_equal(back.trajectory.stamps_ns, truth.trajectory.stamps_ns)
     np.testing.assert_array_equal(back.trajectory.positions, truth.trajectory.positions)
@@ -85,7 +91,7 @@ def test_ground_truth_without_stamps_goes_to_a_leg_log_and_not_to_euroc(tmp_path
     assert not back.has_stamps
     np.testing.assert_array_equal(back.trajectory.positions, truth.trajectory.positions)
     with pytest.raises(DatasetError, match="no place for ground truth without stamps"):
-        write_euroc_folder(tmp_path / "euroc", biped, log, unstamped)
+        to_euroc_folder(tmp_path / "euroc", biped, log, unstamped)
 
 
 @pytest.mark.parametrize("write", FOLDER_WRITERS)
@@ -105,7 +111,7 @@ def test_imu_calibration_survives_the_euroc_folder(tmp_path, biped, log):
         gyroscope_noise_density=1.7e-4,
         accelerometer_bias_walk=0.0,
     )
-    write_euroc_folder(tmp_path, biped, log, imu=imu)
+    write_euroc_folder(tmp_path, RecordingContents(biped, log, imu=imu))
     back = open_dataset(tmp_path, biped).imu_calibration()
     np.testing.assert_allclose(back.T_body_imu, imu.T_body_imu, atol=1e-14)
     assert back.model_dump(exclude={"rotation_body_imu_rpy_rad"}) == imu.model_dump(
@@ -118,3 +124,34 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(write, tmp_path, biped,
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(DatasetError, match="choose another folder"):
         write(tmp_path / "taken", biped, log)
+
+
+def test_a_recording_with_cameras_survives_the_euroc_folder_value_by_value(tmp_path, seen, decoded_stream, assert_same):
+    write_euroc_folder(tmp_path, seen)
+    dataset = open_dataset(tmp_path, seen.robot)
+    assert_same(dataset.measurements(ALL_SENSORS), decoded_stream(seen))
+    assert dataset.report().dropped == {}
+    assert dataset.report().stream("stereo").samples == 5
+    assert dataset.stereo_calibration() == seen.stereo
+    np.testing.assert_allclose(dataset.imu_calibration().T_body_imu, seen.imu.T_body_imu, atol=1e-15)
+    np.testing.assert_allclose(dataset.camera_imu_calibration().T_body_imu, seen.camera_imu.T_body_imu, atol=1e-15)
+
+
+def test_image_files_are_written_as_they_came(tmp_path, seen):
+    mav0 = write_euroc_folder(tmp_path, seen)
+    for frame in seen.frames:
+        assert (mav0 / "cam0" / "data" / f"{frame.stamp_ns}.png").read_bytes() == frame.left
+        assert (mav0 / "cam1" / "data" / f"{frame.stamp_ns}.png").read_bytes() == frame.right
+
+
+def test_a_folder_that_holds_a_recording_is_not_written_over(tmp_path, biped, log):
+    to_euroc_folder(tmp_path, biped, log)
+    before = (tmp_path / "mav0" / "imu0" / "data.csv").read_bytes()
+    with pytest.raises(DatasetError, match=r"mav0 is there already; delete it, or choose another folder"):
+        to_euroc_folder(tmp_path, biped, log[:5])
+    assert (tmp_path / "mav0" / "imu0" / "data.csv").read_bytes() == before
+
+
+def test_a_leg_log_has_no_place_for_a_cameras_imu(tmp_path, biped):
+    with pytest.raises(DatasetError, match="write an EuRoC folder or a bag"):
+        write_leg_log(tmp_path, biped, [CameraImuSample(5, np.zeros(3), np.ones(3))])

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The images of two cameras as an EuRoC folder lists them: rows paired by stamp, files opened when they are asked for.
+
+``cam<N>/data.csv`` has the columns ``#timestamp [ns]`` and ``filename``; the files are in ``cam<N>/data``.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from coclo_vio.datasets import images
+from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.csv_table import CsvTable
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.errors import DatasetError, TopicNotFound, listing
+from coclo_vio.measurements import StereoFrame
+
+CAMERAS = ("cam0", "cam1")
+_MOST_NAMED = 3
+_FILE_NAME = "filename"
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePair:
+    """Two image files of one stamp, not yet opened."""
+
+    stamp_ns: int
+    left: Path
+    right: Path
+
+    def decoded(self) -> StereoFrame:
+        """The two images.
+
+        Raises:
+            DatasetError: a file is no grey or colour 8-bit image, or the two differ in size; names the file.
+        """
+        left, right = (images.decoded(_bytes_of(path), str(path)) for path in (self.left, self.right))
+        if left.shape != right.shape:
+            raise DatasetError(
+                f"{self.left} has {left.shape[1]} x {left.shape[0]} pixels, {self.right} "
+                f"{right.shape[1]} x {right.shape[0]}; the images of a pair must agree"
+            )
+        return StereoFrame(self.stamp_ns, left, right)
+
+
+class CameraRows:
+    """The pairs that two cameras' lists name and that are there.
+
+    Of the images only names and stamps are held: some hundred bytes a pair.
+    """
+
+    def __init__(self, mav0: Path, columns: ColumnNames) -> None:
+        """Find the columns.
+
+        Raises:
+            TopicNotFound: a list lacks a column; names those it has.
+            DatasetError: a list cannot be read.
+        """
+        self._lists = tuple(_ImageList.open(mav0 / camera / "data.csv", columns) for camera in CAMERAS)
+
+    def pairs(self, tally: ReadTally, config: DatasetConfig) -> list[ImagePair]:
+        """The pairs in the order of the left camera's list, by stamp if so configured; what is left out is told.
+
+        Raises:
+            DatasetError: a malformed row.
+        """
+        left, right = self._lists
+        others = dict(right.files(tally))
+        pairs = []
+        alone = 0
+        for stamp_ns, path in left.files(tally):
+            other = others.pop(stamp_ns, None)
+            if other is None:
+                alone += 1
+            else:
+                pairs.append(ImagePair(stamp_ns, path, other))
+        for label, count in ((left.label, alone), (right.label, len(others))):
+            if count:
+                tally.dropped[f"{label}: no image of the other camera at that stamp"] += count
+        return sorted(pairs, key=lambda pair: pair.stamp_ns) if config.sort else pairs
+
+
+@dataclass(frozen=True, slots=True)
+class _ImageList:
+    """One camera's ``data.csv``."""
+
+    table: CsvTable
+    label: str
+    stamp: StampColumn
+    name_column: int
+
+    @classmethod
+    def open(cls, path: Path, columns: ColumnNames) -> "_ImageList":
+        table = CsvTable.open(path, ends_in_text=True)
+        stamp = Header(path, table.header, columns).stamp()
+        if _FILE_NAME not in table.header:
+            raise TopicNotFound(f"{path} has no column {_FILE_NAME}; the columns are {listing(table.header)}")
+        return cls(table, f"{path.parent.name}/{path.name}", stamp, table.header.index(_FILE_NAME))
+
+    def files(self, tally: ReadTally) -> Iterator[tuple[int, Path]]:
+        """Stamp and path of every row whose file is there."""
+        folder = self.table.path.parent / "data"
+        absent: list[str] = []
+        for row in self.table.rows():
+            stamp_ns, name = self.stamp.read(row), row.text(self.name_column)
+            if stamp_ns is None or not name:
+                tally.dropped[f"{self.label}: row without a stamp or a file name"] += 1
+            elif not (folder / name).is_file():
+                absent.append(name)
+            else:
+                yield stamp_ns, folder / name
+        if self.table.has_cut_line:
+            tally.dropped[f"{self.label}: last line cut off"] += 1
+        if absent:
+            tally.dropped[f"{self.label}: its image file is not there"] += len(absent)
+            more = ", ..." if len(absent) > _MOST_NAMED else ""
+            named = ", ".join(absent[:_MOST_NAMED]) + more
+            tally.note(f"{self.label} names {len(absent)} images that are not there: {named}")
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DatasetError(f"cannot read the image {path}: {error.strerror}") from error

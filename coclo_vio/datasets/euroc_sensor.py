@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``sensor.yaml`` of the EuRoC layout, in and out: mounting and noise of an IMU, lens and mounting of a camera.
+
+``T_BS`` is ``T_body_sensor``, as rows of a 4 x 4 matrix. Of a camera: ``intrinsics`` fx, fy, cx, cy (px),
+``resolution`` width, height (px), ``distortion_model`` radial-tangential or equidistant with its
+``distortion_coefficients``. ``timeshift_cam_imu`` is Kalibr's: the stamp of an image plus this is the IMU's clock, s.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.errors import CalibrationMissing, ConfigError, DatasetError, listing
+
+SENSOR_YAML = "sensor.yaml"
+
+_NOISE_KEYS = {
+    "gyroscope_noise_density": "gyroscope_noise_density",
+    "gyroscope_random_walk": "gyroscope_bias_walk",
+    "accelerometer_noise_density": "accelerometer_noise_density",
+    "accelerometer_random_walk": "accelerometer_bias_walk",
+}
+_DISTORTION_MODELS = {
+    "radial-tangential": "radtan",
+    "radtan": "radtan",
+    "plumb_bob": "radtan",
+    "equidistant": "equidistant",
+    "none": "none",
+}
+_TIME_SHIFT = "timeshift_cam_imu"
+
+
+def read_sensor_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a ``sensor.yaml``, whose ``%YAML:1.0`` line and OpenCV tags are no YAML.
+
+    Raises:
+        DatasetError: it cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8").replace("!!opencv-matrix", "")
+        values = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise DatasetError(f"cannot read {path}: {error}") from error
+    if not isinstance(values, dict):
+        raise DatasetError(f"{path} must hold a mapping of keys to values, it holds a {type(values).__name__}")
+    return values
+
+
+def mounting(path: Path, sensor: Mapping[str, Any]) -> Array | None:
+    """``T_body_sensor`` (4, 4) from the key ``T_BS``, given as OpenCV matrix or as nested lists; None without it.
+
+    Raises:
+        DatasetError: it is no rigid transform.
+    """
+    given = sensor.get("T_BS")
+    if given is None:
+        return None
+    try:
+        matrix = np.array(given["data"] if isinstance(given, dict) else given, dtype=np.float64).reshape(4, 4)
+    except (KeyError, TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: T_BS must be a matrix of 4 x 4 numbers ({error})") from error
+    rotation = matrix[:3, :3]
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0:
+        raise DatasetError(f"{path}: T_BS holds no rotation; keys there are {listing(sensor)}")
+    return matrix
+
+
+def read_imu(path: Path) -> ImuCalibration:
+    """Mounting and noise of an IMU; the defaults where the file is silent.
+
+    Raises:
+        DatasetError: the file is malformed.
+        ConfigError: a noise density is out of bounds.
+    """
+    sensor = read_sensor_yaml(path)
+    values: dict[str, Any] = {ours: sensor[theirs] for theirs, ours in _NOISE_KEYS.items() if theirs in sensor}
+    T_body_imu = mounting(path, sensor)
+    if T_body_imu is not None:
+        values["position_body_m"] = tuple(T_body_imu[:3, 3].tolist())
+        values["rotation_body_imu_rpy_rad"] = tuple(Rotation.from_matrix(T_body_imu[:3, :3]).as_euler("xyz").tolist())
+    return ImuCalibration.parse(values, str(path))
+
+
+def write_imu(folder: Path, imu: ImuCalibration) -> None:
+    """Write ``sensor.yaml`` of an IMU into its folder."""
+    noise = {theirs: getattr(imu, ours) for theirs, ours in _NOISE_KEYS.items()}
+    _write(folder, {"sensor_type": "imu", "T_BS": _opencv_matrix(imu.T_body_imu), **noise})
+
+
+def read_stereo(left: Path, right: Path) -> StereoCalibration:
+    """Lenses and mountings of two cameras, from the ``sensor.yaml`` of each.
+
+    Raises:
+        CalibrationMissing: a file lacks a key; names those it has.
+        DatasetError: a file is malformed.
+    """
+    sensors = [read_sensor_yaml(path) for path in (left, right)]
+    mountings = [_camera_mounting(path, sensor) for path, sensor in zip((left, right), sensors, strict=True)]
+    try:
+        return StereoCalibration(
+            left=_lens(left, sensors[0]),
+            right=_lens(right, sensors[1]),
+            body_left_camera=matrix4(mountings[0]),
+            body_right_camera=matrix4(mountings[1]),
+            time_offset_s=float(sensors[0].get(_TIME_SHIFT, 0.0)),
+        )
+    except (ConfigError, ValueError, TypeError) as error:
+        reason = str(error).splitlines()
+        raise DatasetError(f"the cameras of {left.parent.parent}: {'; '.join(reason[-2:])}") from error
+
+
+def write_camera(folder: Path, lens: CameraCalibration, T_body_camera: Array, time_offset_s: float) -> None:  # noqa: N803
+    """Write ``sensor.yaml`` of a camera into its folder.
+
+    A camera without distortion is written as radial-tangential with zeros, which every reader of the layout knows.
+    """
+    is_straight = lens.distortion == "none"
+    values: dict[str, Any] = {
+        "sensor_type": "camera",
+        "T_BS": _opencv_matrix(T_body_camera),
+        "resolution": [lens.width_px, lens.height_px],
+        "camera_model": "pinhole",
+        "intrinsics": [*lens.focal_px, *lens.principal_point_px],
+        "distortion_model": "equidistant" if lens.distortion == "equidistant" else "radial-tangential",
+        "distortion_coefficients": [0.0] * 4 if is_straight else list(lens.distortion_coefficients),
+    }
+    if time_offset_s:
+        values[_TIME_SHIFT] = time_offset_s
+    _write(folder, values)
+
+
+def _camera_mounting(path: Path, sensor: Mapping[str, Any]) -> Array:
+    T_body_camera = mounting(path, sensor)
+    if T_body_camera is None:
+        raise CalibrationMissing(f"{path} has no T_BS (T_body_camera); the keys there are: {listing(sensor)}")
+    return T_body_camera
+
+
+def _lens(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
+    missing = {"intrinsics", "resolution"} - set(sensor)
+    if missing:
+        raise CalibrationMissing(f"{path} has no {listing(missing)}; the keys there are: {listing(sensor)}")
+    intrinsics, resolution = sensor["intrinsics"], sensor["resolution"]
+    if not isinstance(intrinsics, list) or len(intrinsics) != 4:
+        raise DatasetError(f"{path}: intrinsics = {intrinsics} must be the four numbers fx, fy, cx, cy, in pixels")
+    if not isinstance(resolution, list) or len(resolution) != 2:
+        raise DatasetError(f"{path}: resolution = {resolution} must be width and height in pixels")
+    model, coefficients = _distortion(path, sensor)
+    values = {
+        "width_px": resolution[0],
+        "height_px": resolution[1],
+        "focal_px": intrinsics[:2],
+        "principal_point_px": intrinsics[2:],
+        "distortion": model,
+        "distortion_coefficients": coefficients,
+    }
+    return CameraCalibration.parse(values, str(path))
+
+
+def _distortion(path: Path, sensor: Mapping[str, Any]) -> tuple[str, list[float]]:
+    """The model and its coefficients; radial-tangential with nothing but zeros is no distortion."""
+    given = str(sensor.get("distortion_model", "none"))
+    if given not in _DISTORTION_MODELS:
+        raise DatasetError(f"{path}: distortion_model {given!r} is not known; known are {listing(_DISTORTION_MODELS)}")
+    model = _DISTORTION_MODELS[given]
+    coefficients = sensor.get("distortion_coefficients") or []
+    if not isinstance(coefficients, list):
+        raise DatasetError(f"{path}: distortion_coefficients = {coefficients} must be a list of numbers")
+    is_straight = model == "none" or (model == "radtan" and not any(coefficients))
+    return ("none", []) if is_straight else (model, coefficients)
+
+
+def _opencv_matrix(T: Array) -> dict[str, Any]:  # noqa: N803
+    return {"cols": 4, "rows": 4, "data": T.ravel().tolist()}
+
+
+def _write(folder: Path, values: Mapping[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump(dict(values), sort_keys=False, default_flow_style=None)
+    (folder / SENSOR_YAML).write_text(text, encoding="ascii")
