@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an imager makes of a perfect picture: blur, vignetting, exposure, shot and read noise, eight bits.
+
+Motion blur is the mean of the picture as seen from several instants of the exposure, each warped by the homography
+that the camera's rotation and translation induce in a plane facing it at the harmonic mean depth of the picture. So
+rotation blurs as it does in truth; translation does so for things at that depth, and too little for nearer, too much
+for farther ones; the robot's own legs blur as if they stood still in the world. The shutter is global.
+
+Signal and noise in grey levels, with k = 255 gain / full well: mean y, variance k y + (k read noise)^2, by a normal
+approximation of the Poisson distribution (EMVA 1288, eq. 4 to 7). Noise follows from (seed, frame, camera) alone.
+"""
+
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from coclo_vio.arrays import Array, ByteImage
+from coclo_vio.geometry import so3
+from coclo_vio.simulation.visuals.config import CameraConfig
+from coclo_vio.simulation.visuals.exposure import Exposure
+
+FloatImage = npt.NDArray[np.float32]
+
+_LEAST_BLUR_PX = 0.15
+_BLUR_STEP_PX = 0.75
+_MOST_INSTANTS = 12
+_ENCODERS: Final[dict[str, str]] = {"png": ".png", "jpeg": ".jpg"}
+
+
+class CameraModel:
+    """One imager of the pair: turns pictures into what it would have recorded."""
+
+    def __init__(
+        self, config: CameraConfig, side: int, width_px: int, height_px: int, focal_px: float, seed: int
+    ) -> None:
+        self._config = config
+        self._side = side
+        self._seed = seed
+        self._matrix = np.array(
+            [[focal_px, 0.0, 0.5 * (width_px - 1)], [0.0, focal_px, 0.5 * (height_px - 1)], [0.0, 0.0, 1.0]]
+        )
+        self._sensitivity = self._pattern(width_px, height_px)
+
+    def record(
+        self, image: ByteImage, inverse_depth: FloatImage, twist: Array, exposure: Exposure, frame: int
+    ) -> ByteImage:
+        """The recorded image (rows, columns).
+
+        Args:
+            image: the perfect picture, reflected light times 255, (rows, columns).
+            inverse_depth: one over depth, 1/m, (rows, columns).
+            twist: angular and linear velocity of the camera, its own optical frame, rad/s and m/s, (6,).
+            exposure: how the frame is taken.
+            frame: number of the frame, which decides its noise.
+        """
+        light = self._blurred(image, inverse_depth, twist, exposure.duration_s)
+        mean = light * self._sensitivity * np.float32(exposure.brightness)
+        return self._digitised(mean, exposure.gain, frame)
+
+    def encode(self, image: ByteImage) -> bytes:
+        """The image as a file of the configured encoding."""
+        config = self._config
+        options = (
+            [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]  # noise does not repeat: nothing longer to find
+            if config.encoding == "png"
+            else [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality]
+        )
+        _, data = cv2.imencode(_ENCODERS[config.encoding], image, options)
+        return data.tobytes()
+
+    def _pattern(self, width_px: int, height_px: int) -> FloatImage:
+        """Sensitivity of each pixel: vignetting, fixed pattern, and this camera against the other."""
+        imager = self._config.imager
+        rng = np.random.default_rng([self._seed, 4, self._side])
+        x = np.linspace(-1.0, 1.0, width_px) * width_px
+        y = np.linspace(-1.0, 1.0, height_px) * height_px
+        corner_share = (x**2 + y[:, None] ** 2) / (width_px**2 + height_px**2)
+        level = 1.0 + imager.gain_mismatch * rng.standard_normal()
+        spread = 1.0 + imager.pattern_noise * rng.standard_normal((height_px, width_px))
+        return (level * (1.0 - imager.vignetting * corner_share) * spread).astype(np.float32)
+
+    def _blurred(self, image: ByteImage, inverse_depth: FloatImage, twist: Array, duration_s: float) -> FloatImage:
+        """The picture (rows, columns) with motion and lens blur, 0..255."""
+        instants = self._instants(image.shape, inverse_depth, twist, duration_s)
+        total: Any = np.zeros(image.shape, dtype=np.float32)
+        for homography in instants:
+            total += _seen_through(image, homography)
+        light = total / np.float32(len(instants)) if instants else image.astype(np.float32)
+        sigma = self._config.imager.lens_blur_px
+        return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma) if sigma > 0.0 else light, dtype=np.float32)
+
+    def _instants(
+        self, shape: tuple[int, ...], inverse_depth: FloatImage, twist: Array, duration_s: float
+    ) -> list[Array]:
+        """Homographies (3, 3) from the picture to what the camera sees at evenly spread instants of the exposure.
+
+        A point p of the plane n.p = d, n = (0, 0, 1), is at ``exp(-w t) p - v t`` seen from the camera t later, so
+        ``H = K (exp(-w t) - v t n^T / d) K^-1`` (Hartley and Zisserman, "Multiple View Geometry", eq. 13.2).
+        None at all where the blur is too short to matter.
+        """
+        nearness = float(inverse_depth[::8, ::8].mean())
+        inverse_matrix = np.linalg.inv(self._matrix)
+
+        def homography(time_s: float) -> Array:
+            motion = so3.exp(-twist[:3] * time_s)
+            motion[:, 2] -= twist[3:] * time_s * nearness
+            return np.asarray(self._matrix @ motion @ inverse_matrix)
+
+        length_px = _greatest_shift_px(homography(duration_s), shape)
+        if length_px < _LEAST_BLUR_PX:
+            return []
+        count = int(np.clip(np.ceil(length_px / _BLUR_STEP_PX), 2, _MOST_INSTANTS))
+        return [homography(duration_s * ((number + 0.5) / count - 0.5)) for number in range(count)]
+
+    def _digitised(self, mean: FloatImage, gain: float, frame: int) -> ByteImage:
+        imager = self._config.imager
+        scale = 255.0 * gain / imager.full_well_e
+        rng = np.random.default_rng([self._seed, 5, frame, self._side])
+        deviation = np.sqrt(np.float32(scale) * mean + np.float32((scale * imager.read_noise_e) ** 2))
+        noisy = mean + deviation * rng.standard_normal(mean.shape, dtype=np.float32)
+        image: ByteImage = np.clip(np.rint(noisy), 0.0, 255.0).astype(np.uint8)
+        return image
+
+
+def _seen_through(image: ByteImage, homography: Array) -> npt.NDArray[Any]:
+    size = (image.shape[1], image.shape[0])
+    return np.asarray(cv2.warpPerspective(image, homography, size, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _greatest_shift_px(homography: Array, shape: tuple[int, ...]) -> float:
+    """How far the homography moves the corners of the image, px, at most."""
+    right, bottom = shape[1] - 1.0, shape[0] - 1.0
+    corners = np.array([[0.0, right, 0.0, right], [0.0, 0.0, bottom, bottom], [1.0, 1.0, 1.0, 1.0]])
+    moved = homography @ corners
+    shift = moved[:2] / moved[2] - corners[:2]
+    return float(np.hypot(shift[0], shift[1]).max())

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stereo pair as cameras of the MuJoCo model: frames and lens converted here, and nowhere else.
+
+A calibration's camera is x right, y down, z forward; MuJoCo's is x right, y up and looks along -z. Its image of W x H
+pixels has the principal point ((W - 1) / 2, (H - 1) / 2), measured with rendered points.
+"""
+
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import CameraCalibration, StereoCalibration
+from coclo_vio.errors import ConfigError
+
+CAMERA_NAMES: Final = ("left_camera", "right_camera")
+OPTICAL_FROM_MUJOCO: Final = np.diag([1.0, -1.0, -1.0])  # turns MuJoCo's camera axes into optical ones, and back
+_SAME_PX = 1e-6
+
+
+def add_cameras(spec: mujoco.MjSpec, stereo: StereoCalibration, body: str = "base") -> None:
+    """Add the cameras ``left_camera`` and ``right_camera`` to a body, and make the off-screen image large enough.
+
+    Raises:
+        ConfigError: there is no such body, or a lens is not the one that MuJoCo has: a pinhole of square pixels
+            without distortion whose axis meets the middle of the image.
+    """
+    carrier = spec.body(body)
+    if carrier is None:
+        names = ", ".join(sorted(each.name for each in spec.bodies))
+        raise ConfigError(f"the model has no body {body!r} to carry the cameras; its bodies are: {names}")
+    lenses = (stereo.left, stereo.right)
+    mountings = (stereo.T_body_left_camera, stereo.T_body_right_camera)
+    for name, lens, T_body_camera in zip(CAMERA_NAMES, lenses, mountings, strict=True):
+        _check_lens(name, lens)
+        carrier.add_camera(
+            name=name,
+            pos=T_body_camera[:3, 3],
+            quat=_quat_wxyz(T_body_camera[:3, :3] @ OPTICAL_FROM_MUJOCO),
+            fovy=np.rad2deg(2.0 * np.arctan(0.5 * lens.height_px / lens.focal_px[1])),
+            resolution=[lens.width_px, lens.height_px],
+        )
+    offscreen = spec.visual.global_
+    offscreen.offwidth = max(lens.width_px for lens in lenses)
+    offscreen.offheight = max(lens.height_px for lens in lenses)
+
+
+def pinhole(width_px: int, height_px: int, focal_px: float) -> CameraCalibration:
+    """The lens that MuJoCo has, as a calibration."""
+    centre = (0.5 * (width_px - 1), 0.5 * (height_px - 1))
+    return CameraCalibration(
+        width_px=width_px, height_px=height_px, focal_px=(focal_px, focal_px), principal_point_px=centre
+    )
+
+
+def _check_lens(name: str, lens: CameraCalibration) -> None:
+    wanted = pinhole(lens.width_px, lens.height_px, lens.focal_px[1])
+    same = np.allclose(
+        lens.focal_px + lens.principal_point_px, wanted.focal_px + wanted.principal_point_px, 0, _SAME_PX
+    )
+    if lens.distortion != "none" or not same:
+        raise ConfigError(
+            f"{name}: the renderer has a pinhole with fx = fy and the principal point {wanted.principal_point_px} px, "
+            f"got focal_px {lens.focal_px}, principal_point_px {lens.principal_point_px}, distortion {lens.distortion}"
+        )
+
+
+def _quat_wxyz(rotation: Array) -> Array:
+    quat_wxyz = np.empty(4)
+    mujoco.mju_mat2Quat(quat_wxyz, rotation.ravel())
+    return quat_wxyz

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the room looks like, and what the imagers do to a picture: the parameters of the simulated cameras.
+
+The defaults are those of the infrared imagers of a RealSense D435i (OmniVision OV9282, global shutter) with its dot
+projector switched off, as one has to for visual odometry.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from coclo_vio.config import StageConfig
+
+
+class SceneConfig(StageConfig):
+    """The room around a trial: an indoor laboratory of plain walls with posters, and some clutter on its floor."""
+
+    texture: Annotated[
+        Literal["rich", "normal", "poor"],
+        Field(description="how much there is to see: contrast, posters, clutter, share of plain faces"),
+    ] = "normal"
+    wall_distance_m: Annotated[
+        tuple[float, float], Field(description="least and greatest distance of the walls from the walked area, m")
+    ] = (2.5, 5.0)
+    clutter: Annotated[int, Field(ge=0, le=100, description="boxes and pillars between walked area and walls")] = 14
+    clearance_m: Annotated[
+        float, Field(ge=0.1, le=5.0, description="least distance of clutter from the walked area, m")
+    ] = 0.8
+    texel_m: Annotated[
+        float, Field(ge=2e-4, le=0.02, description="side of a texture's pixel on the surface, m; 1 px at 0.8 m")
+    ] = 0.002
+    texture_px: Annotated[int, Field(ge=64, le=4096, description="side of the square texture tiles, px")] = 1024
+
+    @model_validator(mode="after")
+    def _walls_are_beyond_the_clutter(self) -> Self:
+        near, far = self.wall_distance_m
+        if not 0.3 <= near <= far <= 50.0:
+            raise ValueError(f"wall_distance_m = {self.wall_distance_m} must be [least, greatest], both in 0.3 to 50 m")
+        return self
+
+
+class ImagerConfig(StageConfig):
+    """The sensor and its lens.
+
+    Sources: OmniVision's data sheet of the OV9281/OV9282: greatest signal-to-noise ratio 38 dB, dynamic range 68 dB,
+    analogue gain up to 15.9. At full well the shot noise is the noise, so the well holds 10^(38/10) = 6300 electrons,
+    and the noise floor is sqrt(6300^2 / 10^(68/10)) = 2.5 electrons. Lens, vignetting and pattern are typical values
+    of such modules, chosen, not measured.
+    """
+
+    full_well_e: Annotated[float, Field(ge=100, le=1e6, description="electrons of a white pixel at gain 1")] = 6300.0
+    read_noise_e: Annotated[float, Field(ge=0, le=1000, description="noise floor, electrons rms")] = 2.5
+    pattern_noise: Annotated[
+        float, Field(ge=0, le=0.2, description="spread of the pixels' sensitivity, share, fixed for a camera")
+    ] = 0.006
+    vignetting: Annotated[float, Field(ge=0, le=0.9, description="loss of light in the image corners, share")] = 0.3
+    lens_blur_px: Annotated[float, Field(ge=0, le=5, description="sigma of the lens's Gaussian blur, px")] = 0.6
+    gain_mismatch: Annotated[
+        float, Field(ge=0, le=0.5, description="spread of the two cameras' sensitivity, share, fixed by the seed")
+    ] = 0.03
+
+
+class ExposureConfig(StageConfig):
+    """Exposure time and gain: automatic, as the D435i's, with a first-order lag.
+
+    The controller sees the light in the room, not the picture; what a real one does by the picture's content is the
+    slow drift, an Ornstein-Uhlenbeck process of the logarithm of the gain.
+    """
+
+    nominal_s: Annotated[
+        float, Field(gt=0, le=0.05, description="exposure time in normal light, s (D435i's factory setting 8.5 ms)")
+    ] = 0.0085
+    longest_s: Annotated[float, Field(gt=0, le=0.1, description="longest exposure time the controller takes, s")] = 0.02
+    nominal_gain: Annotated[
+        float, Field(ge=1, le=16, description="analogue gain in normal light; 1.5 gives 2.5 grey levels rms at 100")
+    ] = 1.5
+    largest_gain: Annotated[float, Field(ge=1, le=64, description="largest analogue gain (OV9282: 15.9)")] = 15.9
+    lag_s: Annotated[float, Field(gt=0, le=10, description="time constant of the controller, s")] = 0.12
+    drift: Annotated[float, Field(ge=0, le=1, description="standard deviation of the gain's slow drift, share")] = 0.06
+    drift_time_s: Annotated[float, Field(gt=0, le=1000, description="time constant of that drift, s")] = 8.0
+
+    @model_validator(mode="after")
+    def _limits_hold_the_nominal_values(self) -> Self:
+        if self.longest_s < self.nominal_s or self.largest_gain < self.nominal_gain:
+            raise ValueError(
+                f"longest_s = {self.longest_s} and largest_gain = {self.largest_gain} must not be below "
+                f"nominal_s = {self.nominal_s} and nominal_gain = {self.nominal_gain}"
+            )
+        return self
+
+
+class Blackout(StageConfig):
+    """The light goes out, and on again."""
+
+    start_s: Annotated[float, Field(ge=0, le=1e5, description="when it goes out, s after the first image")]
+    duration_s: Annotated[float, Field(gt=0, le=1e5, description="how long it stays out, s")]
+
+
+class LightingConfig(StageConfig):
+    """The light in the room."""
+
+    level: Annotated[Literal["normal", "dark"], Field(description="light of an office, or of an emergency lamp")] = (
+        "normal"
+    )
+    dark_share: Annotated[float, Field(gt=0, le=1, description="light of a dark room, share of normal light")] = 0.03
+    blackouts: Annotated[tuple[Blackout, ...], Field(description="when there is no light at all")] = ()
+
+
+class CameraConfig(StageConfig):
+    """Everything between the scene and the image file."""
+
+    imager: Annotated[ImagerConfig, Field(description="sensor and lens")] = ImagerConfig()
+    exposure: Annotated[ExposureConfig, Field(description="exposure time and gain")] = ExposureConfig()
+    lighting: Annotated[LightingConfig, Field(description="light in the room")] = LightingConfig()
+    encoding: Annotated[Literal["png", "jpeg"], Field(description="png keeps every bit, jpeg is a third as large")] = (
+        "png"
+    )
+    jpeg_quality: Annotated[int, Field(ge=1, le=100, description="quality of jpeg files, percent")] = 90

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How bright each frame comes out: light in the room, exposure time and gain, for all frames in advance.
+
+Computed in one go because a controller remembers; the frames can then be drawn in any order, in any process.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.arrays import Array, IntArray
+from coclo_vio.simulation.visuals.config import CameraConfig, LightingConfig
+
+_NO_LIGHT = 1e-5  # light of a blackout, share of normal light
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """How one frame is taken.
+
+    Attributes:
+        duration_s: exposure time, s.
+        gain: analogue gain.
+        brightness: grey level of a perfectly white surface in the middle of the image over 255; 1 when all is nominal.
+    """
+
+    duration_s: float
+    gain: float
+    brightness: float
+
+
+def exposures(stamps_ns: IntArray, config: CameraConfig, seed: int) -> list[Exposure]:
+    """The exposure of each frame at ``stamps_ns`` (N,), ascending."""
+    times_s = np.asarray((stamps_ns - stamps_ns[:1]) * 1e-9, dtype=np.float64)
+    light = _light(times_s, config.lighting)
+    control = _controlled(times_s, light, config)
+    setting = config.exposure
+    durations_s = np.minimum(setting.nominal_s * control, setting.longest_s)
+    gains = np.clip(setting.nominal_s * setting.nominal_gain * control / durations_s, 1.0, setting.largest_gain)
+    drifted = gains * np.exp(_drift(times_s, config, np.random.default_rng([seed, 3])))
+    brightness = light * durations_s * drifted / (setting.nominal_s * setting.nominal_gain)
+    columns = (durations_s.tolist(), drifted.tolist(), brightness.tolist())
+    return [Exposure(*row) for row in zip(*columns, strict=True)]
+
+
+def _light(times_s: Array, lighting: LightingConfig) -> Array:
+    """Light in the room (N,), share of normal light."""
+    light = np.full(len(times_s), lighting.dark_share if lighting.level == "dark" else 1.0)
+    for each in lighting.blackouts:
+        light[(times_s >= each.start_s) & (times_s < each.start_s + each.duration_s)] = _NO_LIGHT
+    return light
+
+
+def _controlled(times_s: Array, light: Array, config: CameraConfig) -> Array:
+    """Exposure time times gain (N,) over nominal: one over the light, within limits, with a lag in the logarithm."""
+    setting = config.exposure
+    most = setting.longest_s * setting.largest_gain / (setting.nominal_s * setting.nominal_gain)
+    wanted = np.log(np.clip(1.0 / light, 1.0 / setting.nominal_gain, most))
+    control = np.empty(len(times_s))
+    for frame, target in enumerate(wanted):
+        lag = 0.0 if frame == 0 else float(np.exp(-(times_s[frame] - times_s[frame - 1]) / setting.lag_s))
+        control[frame] = wanted[0] if frame == 0 else target + lag * (control[frame - 1] - target)
+    return np.exp(control)
+
+
+def _drift(times_s: Array, config: CameraConfig, rng: np.random.Generator) -> Array:
+    """An Ornstein-Uhlenbeck process (N,), exact between frames."""
+    normals = rng.standard_normal(len(times_s))
+    drift = config.exposure.drift * normals
+    for frame in range(1, len(times_s)):
+        kept = float(np.exp(-(times_s[frame] - times_s[frame - 1]) / config.exposure.drift_time_s))
+        drift[frame] = kept * drift[frame - 1] + np.sqrt(1.0 - kept**2) * drift[frame]
+    return drift

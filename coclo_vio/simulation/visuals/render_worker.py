@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What one rendering process does: some frames of the trial, drawn, degraded and encoded.
+
+A process keeps its renderer from job to job. Nothing that a frame becomes depends on which process draws it.
+"""
+
+import atexit
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import cv2
+import mujoco
+import numpy as np
+
+from coclo_vio.arrays import Array, IntArray
+from coclo_vio.measurements import EncodedStereoFrame
+from coclo_vio.simulation.visuals.camera_model import CameraModel
+from coclo_vio.simulation.visuals.config import CameraConfig
+from coclo_vio.simulation.visuals.exposure import Exposure, exposures
+from coclo_vio.simulation.visuals.opengl import RenderingError
+from coclo_vio.simulation.visuals.renderer import SceneRenderer, focal_px, image_size, load_model
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderJob:
+    """All frames that are to be drawn, the same for each process.
+
+    Attributes:
+        model_path: the MuJoCo model.
+        qpos: position of the robot at each frame, (N, nq).
+        qvel: its velocity, (N, nv), or None to take it from the neighbouring frames.
+        stamps_ns: middle of each exposure, (N,), ascending.
+        config: the camera.
+        seed: decides noise and drift.
+    """
+
+    model_path: Path
+    qpos: Array
+    qvel: Array | None
+    stamps_ns: IntArray
+    config: CameraConfig
+    seed: int
+
+
+class RenderWorker:
+    """Draws any frames of a job."""
+
+    def __init__(self, job: RenderJob) -> None:
+        cv2.setNumThreads(1)
+        model = load_model(job.model_path)
+        self._job = job
+        self._qvel = job.qvel if job.qvel is not None else neighbour_velocities(model, job.qpos, job.stamps_ns)
+        for name, rows, width in (("frames", job.qpos, model.nq), ("velocities", self._qvel, model.nv)):
+            if rows.shape != (len(job.stamps_ns), width):
+                raise RenderingError(
+                    f"{name} must have a row of {width} for each of {len(job.stamps_ns)} stamps, got {rows.shape}"
+                )
+        self._exposures: list[Exposure] = exposures(job.stamps_ns, job.config, job.seed)
+        self._cameras = [
+            CameraModel(job.config, side, *image_size(model, side), focal_px(model, side), job.seed) for side in (0, 1)
+        ]
+        self._renderer = SceneRenderer(model)
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._renderer.close()
+
+    def frame(self, number: int) -> EncodedStereoFrame:
+        """Draw, degrade and encode one frame."""
+        self._renderer.place(self._job.qpos[number], self._qvel[number])
+        left, right = (self._image(side, number) for side in (0, 1))
+        return EncodedStereoFrame(int(self._job.stamps_ns[number]), left, right, self._job.config.encoding)
+
+    def _image(self, side: int, number: int) -> bytes:
+        picture, camera = self._renderer.draw(side), self._cameras[side]
+        exposure = self._exposures[number]
+        return camera.encode(camera.record(picture.image, picture.inverse_depth, picture.twist, exposure, number))
+
+
+def neighbour_velocities(model: mujoco.MjModel, qpos: Array, stamps_ns: IntArray) -> Array:
+    """Velocities (N, nv) by central differences of positions (N, nq), one-sided at the ends; zero of a lone frame."""
+    last = len(qpos) - 1
+    velocities = np.zeros((len(qpos), model.nv))
+    for number in range(len(qpos) if last > 0 else 0):
+        before, after = max(number - 1, 0), min(number + 1, last)
+        dt_s = float(stamps_ns[after] - stamps_ns[before]) * 1e-9
+        mujoco.mj_differentiatePos(model, velocities[number], dt_s, qpos[before], qpos[after])
+    return velocities
+
+
+def prepare(job: RenderJob) -> None:
+    """Tell this process its job; the worker itself is made with the first frame, where its errors are handed on."""
+    _JOB.clear()
+    _JOB.append(job)
+
+
+def draw(start: int, stop: int) -> list[EncodedStereoFrame]:
+    """The frames ``start`` to ``stop`` (not included) of this process's job."""
+    worker = _worker()
+    return [worker.frame(number) for number in range(start, stop)]
+
+
+_JOB: list[RenderJob] = []  # at most one: what this process was prepared for
+
+
+@cache
+def _worker() -> RenderWorker:
+    worker = RenderWorker(_JOB[0])
+    atexit.register(worker.close)  # before the interpreter takes OpenGL apart
+    return worker

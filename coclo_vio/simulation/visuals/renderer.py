@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures of a MuJoCo model as its two cameras see it, in one process: the only module that draws.
+
+``MUJOCO_GL`` must be set before MuJoCo is first imported; ``stereo_renderer`` sees to that.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import cv2
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from coclo_vio.arrays import Array, ByteImage
+from coclo_vio.simulation.visuals.cameras import CAMERA_NAMES, OPTICAL_FROM_MUJOCO
+from coclo_vio.simulation.visuals.opengl import RenderingError
+
+FloatImage = npt.NDArray[np.float32]
+
+_MOST_GEOMS: Final = 5000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What one camera sees, before any imager.
+
+    Attributes:
+        image: light reflected by the scene times 255, (rows, columns).
+        inverse_depth: one over the depth along the optical axis, 1/m, (rows, columns), float32.
+        twist: angular (rad/s) and linear (m/s) velocity of the camera in its own optical frame, (6,).
+    """
+
+    image: ByteImage
+    inverse_depth: FloatImage
+    twist: Array
+
+
+class SceneRenderer:
+    """Draws a model; holds one OpenGL context, so close it, or use it in a ``with``."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self._data = mujoco.MjData(model)
+        self._option = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0
+        self._gl = mujoco.GLContext(int(model.vis.global_.offwidth), int(model.vis.global_.offheight))
+        self._gl.make_current()
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the context back, in the order that OpenGL wants; drawing is over then."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None
+
+    def place(self, qpos: Array, qvel: Array) -> None:
+        """Put the robot where ``qpos`` (nq,) has it, moving with ``qvel`` (nv,)."""
+        self._data.qpos[:] = qpos
+        self._data.qvel[:] = qvel
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
+        mujoco.mj_comVel(self.model, self._data)
+        mujoco.mj_camlight(self.model, self._data)
+
+    def draw(self, side: int) -> Picture:
+        """The picture of the left (0) or right (1) camera."""
+        camera_id = _camera_id(self.model, CAMERA_NAMES[side])
+        camera = mujoco.MjvCamera()
+        camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        camera.fixedcamid = camera_id
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(self.model, self._data, self._option, None, camera, everything, self._scene)
+        width, height = image_size(self.model, side)
+        area = mujoco.MjrRect(0, 0, width, height)
+        colour = np.empty((height, width, 3), dtype=np.uint8)
+        depth = np.empty((height, width), dtype=np.float32)
+        self._gl.make_current()
+        mujoco.mjr_render(area, self._scene, self._context)
+        mujoco.mjr_readPixels(colour, depth, area, self._context)
+        image = cv2.flip(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), 0)
+        return Picture(np.asarray(image), self._inverse_depth(np.flipud(depth)), self._twist(camera_id))
+
+    def _inverse_depth(self, buffer: FloatImage) -> FloatImage:
+        """1/z of MuJoCo's depth buffer, which is 1 at the near and 0 at the far plane and linear in 1/z."""
+        near = self.model.vis.map.znear * self.model.stat.extent
+        far = self.model.vis.map.zfar * self.model.stat.extent
+        return buffer * np.float32(1.0 / near - 1.0 / far) + np.float32(1.0 / far)
+
+    def _twist(self, camera_id: int) -> Array:
+        twist = np.empty(6)
+        mujoco.mj_objectVelocity(self.model, self._data, mujoco.mjtObj.mjOBJ_CAMERA, camera_id, twist, 1)
+        return np.concatenate((OPTICAL_FROM_MUJOCO @ twist[:3], OPTICAL_FROM_MUJOCO @ twist[3:]))
+
+
+def focal_px(model: mujoco.MjModel, side: int) -> float:
+    """Focal length of the left (0) or right (1) camera, px."""
+    _, height = image_size(model, side)
+    fovy_deg = model.cam_fovy[_camera_id(model, CAMERA_NAMES[side])]
+    return 0.5 * height / float(np.tan(0.5 * np.deg2rad(fovy_deg)))
+
+
+def image_size(model: mujoco.MjModel, side: int) -> tuple[int, int]:
+    """Width and height of the left (0) or right (1) camera's image, px."""
+    width, height = model.cam_resolution[_camera_id(model, CAMERA_NAMES[side])]
+    return int(width), int(height)
+
+
+def load_model(path: Path) -> mujoco.MjModel:
+    """A model from MuJoCo's binary (.mjb) or XML file.
+
+    Raises:
+        RenderingError: the file cannot be read.
+    """
+    try:
+        if path.suffix == ".mjb":
+            return mujoco.MjModel.from_binary_path(str(path))
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise RenderingError(f"MuJoCo cannot read the model {path}: {error}") from error
+
+
+def _camera_id(model: mujoco.MjModel, name: str) -> int:
+    camera_id = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name))
+    if camera_id < 0:
+        raise RenderingError(f"the model has no camera {name!r}; add the pair with add_cameras first")
+    return camera_id
