@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A rosbag being written: ROS 1, or ROS 2 as MCAP, SQLite file or folder. The only importer of rosbags' writers.
+
+The same messages give the same bytes: no wall clock, no random number goes into the file. What is written stands under
+its own name only once it is whole.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag1 import WriterError as Ros1Error
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.rosbag2 import WriterError as Ros2Error
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from coclo_vio.errors import DatasetError, TimestampError
+
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+
+_NS_PER_S = 1_000_000_000
+_LAST_SECOND = {1: 2**32 - 1, 2: 2**31 - 1}  # of a stamp: uint32 in ROS 1, int32 in ROS 2
+_METADATA_VERSION: Literal[8] = 8  # read by ROS 2 Iron and later; an MCAP file by every ROS 2
+_FOREVER = QosTime(9_223_372_036, 854_775_807)
+_KEPT_FOR_LATECOMERS = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    False,
+)
+
+
+class BagFile:
+    """An open bag.
+
+    Attributes:
+        ros: 1 or 2.
+        types: the message classes by name, such as ``sensor_msgs/msg/Imu``.
+    """
+
+    def __init__(self, writer: Ros1Writer | Ros2Writer) -> None:
+        self._writer = writer
+        self.ros: Literal[1, 2] = 1 if isinstance(writer, Ros1Writer) else 2
+        self._store = _typestore(self.ros)
+        self.types: dict[str, Any] = dict(self._store.types)
+        self._topics: dict[str, Connection] = {}
+
+    def write(self, topic: str, stamp_ns: int, message: Any, *, is_latched: bool = False) -> None:
+        """Append a message; its stamp is also when the bag received it. The topic is made with its first message.
+
+        Args:
+            topic: its name.
+            stamp_ns: time in nanoseconds.
+            message: an instance of one of ``types``.
+            is_latched: whether subscribers that come later get the last message too.
+
+        Raises:
+            TimestampError: a stamp that ROS cannot hold.
+        """
+        if not 0 <= stamp_ns // _NS_PER_S <= _LAST_SECOND[self.ros]:
+            raise TimestampError(
+                f"{topic}: ROS {self.ros} has no stamp of {stamp_ns} ns: its seconds go from 0 to "
+                f"{_LAST_SECOND[self.ros]}; shift the recording's clock, or write an EuRoC folder"
+            )
+        connection = self._topics.get(topic)
+        if connection is None:
+            connection = self._topics[topic] = self._connect(topic, message.__msgtype__, is_latched=is_latched)
+        serialize: Callable[[Any, str], Any] = (
+            self._store.serialize_ros1 if self.ros == 1 else self._store.serialize_cdr
+        )
+        self._writer.write(connection, stamp_ns, serialize(message, message.__msgtype__))
+
+    def _connect(self, topic: str, msgtype: str, *, is_latched: bool) -> Connection:
+        if isinstance(self._writer, Ros1Writer):
+            return self._writer.add_connection(topic, msgtype, typestore=self._store, latching=int(is_latched))
+        profiles = [_KEPT_FOR_LATECOMERS] if is_latched else []
+        return self._writer.add_connection(topic, msgtype, typestore=self._store, offered_qos_profiles=profiles)
+
+
+@contextmanager
+def new_bag(path: Path) -> Iterator[BagFile]:
+    """A bag to be written at ``path``: ``.bag`` is ROS 1, ``.mcap`` and ``.db3`` one file of ROS 2, no suffix a folder.
+
+    Chunks are compressed (lz4 in ROS 1, zstd in MCAP): names of joints repeat with every message.
+
+    Raises:
+        DatasetError: another suffix, a path that is taken, or one that cannot be written.
+    """
+    if path.suffix not in _KINDS:
+        raise DatasetError(
+            f"{path} ends in {path.suffix}, which is no bag; it may end in .bag (ROS 1), .mcap or .db3 (ROS 2), or in "
+            "nothing (ROS 2 folder)"
+        )
+    if path.exists():
+        raise DatasetError(f"{path} is there already; delete it, or choose another path")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            writer, written = _KINDS[path.suffix](Path(folder), path)
+            with writer:
+                yield BagFile(writer)
+            written.replace(path)
+    except (Ros1Error, Ros2Error, SerdeError) as error:
+        raise DatasetError(f"cannot write the bag {path}: {error}") from error
+    except OSError as error:
+        raise DatasetError(f"cannot write the bag {path}: {error.strerror}; choose another path") from error
+
+
+def _ros1(folder: Path, path: Path) -> tuple[Ros1Writer, Path]:
+    writer = Ros1Writer(folder / path.name)
+    writer.set_compression(Ros1Writer.CompressionFormat.LZ4)
+    return writer, folder / path.name
+
+
+def _mcap(folder: Path, path: Path) -> tuple[Ros2Writer, Path]:
+    writer = Ros2Writer(folder / path.stem, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    return writer, folder / path.stem / path.name
+
+
+def _sqlite_file(folder: Path, path: Path) -> tuple[Ros2Writer, Path]:
+    return Ros2Writer(folder / path.stem, version=_METADATA_VERSION), folder / path.stem / path.name
+
+
+def _sqlite_folder(folder: Path, path: Path) -> tuple[Ros2Writer, Path]:
+    return Ros2Writer(folder / path.name, version=_METADATA_VERSION), folder / path.name
+
+
+_KINDS: dict[str, Callable[[Path, Path], tuple[Ros1Writer | Ros2Writer, Path]]] = {
+    ".bag": _ros1,
+    ".mcap": _mcap,
+    ".db3": _sqlite_file,
+    "": _sqlite_folder,
+}
+BAG_SUFFIXES = tuple(_KINDS)
+
+
+def _typestore(ros: Literal[1, 2]) -> Typestore:
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    if ros == 1:  # rosbags' Noetic store leaves it out
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF_MESSAGE))
+    return store

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of this package as ROS messages, of ROS 1 or ROS 2. Poses keep all digits of their quaternions."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import CameraCalibration
+from coclo_vio.datasets.bag_file import TF_MESSAGE, BagFile
+from coclo_vio.datasets.images import ImageEncoding
+from coclo_vio.geometry import so3
+from coclo_vio.measurements import InertialReading, JointSample
+
+_NS_PER_S = 1_000_000_000
+_UNKNOWN = np.zeros(9)
+_ABSENT = np.array([-1.0, *[0.0] * 8])
+_NOTHING = np.zeros(0)
+
+
+class BagMessages:
+    """Makes the messages of one bag; each method is named after what it makes."""
+
+    def __init__(self, bag: BagFile) -> None:
+        self._types = bag.types
+        self._has_seq = bag.ros == 1
+
+    def _make(self, msgtype: str, *fields: Any) -> Any:
+        package, name = msgtype.split("/")
+        return self._types[f"{package}/msg/{name}"](*fields)
+
+    def header(self, stamp_ns: int, frame_id: str) -> Any:
+        """Stamp, exact to the nanosecond, and frame."""
+        seconds, nanoseconds = divmod(int(stamp_ns), _NS_PER_S)
+        stamp = self._types["builtin_interfaces/msg/Time"](seconds, nanoseconds)
+        return self._make("std_msgs/Header", *([0] if self._has_seq else []), stamp, frame_id)
+
+    def image(self, stamp_ns: int, frame_id: str, data: bytes, encoding: ImageEncoding) -> Any:
+        """An image file as ``CompressedImage``."""
+        pixels = np.frombuffer(data, dtype=np.uint8)
+        return self._make("sensor_msgs/CompressedImage", self.header(stamp_ns, frame_id), encoding, pixels)
+
+    def camera_info(self, stamp_ns: int, frame_id: str, lens: CameraCalibration, baseline_m: float) -> Any:
+        """The lens; ``baseline_m`` is how far right of a rectified pair's left camera it stands, otherwise 0.
+
+        P = [K | (-fx baseline, 0, 0)], R = I, as ``sensor_msgs/CameraInfo`` says.
+        """
+        model, coefficients = _ros_distortion(lens)
+        projection = np.hstack((lens.camera_matrix, np.zeros((3, 1))))
+        projection[0, 3] = -lens.focal_px[0] * baseline_m
+        whole = self._make("sensor_msgs/RegionOfInterest", 0, 0, 0, 0, False)
+        K, R, P = (matrix.ravel() for matrix in (lens.camera_matrix, np.eye(3), projection))
+        header = self.header(stamp_ns, frame_id)
+        height, width = lens.height_px, lens.width_px
+        return self._make("sensor_msgs/CameraInfo", header, height, width, model, coefficients, K, R, P, 0, 0, whole)
+
+    def imu(
+        self, frame_id: str, reading: InertialReading, gyroscope_variance: float, accelerometer_variance: float
+    ) -> Any:
+        """A reading; its orientation is said to be absent, a variance of 0 means unknown."""
+        return self._make(
+            "sensor_msgs/Imu",
+            self.header(reading.stamp_ns, frame_id),
+            self._make("geometry_msgs/Quaternion", 0.0, 0.0, 0.0, 1.0),
+            _ABSENT,
+            self.vector(reading.angular_velocity),
+            np.diag([gyroscope_variance] * 3).ravel() if gyroscope_variance else _UNKNOWN,
+            self.vector(reading.specific_force),
+            np.diag([accelerometer_variance] * 3).ravel() if accelerometer_variance else _UNKNOWN,
+        )
+
+    def joints(
+        self, frame_id: str, names: Sequence[str], sample: JointSample, *, with_velocity: bool, with_effort: bool
+    ) -> Any:
+        """A joint sample; a reading that is not written is an empty array, as ``sensor_msgs/JointState`` says."""
+        velocity, effort = (
+            values if is_written else _NOTHING
+            for values, is_written in ((sample.velocity, with_velocity), (sample.effort, with_effort))
+        )
+        header = self.header(sample.stamp_ns, frame_id)
+        return self._make("sensor_msgs/JointState", header, list(names), sample.position, velocity, effort)
+
+    def foot_force(self, stamp_ns: int, frame_id: str, normal_force: float) -> Any:
+        """The normal force on one foot as the z of a ``WrenchStamped``."""
+        wrench = self._make("geometry_msgs/Wrench", self.vector([0.0, 0.0, normal_force]), self.vector([0.0] * 3))
+        return self._make("geometry_msgs/WrenchStamped", self.header(stamp_ns, frame_id), wrench)
+
+    def transform(self, stamp_ns: int, frame_id: str, child_frame_id: str, T_frame_child: Array) -> Any:  # noqa: N803
+        """A ``TransformStamped``: maps child coordinates to the frame."""
+        quaternion = self._make("geometry_msgs/Quaternion", *so3.to_quat_xyzw(T_frame_child[:3, :3]).tolist())
+        transform = self._make("geometry_msgs/Transform", self.vector(T_frame_child[:3, 3]), quaternion)
+        return self._make("geometry_msgs/TransformStamped", self.header(stamp_ns, frame_id), child_frame_id, transform)
+
+    def tf(self, transforms: Iterable[Any]) -> Any:
+        """Transforms as one ``TFMessage``."""
+        return self._types[TF_MESSAGE](list(transforms))
+
+    def pose(self, T_frame_body: Array) -> Any:  # noqa: N803
+        """A ``Pose``: maps body coordinates to the frame."""
+        x, y, z = T_frame_body[:3, 3].tolist()
+        quaternion = self._make("geometry_msgs/Quaternion", *so3.to_quat_xyzw(T_frame_body[:3, :3]).tolist())
+        return self._make("geometry_msgs/Pose", self._make("geometry_msgs/Point", x, y, z), quaternion)
+
+    def odometry(
+        self,
+        header: Any,
+        child_frame_id: str,
+        pose: tuple[Any, Array],
+        twist: tuple[Any, Array],
+    ) -> Any:
+        """An ``Odometry`` of pose and twist with their covariances (6, 6), in ROS order."""
+        with_covariance = (
+            self._make(f"geometry_msgs/{name}WithCovariance", value, covariance.ravel())
+            for name, (value, covariance) in (("Pose", pose), ("Twist", twist))
+        )
+        return self._make("nav_msgs/Odometry", header, child_frame_id, *with_covariance)
+
+    def twist(self, linear: Array, angular: Array) -> Any:
+        """A ``Twist``, m/s and rad/s."""
+        return self._make("geometry_msgs/Twist", self.vector(linear), self.vector(angular))
+
+    def path(self, stamp_ns: int, frame_id: str, stamped_poses: Iterable[tuple[int, Array]]) -> Any:
+        """A ``Path`` through stamped poses (ns, (4, 4)) in the frame."""
+        poses = [
+            self._make("geometry_msgs/PoseStamped", self.header(at_ns, frame_id), self.pose(T))
+            for at_ns, T in stamped_poses
+        ]
+        return self._make("nav_msgs/Path", self.header(stamp_ns, frame_id), poses)
+
+    def vector(self, xyz: Array | Sequence[float]) -> Any:
+        """A ``Vector3``."""
+        return self._make("geometry_msgs/Vector3", *(float(value) for value in xyz))
+
+
+def _ros_distortion(
+    lens: CameraCalibration,
+) -> tuple[Literal["plumb_bob", "rational_polynomial", "equidistant"], Array]:
+    """ROS's name of the model and its coefficients; no distortion is plumb bob with zeros, as RealSense says it."""
+    if lens.distortion == "none":
+        return "plumb_bob", np.zeros(5)
+    coefficients = np.array(lens.distortion_coefficients, dtype=np.float64)
+    if lens.distortion == "equidistant":
+        return "equidistant", coefficients
+    return ("rational_polynomial" if len(coefficients) == 8 else "plumb_bob"), coefficients
