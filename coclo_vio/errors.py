@@ -44,6 +44,10 @@ class SmootherError(CocloError):
     """The sliding-window smoother or a GTSAM baseline cannot start or go on."""
 
 
+class SimulationError(CocloError):
+    """A trial cannot be simulated: the robot fell, or what the simulator needs is not installed."""
+
+
 class EvaluationError(CocloError):
     """Two trajectories cannot be compared."""
 

@@ -66,6 +66,7 @@ class RobotModel:
         self._v_index = np.array([joint.idx_v for joint in joints])
         self._damping: Array = np.array(self._model.damping)[self._v_index]
         self._dry_friction: Array = np.array(self._model.upperDryFrictionLimit)[self._v_index]
+        self.velocity_limits: Array = np.array(self._model.velocityLimit)[self._v_index]
         self._q = pin.neutral(self._model)
         self._q[:7] = pin.SE3ToXYZQUAT(T_body_root)
         pin.forwardKinematics(self._model, self._data, self._q)
@@ -81,6 +82,11 @@ class RobotModel:
     def mass_kg(self) -> float:
         """Mass of the whole robot, kg."""
         return float(sum(inertia.mass for inertia in self._model.inertias))
+
+    def centre_of_mass_body(self, position: Array) -> Array:
+        """Centre of mass of the whole robot, m, body frame, (3,), at joint positions (J,), rad, all known."""
+        self._q[self._q_index] = position
+        return np.array(pin.centerOfMass(self._model, self._data, self._q))
 
     def feet(self, position: Array, velocity: Array) -> FeetKinematics:
         """Where the feet are and how they move relative to the body.
@@ -146,6 +152,20 @@ class RobotModel:
         forces: Array = (axes @ (projected / np.maximum(squared, _SINGULAR**2)[:, :, None]))[:, :, 0]
         forces[lost] = np.nan
         return forces
+
+    def holding_torques(self, position: Array, foot_force_body: Array, specific_force_body: Array) -> Array:
+        """The torques with which the motors hold the legs still while the ground pushes on the feet, Nm, (J,).
+
+        ``tau = h - J^T F``: what ``foot_forces`` solves for F.
+
+        Args:
+            position: joint positions, rad, (J,), all known.
+            foot_force_body: of the ground on each foot, N, body frame, (n, 3).
+            specific_force_body: of the body origin, m/s^2, body frame, (3,): 9.81 times "up" at rest.
+        """
+        _, _, jacobian = self._kinematics(position)
+        own = self._own_torques(np.zeros(len(position)), specific_force_body, None, None)
+        return own - np.einsum("nij,ni->j", jacobian[:, 3:], foot_force_body)
 
     def _kinematics(self, position: Array) -> tuple[Array, Array, Array]:
         """Foot centres (n, 3), rotations (n, 3, 3) and Jacobians (n, 6, J); leaves the configuration in ``_q``."""

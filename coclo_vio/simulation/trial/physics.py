@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The loop of controller and contact physics: a robot walks its way, and everything is written down at 1 kHz."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from coclo_vio.arrays import Array
+from coclo_vio.config import StageConfig
+from coclo_vio.errors import SimulationError
+from coclo_vio.geometry import se3, so3
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.trial.walker import Walker
+
+_CONTROL_EVERY = 5  # steps of the physics, 5 ms
+_FALLEN = 0.5  # cosine of the trunk's lean beyond the planned one (60 deg)
+_SUNK_M = 0.09  # the trunk this close to the ground line has fallen
+_LATE = 2.5  # times the planned duration
+
+
+class PushConfig(StageConfig):
+    """Random pushes on the trunk, as by hand."""
+
+    force_n: Annotated[float, Field(ge=0, le=200, description="largest force, N")] = 0.0
+    torque_nm: Annotated[float, Field(ge=0, le=50, description="largest torque, Nm")] = 0.0
+    every_s: Annotated[float, Field(gt=0, description="mean time between pushes, s")] = 4.0
+    duration_s: Annotated[float, Field(gt=0, le=5, description="mean length of a push, s")] = 0.4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What truly happened, sampled at the physics' step.
+
+    Attributes:
+        time_s: since the beginning, (N,).
+        qpos: MuJoCo's coordinates: trunk position, quaternion wxyz, joints and foot springs, (N, nq).
+        joint_position: true angles, rad, (N, J).
+        joint_velocity: rad/s, (N, J).
+        spring_torque: Nm, (N, J).
+        imus: for each IMU's name [rate 3, specific force 3] of its site, without noise, (N, 6).
+        foot_force: normal force on each foot, N, (N, legs).
+        T_world_body: (N, 4, 4).
+        velocity_world: of the trunk's origin, m/s, (N, 3).
+        angular_velocity_body: of the trunk, rad/s, (N, 3).
+        self_contacts: steps in which a leg touched another leg.
+        ground_contacts: steps in which a leg (not a foot) or the trunk touched the ground.
+        deepest_m: the deepest that any body sank into another, m.
+    """
+
+    time_s: Array
+    qpos: Array
+    joint_position: Array
+    joint_velocity: Array
+    spring_torque: Array
+    imus: dict[str, Array]
+    foot_force: Array
+    T_world_body: Array
+    velocity_world: Array
+    angular_velocity_body: Array
+    self_contacts: int
+    ground_contacts: int
+    deepest_m: float
+
+
+@dataclass(slots=True)
+class _Touches:
+    """Which contacts there should not be."""
+
+    feet: frozenset[int]
+    ground: frozenset[int]
+    self_contacts: int = 0
+    ground_contacts: int = 0
+    deepest_m: float = 0.0
+
+    def look(self, data: mujoco.MjData) -> None:
+        if data.ncon == 0:
+            return
+        self.deepest_m = max(self.deepest_m, -float(data.contact.dist.min()))
+        touches_self = touches_ground = False
+        for one, other in data.contact.geom:
+            on_ground = one in self.ground or other in self.ground
+            is_foot = one in self.feet or other in self.feet
+            touches_self |= not on_ground
+            touches_ground |= on_ground and not is_foot
+        self.self_contacts += touches_self
+        self.ground_contacts += touches_ground
+
+
+class Laboratory:
+    """A compiled model with its robot, ready to walk.
+
+    Args:
+        model: made by ``robot_spec.make_spec``, with IMUs.
+        robot: the described robot.
+        imus: names of the IMUs in the model.
+    """
+
+    def __init__(self, model: mujoco.MjModel, robot: RobotModel, imus: tuple[str, ...]) -> None:
+        self.model = model
+        self._robot = robot
+        self._data = mujoco.MjData(model)
+        joints = [model.joint(name) for name in robot.joint_names]
+        self._q = np.array([joint.qposadr[0] for joint in joints])
+        self._v = np.array([joint.dofadr[0] for joint in joints])
+        self._imus = {name: self._imu_columns(name) for name in imus}
+        feet = [leg.foot_frame for leg in robot.description.legs]
+        self._feet = np.array([model.sensor(f"{foot}_touch").adr[0] for foot in feet])
+        ground = [index for index in range(model.ngeom) if model.geom(index).name.startswith("ground")]
+        self._touches = _Touches(frozenset(model.geom(foot).id for foot in feet), frozenset(ground))
+        self.spring: Array = model.actuator_gainprm[: len(joints), 0].copy()
+
+    def walk(
+        self,
+        walker: Walker,
+        end_s: float,
+        pushes: PushConfig,
+        generator: np.random.Generator,
+        progress: Callable[[float], None] | None = None,
+    ) -> Motion:
+        """Walk the whole way, stand for ``end_s`` and return what happened.
+
+        Args:
+            walker: the controller, fresh.
+            end_s: how long to stand at the end, s.
+            pushes: what disturbs the robot while it walks.
+            generator: of the pushes.
+            progress: called with the simulated time (s) now and then.
+
+        Raises:
+            SimulationError: the robot fell, or stuck on its way.
+        """
+        self._place(walker)
+        data, step_s = self._data, self.model.opt.timestep
+        limit_s = walker.start_s + _LATE * walker.walkway.duration_s
+        log: list[tuple[Array, ...]] = []
+        push = _Pusher(pushes, generator)
+        stop_s = None
+        joints = len(self._q)
+        while stop_s is None or data.time < stop_s:
+            pose = _pose(data.qpos)
+            command = walker.step(data.time, _CONTROL_EVERY * step_s, pose, data.qpos[self._q], self._spring_torque())
+            data.ctrl[:joints], data.ctrl[joints:] = command.position, command.velocity
+            data.xfrc_applied[1] = push.at(data.time) if 0.0 < walker.walked_s and stop_s is None else 0.0
+            for _ in range(_CONTROL_EVERY):
+                before = (data.qpos.copy(), data.qvel.copy(), self._spring_torque())
+                mujoco.mj_step(self.model, data)
+                log.append((*before, data.sensordata.copy()))  # sensors speak of the state before the step
+            self._touches.look(data)
+            self._check(walker, limit_s)
+            if stop_s is None and walker.is_done:
+                stop_s = data.time + end_s
+            if progress is not None and len(log) % 1000 < _CONTROL_EVERY:
+                progress(data.time)
+        return self._motion(log)
+
+    def _place(self, walker: Walker) -> None:
+        """The robot on its feet at the beginning of the way, motors where they hold its weight."""
+        data = self._data
+        mujoco.mj_resetData(self.model, data)
+        start = walker.walkway.pose_at(0.0)
+        data.qpos[:3] = start[:3, 3]
+        data.qpos[3:7] = so3.to_quat_xyzw(start[:3, :3])[[3, 0, 1, 2]]
+        data.qpos[self._q] = walker.standing_joints
+        command = walker.step(0.0, _CONTROL_EVERY * self.model.opt.timestep, start, walker.standing_joints, np.zeros(len(self._q)))
+        data.act[:] = command.position
+
+    def _spring_torque(self) -> Array:
+        data = self._data
+        return self.spring * (data.act - data.qpos[self._q])
+
+    def _check(self, walker: Walker, limit_s: float) -> None:
+        data = self._data
+        place, lean = data.qpos[:3], _pose(data.qpos)[2, 2]
+        sunk = place[2] - walker.terrain.height(float(place[0])) < _SUNK_M
+        if lean < _FALLEN or sunk or not np.isfinite(place).all():
+            raise SimulationError(
+                f"the robot fell after {data.time:.1f} s at x = {place[0]:.2f} m, y = {place[1]:.2f} m; "
+                "walk slower (gait.speed_mps, gait.period_s) or on rougher ground (body.friction)"
+            )
+        if data.time > limit_s:
+            raise SimulationError(
+                f"the robot stuck: {walker.walked_s:.1f} of {walker.walkway.duration_s:.1f} s walked after "
+                f"{data.time:.0f} s; look where a foot finds no ground"
+            )
+
+    def _imu_columns(self, name: str) -> list[int]:
+        gyroscope = self.model.sensor(f"{name}_gyroscope").adr[0]
+        accelerometer = self.model.sensor(f"{name}_accelerometer").adr[0]
+        return [*range(gyroscope, gyroscope + 3), *range(accelerometer, accelerometer + 3)]
+
+    def _motion(self, log: list[tuple[Array, ...]]) -> Motion:
+        qpos, qvel, torque, sensors = (np.array(column) for column in zip(*log, strict=True))
+        rotations = so3.from_quat_wxyz(qpos[:, 3:7])
+        poses = np.tile(np.eye(4), (len(qpos), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = rotations, qpos[:, :3]
+        return Motion(
+            time_s=self.model.opt.timestep * np.arange(len(qpos)),
+            qpos=qpos,
+            joint_position=qpos[:, self._q],
+            joint_velocity=qvel[:, self._v],
+            spring_torque=torque,
+            imus={name: sensors[:, columns] for name, columns in self._imus.items()},
+            foot_force=sensors[:, self._feet],
+            T_world_body=poses,
+            velocity_world=qvel[:, :3],
+            angular_velocity_body=qvel[:, 3:6],
+            self_contacts=self._touches.self_contacts,
+            ground_contacts=self._touches.ground_contacts,
+            deepest_m=self._touches.deepest_m,
+        )
+
+
+class _Pusher:
+    """Pushes at random times, each a half sine of force and torque in a random direction."""
+
+    def __init__(self, config: PushConfig, generator: np.random.Generator) -> None:
+        self._config = config
+        self._generator = generator
+        self._begin_s = self._end_s = 0.0
+        self._wrench: Array = np.zeros(6)
+
+    def at(self, time_s: float) -> Array:
+        """Force and torque [N 3, Nm 3] in the world at ``time_s``, which rises from call to call."""
+        config = self._config
+        if config.force_n == 0.0 and config.torque_nm == 0.0:
+            return self._wrench
+        if time_s >= self._end_s:
+            self._begin_s = time_s + float(self._generator.exponential(config.every_s))
+            self._end_s = self._begin_s + config.duration_s * float(self._generator.uniform(0.5, 1.5))
+            force, torque = self._direction() * config.force_n, self._direction() * config.torque_nm
+            self._wrench = np.concatenate((force, torque)) * self._generator.uniform(0.3, 1.0)
+        if time_s < self._begin_s:
+            return np.zeros(6)
+        share = (time_s - self._begin_s) / (self._end_s - self._begin_s)
+        return self._wrench * np.sin(np.pi * share)
+
+    def _direction(self) -> Array:
+        vector = self._generator.standard_normal(3)
+        return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _pose(qpos: Any) -> Array:
+    return se3.transform(so3.from_quat_wxyz(np.asarray(qpos[3:7])), np.asarray(qpos[:3]))

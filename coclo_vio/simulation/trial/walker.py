@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The controller that walks the robot: a wave gait whose swings end by contact force.
+
+It stands for the robot's own controller and its operator with the joystick: it sees where the body is, and feels
+contact by the measured torques, with the described robot's kinematics, not with the true ones.
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.config import StageConfig
+from coclo_vio.geometry import se3, so3
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.trial.swing import Swing
+from coclo_vio.simulation.trial.terrain import Terrain
+from coclo_vio.simulation.trial.walkway import Walkway
+
+_UP = np.array([0.0, 0.0, 1.0])
+_GRAVITY_MPS2 = 9.81
+_BEHIND_M = 0.2  # feet further behind the body's origin belong to rear legs
+_ASTRAY_M = 0.06  # a commanded foot goes no further from the real one
+
+
+class GaitConfig(StageConfig):
+    """The wave gait. One leg swings at a time, from the rear forward, left side then right side."""
+
+    period_s: Annotated[float, Field(gt=0.5, le=20, description="of a whole cycle, s")] = 3.0
+    speed_mps: Annotated[float, Field(gt=0, le=0.5, description="along straight stretches, m/s")] = 0.10
+    turn_rate_radps: Annotated[float, Field(gt=0, le=1, description="turning on the spot, rad/s")] = 0.15
+    swing_share: Annotated[float, Field(gt=0.2, lt=1, description="of a leg's slot that it is planned in the air")] = (
+        0.75
+    )
+    height_m: Annotated[float, Field(gt=0.1, le=0.4, description="of the body's origin over the ground, m")] = 0.20
+    reach_m: Annotated[float, Field(gt=0.2, le=0.6, description="of a foot from its leg's base, m")] = 0.40
+    rear_reach_m: Annotated[
+        float | None, Field(gt=0.2, le=0.6, description="the same of rear legs, m; null: as the others")
+    ] = None
+    clearance_m: Annotated[float, Field(gt=0, le=0.2, description="of a swing foot over the highest ground, m")] = 0.06
+    touch_speed_mps: Annotated[float, Field(gt=0, le=0.6, description="of the foot at touch-down, m/s")] = 0.20
+    vertical_speed_mps: Annotated[float, Field(gt=0, le=1, description="largest, of a swing foot, m/s")] = 0.6
+    touch_force_n: Annotated[float, Field(gt=0, le=60, description="that ends a swing, N")] = 18.0
+    edge_distance_m: Annotated[float, Field(ge=0, le=0.2, description="of footholds beyond a riser, m")] = 0.07
+    wall_distance_m: Annotated[
+        float, Field(ge=0, le=0.3, description="of a rear leg's footholds before a riser, m")
+    ] = 0.20
+    foothold_jitter_m: Annotated[float, Field(ge=0, le=0.05, description="standard deviation, each axis, m")] = 0.01
+    clearance_jitter_m: Annotated[float, Field(ge=0, le=0.05, description="standard deviation, m")] = 0.008
+    timing_jitter: Annotated[float, Field(ge=0, le=0.3, description="of a swing's duration, relative")] = 0.06
+    loading_s: Annotated[float, Field(gt=0, le=0.5, description="to take weight on and off a foot, s")] = 0.12
+    tracking_per_s: Annotated[float, Field(gt=0, le=10, description="gain from pose error to body velocity, 1/s")] = 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """What the motors are told.
+
+    Attributes:
+        position: of the motors, before the springs, rad, (joints,).
+        velocity: rad/s, (joints,).
+    """
+
+    position: Array
+    velocity: Array
+
+
+@dataclass(slots=True)
+class _LegState:
+    """Where a leg is in its cycle."""
+
+    swing: Swing | None = None
+    lifted_s: float = 0.0
+    touched_s: float = -1.0
+    pressed: int = 0
+    slot: int = -1
+
+
+@dataclass(slots=True)
+class Walker:
+    """Walks ``robot`` along ``walkway``; one call of ``step`` a control period.
+
+    Attributes:
+        robot: the described robot.
+        terrain: the ground, as the operator sees it.
+        gait: the gait.
+        spring: stiffness of the joints' springs, Nm/rad, (joints,).
+        generator: of the jitter.
+        start_s: until then the robot stands.
+    """
+
+    robot: RobotModel
+    terrain: Terrain
+    gait: GaitConfig
+    spring: Array
+    generator: np.random.Generator
+    start_s: float
+    walked_s: float = 0.0
+    walkway: Walkway = field(init=False)
+    _neutral: Array = field(init=False)
+    _feet: Array = field(init=False)
+    _joints: Array = field(init=False)
+    _motor: Array | None = field(init=False, default=None)
+    _legs: list[_LegState] = field(init=False)
+    _order: list[int] = field(init=False)
+    _limit: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        gait = self.gait
+        self.walkway = Walkway(self.terrain, gait.speed_mps, gait.turn_rate_radps, gait.height_m)
+        hips = self.robot.hip_position_body
+        outward = hips * [1.0, 1.0, 0.0]
+        outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        reach = np.where(hips[:, 0] < -_BEHIND_M / 2.0, gait.rear_reach_m or gait.reach_m, gait.reach_m)
+        self._neutral = hips + reach[:, None] * outward
+        self._neutral[:, 2] = self.robot.foot_radii_m - gait.height_m
+        self._feet = self._neutral.copy()
+        self._joints = np.zeros(len(self.robot.joint_names))
+        for _ in range(30):
+            self._solve_joints()
+        legs = len(hips)
+        self._legs = [_LegState() for _ in range(legs)]
+        left, right = [leg for leg in range(legs) if hips[leg, 1] > 0], [leg for leg in range(legs) if hips[leg, 1] <= 0]
+        self._order = sorted(left, key=lambda leg: hips[leg, 0]) + sorted(right, key=lambda leg: hips[leg, 0])
+        self._limit = self.robot.velocity_limits
+
+    @property
+    def standing_joints(self) -> Array:
+        """Joint angles of the first stance, rad, (joints,)."""
+        return self._joints.copy()
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the way is walked and every foot is down."""
+        return self.walked_s >= self.walkway.duration_s and not any(leg.swing for leg in self._legs)
+
+    def step(self, time_s: float, dt_s: float, T_world_body: Array, position: Array, effort: Array) -> Command:  # noqa: N803
+        """One control period.
+
+        Args:
+            time_s: since the beginning of the trial.
+            dt_s: length of the period.
+            T_world_body: where the body is, (4, 4).
+            position: measured joint angles, rad, (joints,).
+            effort: measured torques, Nm, (joints,).
+        """
+        rotation = T_world_body[:3, :3]
+        up_body = rotation.T @ _UP
+        loads = self.robot.foot_forces(position, position, effort, specific_force_body=_GRAVITY_MPS2 * up_body) @ up_body
+        if time_s >= self.start_s:
+            self._advance(time_s, dt_s, T_world_body, loads)
+        astray = self._feet - self.robot.feet(position, np.zeros_like(position)).position_body
+        self._move_stance_feet(dt_s, T_world_body, astray)
+        self._move_swing_feet(time_s, dt_s, T_world_body, astray)
+        self._solve_joints()
+        force = self._shared_weight(time_s, up_body)
+        torque = self.robot.holding_torques(self._joints, force, _GRAVITY_MPS2 * up_body)
+        return self._command(self._joints + torque / self.spring, dt_s)
+
+    def _advance(self, time_s: float, dt_s: float, T_world_body: Array, loads: Array) -> None:  # noqa: N803
+        """Walk on unless a foot is late; lift the leg whose turn it is, put down those that feel the ground."""
+        slot_s = self.gait.period_s / len(self._legs)
+        late = [leg for leg in self._legs if leg.swing and time_s - leg.lifted_s > slot_s - self.gait.loading_s]
+        if not late and self.walked_s < self.walkway.duration_s:
+            self.walked_s += dt_s
+        slot = int(self.walked_s / slot_s)
+        turn = self._order[slot % len(self._legs)]
+        leg = self._legs[turn]
+        may_lift = not late and self.walked_s < self.walkway.duration_s and leg.slot != slot and leg.swing is None
+        if may_lift and self.walked_s - slot * slot_s < 0.5 * slot_s:
+            leg.slot = slot
+            self._lift(turn, time_s, T_world_body)
+        for index, other in enumerate(self._legs):
+            if other.swing is not None and other.swing.is_descending(time_s - other.lifted_s):
+                other.pressed = other.pressed + 1 if loads[index] > self.gait.touch_force_n else 0
+                if other.pressed >= 2:
+                    other.swing, other.touched_s, other.pressed = None, time_s, 0
+
+    def _lift(self, leg: int, time_s: float, T_world_body: Array) -> None:  # noqa: N803
+        gait, slot_s = self.gait, self.gait.period_s / len(self._legs)
+        duration = gait.swing_share * slot_s * (1.0 + gait.timing_jitter * self._jitter())
+        stance_s = gait.period_s - duration
+        pose = self.walkway.pose_at(self.walked_s + duration + 0.5 * stance_s)
+        goal = se3.apply(pose, self._neutral[leg])
+        goal[:2] += gait.foothold_jitter_m * np.array([self._jitter(), self._jitter()])
+        goal[0] = self._away_from_edges(goal[0], leans=self._neutral[leg, 0] < -_BEHIND_M)
+        radius = self.robot.foot_radii_m[leg]
+        goal[2] = self.terrain.height(goal[0]) + radius
+        start = se3.apply(T_world_body, self._feet[leg])
+        clearance = gait.clearance_m + gait.clearance_jitter_m * self._jitter()
+        top = max(self.terrain.highest(start[0], goal[0]) + radius, start[2]) + clearance
+        self._legs[leg].swing = Swing(start, goal, top, duration, gait.touch_speed_mps, gait.vertical_speed_mps)
+        self._legs[leg].lifted_s = time_s
+
+    def _away_from_edges(self, x: float, *, leans: bool) -> float:
+        """The place nearest to ``x`` with room to the risers; the lower links of rear legs lean towards the next."""
+        beyond = self.gait.edge_distance_m
+        before = self.gait.wall_distance_m if leans else beyond
+        for riser in self.terrain.risers_m:
+            if -before < x - riser < beyond:
+                return riser + (beyond if x - riser > 0.5 * (beyond - before) else -before)
+        return x
+
+    def _move_stance_feet(self, dt_s: float, T_world_body: Array, astray: Array) -> None:  # noqa: N803
+        """Feet on the ground go backwards as the body is wanted to go forwards, never far from where they are."""
+        want, then = self.walkway.pose_at(self.walked_s), self.walkway.pose_at(self.walked_s + 0.1)
+        is_walking = 0.0 < self.walked_s < self.walkway.duration_s
+        planned = se3.log(se3.inverse(want) @ then) / 0.1 if is_walking else np.zeros(6)
+        error = se3.log(se3.inverse(T_world_body) @ want)
+        twist = planned + self.gait.tracking_per_s * np.clip(error, -0.05, 0.05)
+        stance = np.array([leg.swing is None for leg in self._legs])
+        moved = self._feet - dt_s * (twist[3:] + np.cross(twist[:3], self._feet))
+        self._feet[stance] = (moved - astray + np.clip(astray, -_ASTRAY_M, _ASTRAY_M))[stance]
+
+    def _move_swing_feet(self, time_s: float, dt_s: float, T_world_body: Array, astray: Array) -> None:  # noqa: N803
+        """Feet in the air follow their swing, which waits for a foot that is held up on its way."""
+        for index, leg in enumerate(self._legs):
+            if leg.swing is not None:
+                if np.linalg.norm(astray[index]) > _ASTRAY_M:
+                    leg.lifted_s += dt_s
+                self._feet[index] = se3.apply(se3.inverse(T_world_body), leg.swing.position(time_s - leg.lifted_s))
+
+    def _solve_joints(self) -> None:
+        """A Newton step of the inverse kinematics, from the last angles."""
+        feet = self.robot.feet(self._joints, np.zeros_like(self._joints))
+        error = self._feet - feet.position_body
+        for leg, joints in enumerate(self.robot.leg_joint_slices):
+            jacobian = feet.jacobian[leg, 3:, joints]
+            damped = jacobian @ jacobian.T + 1e-5 * np.eye(3)
+            self._joints[joints] += np.clip(jacobian.T @ np.linalg.solve(damped, error[leg]), -0.2, 0.2)
+
+    def _shared_weight(self, time_s: float, up_body: Array) -> Array:
+        """Vertical forces on the stance feet that carry the robot, smallest in the squares, N, body frame, (legs, 3)."""
+        weight = np.array([self._share(index, leg, time_s) for index, leg in enumerate(self._legs)])
+        total = self.robot.mass_kg * _GRAVITY_MPS2
+        level = so3.hat(up_body)  # moments about the trunk's origin, in its axes
+        rows = np.vstack((np.ones(len(weight)), (level @ self._feet.T)))
+        centre = self.robot.centre_of_mass_body(self._joints)
+        wanted = total * np.concatenate(([1.0], level @ centre))
+        weighted = rows * weight
+        shares = weighted.T @ np.linalg.lstsq(weighted @ rows.T + 1e-9 * np.eye(4), wanted, rcond=1e-6)[0]
+        return np.clip(shares, 0.0, total)[:, None] * up_body
+
+    def _share(self, index: int, leg: _LegState, time_s: float) -> float:
+        """From 0 to 1, how much of its share of weight a leg is to take: none in the air, and not all at once."""
+        if leg.swing is not None:
+            return 0.0
+        loading = self.gait.loading_s
+        landed = 1.0 if leg.touched_s < 0.0 else min((time_s - leg.touched_s) / loading, 1.0)
+        slot_s = self.gait.period_s / len(self._legs)
+        place = self._order.index(index)
+        to_lift = (place - self.walked_s / slot_s) % len(self._legs) * slot_s
+        is_next = 0.0 < self.walked_s < self.walkway.duration_s and to_lift < loading
+        return max(min(landed, to_lift / loading if is_next else 1.0), 0.02)
+
+    def _command(self, motor: Array, dt_s: float) -> Command:
+        """Motor angles no faster than the motors are."""
+        if self._motor is None:
+            self._motor = motor
+        step = np.clip(motor - self._motor, -self._limit * dt_s, self._limit * dt_s)
+        self._motor = self._motor + step
+        return Command(self._motor, step / dt_s)
+
+    def _jitter(self) -> float:
+        return float(np.clip(self.generator.standard_normal(), -2.5, 2.5))
+
+
