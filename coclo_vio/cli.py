@@ -21,13 +21,14 @@ from rich.table import Table
 
 from coclo_vio import __version__, comparison, run_folder
 from coclo_vio.datasets.config import DatasetConfig
-from coclo_vio.datasets.dataset import guess_robot
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.errors import CocloError, ConfigError, DatasetError
 from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.inspection import inspect_recording, resolve_if_known
+from coclo_vio.inspection_view import drawn
 from coclo_vio.robot.description import load_robot, robot_names
 from coclo_vio.run_config import RunConfig, resolve
 from coclo_vio.sample import sample_path
@@ -60,6 +61,7 @@ RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known ro
 ConfigOption = Annotated[Path | None, typer.Option("--config", "-c", help="YAML configuration.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="One value, such as filter.profile=paper.")]
 OutOption = Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")]
+PartialOption = Annotated[bool, typer.Option("--allow-partial", help="Use what can be read of a damaged recording.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -76,10 +78,11 @@ def run(
     robot: RobotOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
+    allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
 ) -> None:
     """Run one estimator on a recording; with ground truth, say how far it drifted."""
-    resolved = _resolve_for(dataset, robot, config, settings)
+    resolved = _resolve_for(dataset, robot, config, _with_partial(settings, allow_partial))
     with _progress_bar() as progress:
         told = comparison.run_all(dataset, [mode], resolved, output, progress)
     _tell_run(told, output)
@@ -104,10 +107,11 @@ def compare(
     robot: RobotOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
+    allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
 ) -> None:
     """Run several estimators side by side against ground truth: table, plots, compare.json, report.html."""
-    _compare(datasets, modes, None, output, robot, config, settings)
+    _compare(datasets, modes, None, output, robot, config, _with_partial(settings, allow_partial))
 
 
 @app.command()
@@ -133,6 +137,24 @@ def evaluate(
     _print_failures(failures)
     if not evaluations:
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
+
+
+@app.command()
+def inspect(
+    dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
+    robot: RobotOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    allow_partial: PartialOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what a recording holds: streams, gaps, clock jumps, joints, calibrations, and what is missing for a mode."""
+    resolved, known = resolve_if_known(dataset, robot, config, _with_partial(settings, allow_partial))
+    seen = inspect_recording(dataset, known, resolved.dataset)
+    if as_json:
+        _print_json(seen.to_json())
+    else:
+        _out.print(*drawn(seen), sep="\n")
 
 
 @app.command()
@@ -195,9 +217,13 @@ def _fail(error: CocloError, status: int) -> None:
     sys.exit(status)
 
 
-def _resolve_for(dataset: Path, robot: str | None, config: Path | None, settings: list[str] | None) -> RunConfig:
-    guess = guess_robot(dataset, DatasetConfig()) if robot is None else None
-    return resolve(robot, config, settings or (), guess)
+def _resolve_for(dataset: Path, robot: str | None, config: Path | None, settings: Sequence[str]) -> RunConfig:
+    resolved, known = resolve_if_known(dataset, robot, config, settings)
+    return resolved if known is not None else resolve(robot, config, settings)  # says that no robot is named
+
+
+def _with_partial(settings: list[str] | None, allow_partial: bool) -> list[str]:
+    return [*(settings or ()), *(["dataset.allow_partial=true"] if allow_partial else [])]
 
 
 def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
@@ -214,7 +240,7 @@ def _compare(
     output: Path,
     robot: str | None = None,
     config: Path | None = None,
-    settings: list[str] | None = None,
+    settings: Sequence[str] = (),
 ) -> None:
     names = list(dict.fromkeys(name.strip() for name in modes.split(",") if name.strip()))
     if not names:

@@ -22,7 +22,7 @@ _IMPORTERS = {
     "pinocchio": ("geometry/se3.py", "robot/model.py"),
     "matplotlib": ("evaluation/figures.py",),
     "typer": ("cli.py",),
-    "rich": ("cli.py",),
+    "rich": ("cli.py", "inspection_view.py"),
     "filterpy": ("filterpy_rival.py",),
 }
 

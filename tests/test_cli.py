@@ -137,6 +137,18 @@ def test_config_can_be_given_back(coclo: Coclo, tmp_path: Path) -> None:
     assert resolve(None, tmp_path / "mine.yaml") == resolve("go1", settings=["filter.profile=paper"])
 
 
+def test_inspect_tells_what_is_there_and_what_is_missing(coclo: Coclo, log: Path) -> None:
+    answer = coclo("inspect", log)
+    assert (answer.status, answer.err) == (0, "")
+    assert "walk: leg log" in answer.out
+    assert "all 18 joints found, with torques" in answer.out
+    assert max(map(len, answer.out.splitlines())) <= 80
+    told = json.loads(coclo("inspect", log, "--json").out)
+    assert told["robot"] == "daisy"
+    assert told["modes"]["coclo"] == {"ready": True, "missing": []}
+    assert told["modes"]["stereo"] == {"ready": False, "missing": ["stereo images", "calibration of the cameras"]}
+
+
 def test_robots_lists_them_all(coclo: Coclo) -> None:
     answer = coclo("robots")
     assert answer.status == 0
@@ -161,6 +173,8 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
     [
         (["run", "nowhere"], 1, "there is no nowhere; give the path of a recording"),
         (["run", "{log}", "-r", "go1"], 1, "FL_hip"),
+        (["inspect", "nowhere"], 1, "there is no nowhere; give the path of a recording"),
+        (["inspect", "{log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
         (["run", "{log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
         (["run", "{log}", "-m", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
         (["run", "{log}", "--set", "filter.profil=paper"], 2, "there is no filter.profil; the keys there are: "),

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is said of a recording is true of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from coclo_vio import inspection
+from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.config import parse_settings
+from coclo_vio.datasets import images
+from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.dataset import DatasetConfig
+from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
+from coclo_vio.errors import ConfigError, DatasetError
+from coclo_vio.geometry import se3
+from coclo_vio.inspection import Inspection, inspect_recording, resolve_if_known
+from coclo_vio.inspection_view import drawn
+from coclo_vio.measurements import CameraImuSample, EncodedStereoFrame, ImuSample, JointSample, Measurement
+from coclo_vio.robot.description import RobotDescription, load_robot
+
+START_NS = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def daisy() -> RobotDescription:
+    return load_robot("daisy")
+
+
+def walk(robot: RobotDescription, *, start_ns: int = START_NS) -> list[Measurement]:
+    """One second of IMU and joints at 100 Hz, torques included."""
+    rng = np.random.default_rng(4)
+    samples: list[Measurement] = []
+    for step in range(100):
+        stamp_ns = start_ns + step * 10_000_000
+        samples.append(ImuSample(stamp_ns, rng.normal(size=3), np.array([0.0, 0.0, 9.81])))
+        samples.append(JointSample(stamp_ns, *rng.normal(size=(3, len(robot.joint_names)))))
+    return samples
+
+
+def pictures(start_ns: int = START_NS) -> list[EncodedStereoFrame]:
+    data = images.encoded(np.full((6, 8), 90, dtype=np.uint8), "png")
+    return [EncodedStereoFrame(start_ns + number * 50_000_000, data, data, "png") for number in range(20)]
+
+
+def cameras() -> StereoCalibration:
+    lens = CameraCalibration(width_px=8, height_px=6, focal_px=(5.0, 5.0), principal_point_px=(3.5, 2.5))
+    T_body_right = se3.transform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    return StereoCalibration(
+        left=lens, right=lens, body_left_camera=matrix4(np.eye(4)), body_right_camera=matrix4(T_body_right)
+    )
+
+
+def inspected(path: Path, robot: RobotDescription | None, *settings: str) -> Inspection:
+    return inspect_recording(path, robot, DatasetConfig.parse(parse_settings(settings), "test"))
+
+
+def shown(seen: Inspection, width: int = 80) -> str:
+    console = Console(width=width)
+    with console.capture() as capture:
+        console.print(*drawn(seen), sep="\n")
+    return capture.get()
+
+
+def test_a_whole_trial_is_ready_for_every_mode(tmp_path: Path, daisy: RobotDescription) -> None:
+    camera_imu = [CameraImuSample(START_NS + i * 5_000_000, np.zeros(3), np.ones(3)) for i in range(200)]
+    contents = RecordingContents(daisy, [*walk(daisy), *camera_imu], stereo=cameras(), frames=pictures())
+    write_euroc_folder(tmp_path, contents)
+    seen = inspected(tmp_path, daisy)
+    assert seen.missing == {"coclo": (), "vins": (), "stereo": (), "combined": ()}
+    assert seen.joints.matched == daisy.joint_names
+    assert seen.joints.fitting == ("daisy",)
+    assert seen.calibrations["cameras"] == "8 x 6, f 5.0 px, no distortion, baseline 0.0500 m"
+    assert {stream.name for stream in seen.report.streams} == {"imu", "camera_imu", "joints", "stereo"}
+
+
+def test_no_image_is_decoded(tmp_path: Path, daisy: RobotDescription, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_euroc_folder(tmp_path, RecordingContents(daisy, walk(daisy), frames=pictures()))
+
+    def refuse(data: bytes, source: str) -> None:
+        raise AssertionError(f"{source} was decoded")
+
+    monkeypatch.setattr(images, "decoded", refuse)
+    stereo = inspected(tmp_path, daisy).report.stream("stereo")
+    assert stereo is not None
+    assert stereo.samples == 20
+
+
+def test_cameras_without_calibration_or_at_another_time_are_missed(tmp_path: Path, daisy: RobotDescription) -> None:
+    bare = tmp_path / "bare"
+    write_euroc_folder(bare, RecordingContents(daisy, walk(daisy), frames=pictures()))
+    seen = inspected(bare, daisy)
+    assert seen.missing["stereo"] == ("calibration of the cameras",)
+    assert seen.missing["combined"] == ("calibration of the cameras",)
+    apart = tmp_path / "apart"
+    late = pictures(START_NS + 60_000_000_000)
+    write_euroc_folder(apart, RecordingContents(daisy, walk(daisy), stereo=cameras(), frames=late))
+    seen = inspected(apart, daisy)
+    assert seen.missing["stereo"] == ()
+    assert seen.missing["combined"] == ("joints and stereo at one time: their stamps are 59 s apart",)
+    assert seen.missing["vins"] == ("stereo and imu at one time: their stamps are 59 s apart",)
+
+
+def test_torques_are_missed_where_contact_is_told_from_them(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy), joints=RecordedJoints(with_effort=False))
+    assert inspected(tmp_path, daisy).missing["coclo"] == ("joint torques, from which daisy's contacts are told",)
+
+
+def test_foot_forces_are_missed_where_contact_is_told_from_them(tmp_path: Path) -> None:
+    go1 = load_robot("go1")
+    write_leg_log(tmp_path, go1, walk(go1))
+    assert inspected(tmp_path, go1).missing["coclo"] == ("foot forces, from which go1's contacts are told",)
+
+
+def test_a_robot_that_does_not_fit_is_told_and_the_rest_is_read(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    log = tmp_path / "leg_log.csv"
+    log.write_text(log.read_text(encoding="ascii").replace(daisy.joint_names[4], "knie"), encoding="ascii")
+    seen = inspected(tmp_path, daisy)
+    assert seen.joints.missing == (daisy.joint_names[4],)
+    assert seen.missing["coclo"] == ("1 of daisy's 18 joints",)
+    assert [stream.name for stream in seen.report.streams] == ["imu"]
+    assert f"17 of 18 joints found, not {daisy.joint_names[4]}" in " ".join(shown(seen, width=200).split())
+
+
+def test_robots_that_share_their_joints_are_named(tmp_path: Path) -> None:
+    go1 = load_robot("go1")
+    write_leg_log(tmp_path / "walk", go1, walk(go1))
+    config, robot = resolve_if_known(tmp_path / "walk", None, None, ["dataset.gap_s=0.5"])
+    assert robot is None
+    assert config.dataset.gap_s == 0.5
+    seen = inspected(tmp_path / "walk", None)
+    assert {"a1", "go1"} <= set(seen.joints.fitting)
+    assert "name one with --robot" in seen.missing["coclo"][0]
+
+
+def test_gaps_and_clock_jumps_are_told_with_their_place(tmp_path: Path, daisy: RobotDescription) -> None:
+    samples = walk(daisy)
+    del samples[60:90]  # 0.3 s to 0.45 s
+    samples.append(samples[20])
+    write_leg_log(tmp_path, daisy, samples)
+    seen = inspected(tmp_path, daisy)
+    imu = seen.report.stream("imu")
+    assert imu is not None
+    assert (imu.gaps, imu.backward_stamps) == (1, 1)
+    text = shown(seen)
+    assert "0.160  0.29" in text
+    assert "1 older than the one before (the clock jumps" in text
+
+
+def test_a_wrong_configuration_is_an_error_with_and_without_a_robot(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    for robot in ("daisy", None):
+        with pytest.raises(ConfigError, match=r"there is no dataset\.gap"):
+            resolve_if_known(tmp_path, robot, None, ["dataset.gap=1"])
+
+
+def test_columns_of_ones_own_are_known_when_the_robot_is_guessed(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    log = tmp_path / "leg_log.csv"
+    log.write_text(log.read_text(encoding="ascii").replace(".position", "/q"), encoding="ascii")
+    _, robot = resolve_if_known(tmp_path, None, None, ["dataset.columns.position=['{joint}/q']"])
+    assert robot is not None
+    assert robot.name == "daisy"
+
+
+def test_a_recording_that_breaks_off_is_an_error(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    log = tmp_path / "leg_log.csv"
+    lines = log.read_text(encoding="ascii").splitlines()
+    lines[50] = lines[50].replace(",", ",oops,", 1)
+    log.write_text("\n".join(lines), encoding="ascii")
+    with pytest.raises(DatasetError, match="line 51"):
+        inspected(tmp_path, daisy)
+
+
+def test_what_is_shown_fits_any_terminal(shared_data: Path) -> None:
+    for name, robot in (("go1_mocap", load_robot("daisy")), ("euroc_v1_01_start", None)):
+        seen = inspected(shared_data / name, robot)
+        for width in (80, 120):
+            assert max(map(len, shown(seen, width).splitlines())) <= width
+
+
+def test_the_truth_about_the_start_of_v1_01(shared_data: Path) -> None:
+    config, robot = resolve_if_known(shared_data / "euroc_v1_01_start", None, None, [])
+    assert robot is None
+    seen = inspect_recording(shared_data / "euroc_v1_01_start", robot, config.dataset)
+    rates = {stream.name: (stream.samples, round(stream.rate_hz)) for stream in seen.report.streams}
+    assert rates == {"imu": (29_120, 200), "stereo": (95, 20)}
+    assert seen.report.dropped == {"cam1/data.csv: its image file is not there": 4}
+    assert seen.joints.matched == seen.joints.fitting == ()
+    assert seen.ground_truth is not None
+    assert (seen.ground_truth.has_stamps, seen.ground_truth.poses) == (True, 28_712)
+    assert seen.calibrations["cameras"] is not None
+    assert "radtan" in seen.calibrations["cameras"]
+    assert {mode for mode, lacks in seen.missing.items() if not lacks} == {"vins", "stereo"}
+    text = " ".join(shown(seen).split())
+    assert "cam1/data.csv names 4 images that are not there" in text
+    assert "joints0/data.csv is absent" in text
+
+
+def test_the_truth_about_the_go1(shared_data: Path) -> None:
+    config, robot = resolve_if_known(shared_data / "go1_mocap", None, None, [])
+    assert robot is not None
+    seen = inspect_recording(shared_data / "go1_mocap", robot, config.dataset)
+    assert (seen.robot, seen.joints.matched, seen.joints.has_effort) == ("go1", robot.joint_names, False)
+    assert seen.ground_truth is not None
+    assert (seen.ground_truth.has_stamps, seen.ground_truth.duration_s, seen.ground_truth.poses) == (False, None, 1610)
+    assert seen.missing["coclo"] == ()
+    assert seen.missing["vins"] == ("stereo images", "calibration of the cameras")
+    text = " ".join(shown(seen).split())
+    for said in (
+        "no joint velocity in the log: estimated causally",
+        "no joint torque in the log",
+        "1610 poses without stamps",
+        "all 12 joints found, without torques",
+    ):
+        assert said in text
+
+
+def test_topics_of_a_bag_are_shown_with_their_reason(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    plain = inspected(tmp_path, daisy)
+    chosen = inspection.Topic("imu", ("/imu",), "sensor_msgs/msg/Imu", "the only one")
+    none = inspection.Topic("camera_imu", (), "", "none has a camera's name")
+    seen = Inspection(
+        plain.name,
+        plain.robot,
+        plain.report,
+        (chosen, none),
+        plain.joints,
+        plain.calibrations,
+        plain.ground_truth,
+        plain.missing,
+    )
+    text = " ".join(shown(seen, width=200).split())
+    assert "topics imu /imu (sensor_msgs/msg/Imu): the only one" in text
+    assert "camera_imu none: none has a camera's name" in text
+    assert seen.to_json()["topics"][0]["topics"] == ("/imu",)
