@@ -8,6 +8,7 @@ from pydantic import Field
 from coclo_vio.config import StageConfig
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig
+from coclo_vio.datasets.rosbag_config import RosbagConfig
 
 
 class DatasetConfig(StageConfig):
@@ -19,5 +20,13 @@ class DatasetConfig(StageConfig):
     ] = JointVelocityConfig()
     sort: Annotated[
         bool, Field(description="put measurements in time order (holds them all in memory); else as in the file")
+    ] = False
+    rosbag: Annotated[RosbagConfig, Field(description="how a rosbag is read")] = RosbagConfig()
+    allow_partial: Annotated[
+        bool,
+        Field(
+            description="take what can be read of a damaged bag, and leave out what cannot: what comes after a break, "
+            "joints that are missing, samples whose stamps go back; the report tells of it"
+        ),
     ] = False
     gap_s: Annotated[float, Field(gt=0, description="a longer pause is counted as a gap, s")] = 0.1

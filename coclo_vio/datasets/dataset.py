@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.datasets import euroc_folder, leg_log
+from coclo_vio.datasets import euroc_folder, leg_log, rosbag
 from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.report import ReadReport, StreamReport
@@ -109,6 +109,7 @@ FORMATS: tuple[Format, ...] = (
         euroc_folder.EurocFolder,
         euroc_folder.joint_header,
     ),
+    Format(rosbag.RosBag.format_name, rosbag.LOOKS_FOR, rosbag.is_rosbag, rosbag.RosBag, rosbag.joint_header),
     Format(leg_log.LegLog.format_name, leg_log.LOOKS_FOR, leg_log.is_leg_log, leg_log.LegLog, leg_log.joint_header),
 )
 

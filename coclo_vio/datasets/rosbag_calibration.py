@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Calibrations in a bag: mountings from static transforms, lenses from CameraInfo, noise from covariances; or Kalibr's.
+
+Files of Kalibr that are configured go before what the bag says.
+"""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.datasets.kalibr import KalibrCamera, KalibrImu, read_camchain, read_imu
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.rosbag_config import RosbagConfig
+from coclo_vio.datasets.rosbag_frames import FrameTree
+from coclo_vio.datasets.rosbag_glance import Glance
+from coclo_vio.datasets.rosbag_lenses import T_camera_rectified, baseline_m, lens_of
+from coclo_vio.errors import CalibrationMissing
+from coclo_vio.geometry import se3
+from coclo_vio.robot.description import RobotDescription
+
+_PLAUSIBLE = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
+_IMU_ROLES = {"imu": "the body's IMU", "camera_imu": "the camera's IMU"}
+
+
+class BagCalibration:
+    """What a bag and the files of Kalibr say of its sensors."""
+
+    def __init__(
+        self,
+        seen: Glance,
+        topics: dict[str, str | None],
+        frames: FrameTree,
+        robot: RobotDescription | None,
+        config: RosbagConfig,
+        tally: ReadTally,
+    ) -> None:
+        """Read the files of Kalibr.
+
+        Args:
+            seen: the first messages.
+            topics: the topic of each role.
+            frames: the mountings.
+            robot: where it describes its body's IMU, that holds for what the bag does not say.
+            config: names the body's frame and the files.
+            tally: is told what was assumed.
+
+        Raises:
+            CalibrationMissing: a file of Kalibr says nothing, contradicts itself, or speaks of another IMU.
+            ConfigError: a file that is not there.
+        """
+        self._seen, self._topics, self._frames, self._config = seen, topics, frames, config
+        self._robot_imu = ImuCalibration() if robot is None else robot.imu
+        self._body = frames.body(config.body_frame, None if robot is None else robot.body_frame)
+        self._tally = tally
+        kalibr = config.kalibr
+        self._camchain = () if kalibr.camchain is None else read_camchain(kalibr.camchain)
+        self._kalibr_imu = None if kalibr.imu is None else read_imu(kalibr.imu)
+        if self._kalibr_imu is not None:
+            self._check_imu(self._kalibr_imu)
+
+    def imu(self, role: str) -> ImuCalibration | None:
+        """Mounting and noise of the IMU in a role, ``imu`` or ``camera_imu``; None where nothing is said of it."""
+        topic = self._topics[role]
+        if topic is None:
+            return None
+        values = self._noise_of(topic)
+        if self._kalibr_imu is not None and self._config.kalibr.calibrated_imu == role:
+            values |= self._kalibr_imu.noise
+        T_body_imu = self._mounting_of_imu(role, topic)
+        if T_body_imu is not None:
+            values["position_body_m"] = tuple(T_body_imu[:3, 3].tolist())
+            values["rotation_body_imu_rpy_rad"] = tuple(
+                Rotation.from_matrix(T_body_imu[:3, :3]).as_euler("xyz").tolist()
+            )
+        elif role == "camera_imu":
+            self._tally.note(f"where the camera's IMU {topic} sits is not said: {self._frames_there(topic)}")
+            return None
+        if not values:
+            return None
+        base = self._robot_imu if role == "imu" else ImuCalibration()
+        return ImuCalibration.parse(base.model_dump() | values, topic)
+
+    def stereo(self) -> StereoCalibration | None:
+        """Lenses and mountings of the two cameras, from the camchain, otherwise from the bag; None where unsaid.
+
+        Raises:
+            CalibrationMissing: the camchain has one camera, its IMU's place is not known, or a lens is not read.
+        """
+        if self._topics["left_image"] is None or self._topics["right_image"] is None:
+            return None
+        return self._stereo_of_camchain() if self._camchain else self._stereo_of_bag()
+
+    def _stereo_of_camchain(self) -> StereoCalibration:
+        left, right = self._sides()
+        T_body_imu = self._mounting_of_calibrated_imu(left)
+        self._tally.note(
+            f"cameras from {self._config.kalibr.camchain}, its IMU taken for {_IMU_ROLES[self._role]} "
+            "(dataset.rosbag.kalibr.calibrated_imu)"
+        )
+        return StereoCalibration(
+            left=left.lens,
+            right=right.lens,
+            body_left_camera=matrix4(T_body_imu @ se3.inverse(left.T_camera_imu)),
+            body_right_camera=matrix4(T_body_imu @ se3.inverse(right.T_camera_imu)),
+            time_offset_s=left.time_shift_s,
+        )
+
+    def _stereo_of_bag(self) -> StereoCalibration | None:
+        infos = [self._seen.first.get(self._topics[role] or "") for role in ("left_info", "right_info")]
+        if None in infos:
+            self._tally.note("the lenses are not said: no CameraInfo of both cameras; dataset.rosbag.kalibr.camchain")
+            return None
+        left, right = (self._lens(side, info) for side, info in zip(("left", "right"), infos, strict=True))
+        T_left, T_right = self._camera_mountings(*infos)
+        if left is None or right is None or T_left is None or T_right is None:
+            self._tally.note(
+                "the cameras' lenses or mountings are not said: K is zero, or "
+                f"{self._frames_there(self._topics['left_info'] or '')}; give a camchain in dataset.rosbag.kalibr"
+            )
+            return None
+        return StereoCalibration(
+            left=left, right=right, body_left_camera=matrix4(T_left), body_right_camera=matrix4(T_right)
+        )
+
+    def _lens(self, side: str, info: Any) -> CameraCalibration | None:
+        return lens_of(info, self._topics[f"{side}_info"] or "", is_rectified=self._is_rectified(side))
+
+    def _is_rectified(self, side: str) -> bool:
+        topic = self._topics[f"{side}_image"] or ""
+        said = self._config.is_rectified
+        return "rect" in topic.replace("rect_raw", "") if said is None else said
+
+    def _camera_mountings(self, left: Any, right: Any) -> tuple[Array | None, Array | None]:
+        """``T_body_camera`` of both, the right one by the baseline in its P where its frame is not known."""
+        found = []
+        for side, info in (("left", left), ("right", right)):
+            T = self._frames.between(self._body, str(info.header.frame_id).lstrip("/"))
+            if T is not None and self._is_rectified(side):
+                T = T @ T_camera_rectified(info)
+            found.append(T)
+        T_left, T_right = found
+        shares_frame = left.header.frame_id == right.header.frame_id
+        baseline = baseline_m(right)
+        if T_left is not None and baseline is not None and (T_right is None or shares_frame):
+            beside = np.eye(4)
+            beside[0, 3] = baseline
+            T_right = T_left @ beside
+        elif shares_frame:
+            T_right = None
+        return T_left, T_right
+
+    @property
+    def _role(self) -> str:
+        return self._config.kalibr.calibrated_imu
+
+    def _mounting_of_imu(self, role: str, topic: str) -> Array | None:
+        """``T_body_imu`` by frame; that of the camera's IMU otherwise by camchain and the camera's frame."""
+        T = self._frames.between(self._body, self._seen.frame(topic))
+        if T is not None or not self._camchain or role != self._role:
+            return T
+        left, _ = self._sides()
+        info = self._seen.first.get(self._topics["left_info"] or "")
+        if info is None:
+            return None
+        T_body_left = self._frames.between(self._body, str(info.header.frame_id).lstrip("/"))
+        return None if T_body_left is None else T_body_left @ left.T_camera_imu
+
+    def _mounting_of_calibrated_imu(self, left: KalibrCamera) -> Array:
+        topic = self._topics[self._role]
+        T = None if topic is None else self._mounting_of_imu(self._role, topic)
+        if T is None and self._role == "imu":
+            return self._robot_imu.T_body_imu
+        if T is None:
+            raise CalibrationMissing(
+                f"{self._config.kalibr.camchain} says where the cameras are from {_IMU_ROLES[self._role]}, but not "
+                f"where that is on the body: {self._frames_there(topic or '')}; if its IMU is the body's, set "
+                "dataset.rosbag.kalibr.calibrated_imu=imu"
+            )
+        return T
+
+    def _sides(self) -> tuple[KalibrCamera, KalibrCamera]:
+        """The camchain's left and right camera: by the topics it names, otherwise cam0 is left and cam1 right."""
+        if len(self._camchain) < 2:
+            raise CalibrationMissing(
+                f"{self._config.kalibr.camchain} has one camera; a stereo pair takes cam0 and cam1"
+            )
+        by_topic = {_plain(camera.topic): camera for camera in self._camchain if camera.topic}
+        left, right = (by_topic.get(_plain(self._topics[f"{side}_image"] or "")) for side in ("left", "right"))
+        if left is not None and right is not None:
+            return left, right
+        return self._camchain[0], self._camchain[1]
+
+    def _check_imu(self, imu: KalibrImu) -> None:
+        other = "camera_imu" if self._role == "imu" else "imu"
+        if imu.topic and imu.topic == self._topics[other] and imu.topic != self._topics[self._role]:
+            raise CalibrationMissing(
+                f"{self._config.kalibr.imu} is of {imu.topic}, which is {_IMU_ROLES[other]}; "
+                f"set dataset.rosbag.kalibr.calibrated_imu={other}"
+            )
+
+    def _noise_of(self, topic: str) -> dict[str, Any]:
+        """Noise densities from the covariances: the variance of a reading is density^2 times the rate."""
+        message, rate_hz = self._seen.first[topic], self._seen.rate_hz(topic)
+        values: dict[str, Any] = {}
+        for sensor, field in (("gyroscope", "angular_velocity"), ("accelerometer", "linear_acceleration")):
+            variance = float(np.mean(getattr(message, f"{field}_covariance")[::4]))
+            if rate_hz is None or not np.isfinite(variance) or variance <= 0.0:
+                continue
+            density = float(np.sqrt(variance / rate_hz))
+            low, high = _PLAUSIBLE[sensor]
+            if low <= density <= high:
+                values[f"{sensor}_noise_density"] = density
+            else:
+                self._tally.note(
+                    f"{topic}: the covariance of the {sensor} means {density:.3g} per sqrt(Hz), not believed "
+                    f"(plausible is {low:g} to {high:g})"
+                )
+        return values
+
+    def _frames_there(self, topic: str) -> str:
+        frame = self._seen.frame(topic) or "without a name"
+        there = ", ".join(self._frames.frames) or "none"
+        return f"no static transform from {self._body} to the frame {frame} (frames there: {there})"
+
+
+def _plain(topic: str) -> str:
+    """A topic without what image_transport adds to it."""
+    return topic.removesuffix("/compressed")

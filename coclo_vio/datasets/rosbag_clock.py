@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The time of a message: whose clock is believed, and what becomes of a stamp that goes back."""
+
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.rosbag_file import BagFile, RawMessage
+from coclo_vio.errors import TimestampError
+
+_NS_PER_S = 1_000_000_000
+_APART_NS = 5 * _NS_PER_S
+
+
+class BagClock:
+    """Stamps messages, and watches over the order within each topic.
+
+    A stamp that is older than the one before it on its topic is an error, or the message is left out and counted.
+    """
+
+    def __init__(
+        self, bag: BagFile, *, uses_header: bool, drops_backward: bool, keeps_backward: bool, tally: ReadTally
+    ) -> None:
+        """Settle what is done with stamps that go back.
+
+        Args:
+            bag: whose messages.
+            uses_header: whether the header's stamp is believed, or the time at which the bag received the message.
+            drops_backward: leave a message out whose stamp goes back, and count it.
+            keeps_backward: pass it on; it will be sorted.
+            tally: is told what was left out.
+        """
+        self._bag = bag
+        self._uses_header = uses_header
+        self._drops = drops_backward
+        self._keeps = keeps_backward
+        self._tally = tally
+        self._last_ns: dict[str, int] = {}
+        self._count: dict[str, int] = {}
+        self._first_lag_ns: dict[str, int] = {}
+
+    def stamp_ns(self, message: RawMessage) -> int | None:
+        """The message's time, or None where it is to be left out.
+
+        Raises:
+            TimestampError: the header has no stamp, or it goes back within the topic.
+        """
+        topic = message.topic
+        self._count[topic] = self._count.get(topic, 0) + 1
+        stamp_ns = self._bag.header_stamp_ns(topic, message.data) if self._uses_header else message.received_ns
+        if stamp_ns == 0 and message.received_ns != 0:  # a simulated recording may begin at 0
+            self._leave_out(topic, "no stamp in its header", "its header has no stamp")
+            return None
+        self._compare_clocks(topic, stamp_ns - message.received_ns)
+        last_ns = self._last_ns.get(topic, stamp_ns)
+        if stamp_ns < last_ns and not self._keeps:
+            back_s = (last_ns - stamp_ns) / _NS_PER_S
+            self._leave_out(topic, "stamp going back", f"its stamp {stamp_ns} ns goes back by {back_s:.6g} s")
+            return None
+        self._last_ns[topic] = max(stamp_ns, last_ns)
+        return stamp_ns
+
+    def _leave_out(self, topic: str, reason: str, sentence: str) -> None:
+        if not self._drops:
+            raise TimestampError(
+                f"{self._bag.path}, message {self._count[topic]} on {topic}: {sentence}; allow partial reading to "
+                "leave such messages out, or set dataset.rosbag.clock=received to take the time of their arrival"
+            )
+        self._tally.dropped[f"{topic}: {reason}"] += 1
+
+    def _compare_clocks(self, topic: str, lag_ns: int) -> None:
+        """Note topics whose clocks are seconds apart: what they measure cannot be put side by side."""
+        if topic in self._first_lag_ns:
+            return
+        for other, other_ns in self._first_lag_ns.items():
+            if abs(lag_ns - other_ns) > _APART_NS:
+                apart_s = (lag_ns - other_ns) / _NS_PER_S
+                self._tally.note(
+                    f"the clocks of {topic} and {other} are {apart_s:.6g} s apart; dataset.rosbag.clock=received "
+                    "takes the time at which the bag received the messages"
+                )
+                break
+        self._first_lag_ns[topic] = lag_ns

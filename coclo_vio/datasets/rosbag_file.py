@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag on the disk, ROS 1 or ROS 2, whole or cut off: its topics, and its messages as a stream of bytes.
+
+What ``rosbags`` lets through of its own errors and of those of its compressions and databases becomes a
+``DatasetError`` here.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from coclo_vio.datasets.rosbag_chunks import ChunkReader, CutChunkReader
+from coclo_vio.datasets.rosbag_mcap import CutMcapReader
+from coclo_vio.datasets.rosbag_sqlite import CutSqliteReader
+from coclo_vio.errors import DatasetError, TimestampError, listing
+
+LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
+_METADATA = "metadata.yaml"
+_ROS2_SUFFIXES = (".mcap", ".db3")
+_IDL_RULE = "=" * 80 + "\n"
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class BagTopic:
+    """A topic of a bag: its name, its type such as ``sensor_msgs/msg/Imu``, and how many messages it has."""
+
+    name: str
+    msgtype: str
+    count: int
+
+
+class RawMessage(NamedTuple):
+    """A message as it lies in the bag, and when the bag received it, ns."""
+
+    topic: str
+    received_ns: int
+    data: bytes
+
+
+class _Storage(Protocol):
+    """What the readers of ``rosbags`` and those of cut files have in common."""
+
+    @property
+    def connections(self) -> list[Connection]: ...
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]: ...
+
+
+class BagFile:
+    """A bag that can be read from its beginning as often as is wanted.
+
+    Attributes:
+        path: the file, or the folder with ``metadata.yaml``.
+        is_ros1: whether it is a ROS 1 bag.
+        topics: what there is, by name.
+        damage: what is broken about it and where, None for a bag that could be read whole so far.
+    """
+
+    def __init__(self, path: Path, *, allow_partial: bool) -> None:
+        """List the topics.
+
+        Args:
+            path: what ``is_rosbag`` says yes to.
+            allow_partial: take what can be read of a damaged bag.
+
+        Raises:
+            DatasetError: the bag is damaged; says what can be done.
+        """
+        self.path = _bag_in(path)
+        self.is_ros1 = self.path.suffix == ".bag"
+        self.damage: str | None = None
+        self._is_cut = False
+        self._allow_partial = allow_partial
+        self._types: dict[str, tuple[str, Typestore | None]] = {}
+        connections = self._survey()
+        self._definitions = {connection.topic: connection for connection in reversed(connections)}
+        counts: Counter[str] = Counter()
+        for connection in connections:
+            counts[connection.topic] += connection.msgcount
+        self.topics = {
+            name: BagTopic(name, self._definitions[name].msgtype, counts[name]) for name in sorted(self._definitions)
+        }
+
+    def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
+        """The messages of the topics ``names`` as they were received, streamed; no other topic is opened.
+
+        Raises:
+            DatasetError: the bag breaks somewhere and partial reading is not allowed.
+        """
+        if not names:
+            return
+        with ExitStack() as stack:
+            for storage in self._storages():
+                storage.open()
+                stack.callback(storage.close)
+                yield from self._messages_of(storage, names)
+
+    def decoded(self, topic: str, data: bytes) -> Any:
+        """The message in ``data``, an object with the fields of its type.
+
+        Raises:
+            DatasetError: the bytes do not fit the type.
+        """
+        msgtype, store = self._typed(topic)
+        try:
+            return store.deserialize_ros1(data, msgtype) if self.is_ros1 else store.deserialize_cdr(data, msgtype)
+        except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
+            raise DatasetError(
+                f"{self.path}: a message on {topic} is no {msgtype} ({error}); "
+                "leave the topic out in dataset.rosbag.topics"
+            ) from error
+
+    def header_stamp_ns(self, topic: str, data: bytes) -> int:
+        """The stamp in the header with which the message begins, ns, without decoding the rest.
+
+        Raises:
+            TimestampError: the message is too short to have one.
+        """
+        try:
+            if self.is_ros1:
+                _, seconds, nanoseconds = struct.unpack_from("<III", data)
+            else:
+                is_little = data[1] & 1
+                seconds, nanoseconds = struct.unpack_from("<iI" if is_little else ">iI", data, 4)
+        except (struct.error, IndexError) as error:
+            raise TimestampError(f"{self.path}: a message on {topic} is too short to have a stamp") from error
+        return int(seconds) * _NS_PER_S + int(nanoseconds)
+
+    def _survey(self) -> list[Connection]:
+        """The connections of all files; settles whether the bag is whole."""
+        try:
+            return self._connections(self._whole())
+        except Exception as error:
+            reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+            self.damage = f"{self.path.name} is damaged or cut off ({reason})"
+            if not self._allow_partial:
+                raise self._damaged() from error
+        self._is_cut = True
+        try:
+            return self._connections(self._cut())
+        except Exception as error:
+            raise DatasetError(f"nothing can be read of {self.path}: {error}; record or copy it anew") from error
+
+    def _connections(self, storages: list[_Storage]) -> list[Connection]:
+        found = []
+        for storage in storages:
+            storage.open()
+            try:
+                found += [connection._replace(owner=None) for connection in storage.connections]
+            finally:
+                storage.close()
+        return found
+
+    def _storages(self) -> list[_Storage]:
+        return self._cut() if self._is_cut else self._whole()
+
+    def _whole(self) -> list[_Storage]:
+        """Readers of a bag as it should be."""
+        if self.is_ros1:
+            return [ChunkReader(self.path)]
+        if self.path.is_dir() and not (self.path / _METADATA).is_file():
+            return [Ros2Reader(file) for file in _storage_files(self.path)]
+        return [Ros2Reader(self.path)]
+
+    def _cut(self) -> list[_Storage]:
+        """Readers of what is left of a bag, file by file: those that are sound as they should be."""
+        if self.is_ros1:
+            return [CutChunkReader(self.path)]
+        files = _storage_files(self.path) if self.path.is_dir() else [self.path]
+        return [_sound_or_cut(file) for file in files]
+
+    def _messages_of(self, storage: _Storage, names: Collection[str]) -> Iterator[RawMessage]:
+        wanted = [connection for connection in storage.connections if connection.topic in names]
+        if not wanted:
+            return
+        stream = storage.messages(wanted)
+        while True:
+            try:
+                connection, received_ns, data = next(stream)
+            except StopIteration:
+                return
+            except Exception as error:  # a damaged chunk or page: what it raises depends on what it hits
+                reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+                self.damage = self.damage or f"{self.path.name} breaks in the middle ({reason})"
+                if not self._allow_partial:
+                    raise self._damaged() from error
+                return
+            yield RawMessage(connection.topic, received_ns, bytes(data))
+
+    def _damaged(self) -> DatasetError:
+        return DatasetError(f"{self.path}: {self.damage}; allow partial reading to use what comes before")
+
+    def _typed(self, topic: str) -> tuple[str, Typestore]:
+        """The type of a topic and the definitions it takes."""
+        msgtype, store = self._types.get(topic, ("", None))
+        if store is None:
+            connection = self._definitions[topic]
+            msgtype, store = connection.msgtype, _typestore(connection, is_ros1=self.is_ros1)
+            self._types[topic] = (msgtype, store)
+        return msgtype, store
+
+
+def is_rosbag(path: Path) -> bool:
+    """Whether ``path`` is a bag, or a folder that holds one."""
+    if path.is_dir():
+        if (path / _METADATA).is_file():
+            return "rosbag2_bagfile_information" in (path / _METADATA).read_text(encoding="utf-8", errors="replace")
+        return bool(_storage_files(path) or list(path.glob("*.bag")))
+    return path.suffix in {".bag", *_ROS2_SUFFIXES}
+
+
+def _bag_in(path: Path) -> Path:
+    """The bag at ``path``: itself, or the only ROS 1 bag in the folder.
+
+    Raises:
+        DatasetError: several bags.
+    """
+    if not path.is_dir() or (path / _METADATA).is_file() or _storage_files(path):
+        return path
+    bags = sorted(path.glob("*.bag"))
+    if len(bags) != 1:
+        named = listing(bag.name for bag in bags)
+        raise DatasetError(f"{path} holds {len(bags)} bags ({named}); give the path of one of them")
+    return bags[0]
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    """The data files of a ROS 2 bag in the order in which they were recorded (``_0``, ``_1``, ... ``_10``)."""
+    files = [file for file in folder.iterdir() if file.suffix in _ROS2_SUFFIXES]
+    return sorted(files, key=lambda file: (len(file.name), file.name))
+
+
+def _sound_or_cut(file: Path) -> _Storage:
+    sound = Ros2Reader(file)
+    try:
+        sound.open()
+    except Exception:
+        return CutMcapReader(file) if file.suffix == ".mcap" else CutSqliteReader(file)
+    sound.close()
+    return sound
+
+
+def _typestore(connection: Connection, *, is_ros1: bool) -> Typestore:
+    """The definitions a topic takes: those in the bag, otherwise those of the distribution (Noetic, Humble)."""
+    definition = connection.msgdef
+    if definition.format == MessageDefinitionFormat.NONE:
+        return get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.EMPTY)
+    if definition.format == MessageDefinitionFormat.MSG:
+        store.register(get_types_from_msg(definition.data, connection.msgtype))
+        return store
+    parts = [part.split("\n", 1)[1] for part in definition.data.split(_IDL_RULE)[1:]] or [definition.data]
+    for part in parts:
+        store.register(get_types_from_idl(part))
+    return store

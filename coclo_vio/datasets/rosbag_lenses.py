@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""CameraInfo messages to lenses, and a rectified pair's baseline (``sensor_msgs/CameraInfo``, REP 104)."""
+
+from typing import Any
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.calibration import CameraCalibration
+from coclo_vio.errors import CalibrationMissing
+
+_MODELS = {
+    "": "radtan",
+    "none": "radtan",
+    "plumb_bob": "radtan",
+    "radtan": "radtan",
+    "rational_polynomial": "radtan",
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+    "kannala_brandt4": "equidistant",
+}
+_LENGTHS = {"radtan": (4, 5, 8), "equidistant": (4,)}
+
+
+def lens_of(info: Any, topic: str, *, is_rectified: bool) -> CameraCalibration | None:
+    """The lens in a CameraInfo, None where it says nothing (K is zero: not calibrated).
+
+    Args:
+        info: the message.
+        topic: where it is from, for an error message.
+        is_rectified: whether the images are: then P holds their focal lengths, and nothing bends the rays.
+
+    Raises:
+        CalibrationMissing: a model of distortion that is not read.
+    """
+    K, P, D = _matrix(info, "k", (3, 3)), _matrix(info, "p", (3, 4)), np.asarray(_field(info, "d"), dtype=np.float64)
+    pinhole = P if is_rectified and P[0, 0] > 0 else K
+    if not (pinhole[0, 0] > 0 and pinhole[1, 1] > 0 and info.width and info.height):
+        return None
+    model, coefficients = ("none", ()) if is_rectified or not D.any() else _distortion(info, D, topic)
+    return CameraCalibration(
+        width_px=int(info.width),
+        height_px=int(info.height),
+        focal_px=(float(pinhole[0, 0]), float(pinhole[1, 1])),
+        principal_point_px=(float(pinhole[0, 2]), float(pinhole[1, 2])),
+        distortion=model,  # type: ignore[arg-type]
+        distortion_coefficients=coefficients,
+    )
+
+
+def baseline_m(right: Any) -> float | None:
+    """How far the right camera of a rectified pair stands on the left one's x axis, m: -Tx / fx of its P, or None."""
+    P = _matrix(right, "p", (3, 4))
+    return float(-P[0, 3] / P[0, 0]) if P[0, 0] > 0 and P[0, 3] != 0 else None
+
+
+def T_camera_rectified(info: Any) -> Array:  # noqa: N802
+    """The turn from a rectified camera to the real one, (4, 4): R of the message the other way round."""
+    T = np.eye(4)
+    R = _matrix(info, "r", (3, 3))
+    if np.allclose(R @ R.T, np.eye(3), atol=1e-3):
+        T[:3, :3] = R.T
+    return T
+
+
+def _distortion(info: Any, D: Array, topic: str) -> tuple[str, tuple[float, ...]]:  # noqa: N803
+    model = _MODELS.get(info.distortion_model.lower())
+    longest = 0 if model is None else max(_LENGTHS[model])
+    coefficients = D[:longest] if not D[longest:].any() else D
+    if model is None or len(coefficients) not in _LENGTHS[model]:
+        raise CalibrationMissing(
+            f"{topic}: distortion {info.distortion_model!r} with {len(D)} coefficients is not read; those that are: "
+            "plumb_bob (4 or 5), rational_polynomial (8), equidistant (4); give a camchain in dataset.rosbag.kalibr"
+        )
+    return model, tuple(coefficients.tolist())
+
+
+def _field(info: Any, name: str) -> Any:
+    """A field that ROS 2 spells in lower case and ROS 1 in upper case."""
+    return getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
+
+
+def _matrix(info: Any, name: str, shape: tuple[int, int]) -> Array:
+    return np.asarray(_field(info, name), dtype=np.float64).reshape(shape)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""MCAP files that were cut off: what is before the break. ``rosbags`` refuses a file without its footer.
+
+Layout: "MCAP format specification", mcap.dev/spec.
+"""
+
+import struct
+import sys
+from collections import Counter
+from collections.abc import Collection, Generator
+from io import BytesIO
+from typing import BinaryIO, NamedTuple
+
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+from rosbags.interfaces import Connection
+from rosbags.interfaces.typing import RPath
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.storage_mcap import McapReader, decompress
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _CHUNK, _DATA_END = 0x01, 0x06, 0x0F
+_RECORD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQI")
+_Message = tuple[Connection, int, bytes]
+
+
+class _Span(NamedTuple):
+    """Whole records: where, from which byte to which."""
+
+    file: BinaryIO
+    start: int
+    end: int
+
+
+class CutMcapReader(McapReader):
+    """An MCAP file that was cut off: the whole records before the break, and those in the part of a chunk there.
+
+    Attributes:
+        break_pos: the byte at which reading stops.
+    """
+
+    def __init__(self, path: RPath) -> None:
+        super().__init__(path)
+        self.break_pos = 0
+        self._file: BinaryIO | None = None
+        self._spans: list[_Span] = []
+
+    def open(self) -> None:
+        """Read the file through once.
+
+        Raises:
+            ReaderError: not an MCAP file at all, or no message in it.
+        """
+        self._file = self.bio = self.path.open("rb")
+        if self.bio.read(len(_MAGIC)) != _MAGIC:
+            raise ReaderError("it does not begin like an MCAP file")
+        tail = self._find_break()
+        self._spans = [_Span(self._file, len(_MAGIC), self.break_pos)]
+        if tail:
+            self._spans.append(_Span(BytesIO(tail), 0, _end_of_whole_records(tail)))
+        counts: Counter[int] = Counter()
+        for span in self._spans:
+            self._look_at(span)
+            self.meta_scan()
+            counts.update(self.statistics.channel_message_counts if self.statistics else {})
+        if not counts:
+            raise ReaderError(f"it breaks off at byte {self.break_pos}, before the first message")
+        self.connections = [connection._replace(msgcount=counts[connection.id]) for connection in self.connections]
+
+    def close(self) -> None:
+        """Close the file."""
+        self.bio, self._file = self._file, None
+        super().close()
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Generator[_Message, None, None]:
+        """Messages of ``connections`` in file order, up to the break."""
+        for span in self._spans:
+            self._look_at(span)
+            yield from self.messages_scan(connections, start, stop)
+
+    def _look_at(self, span: _Span) -> None:
+        self.bio, self.data_start, self.data_end = span
+
+    def _find_break(self) -> bytes:
+        """Set ``break_pos`` to the end of the last whole record; what can be unpacked of a chunk cut there."""
+        file = self._file
+        if file is None:
+            raise ReaderError("the file is not open")
+        while True:
+            self.break_pos = file.tell()
+            head = file.read(_RECORD.size)
+            if len(head) < _RECORD.size:
+                return b""
+            op, size = _RECORD.unpack(head)
+            if op == _DATA_END:
+                return b""
+            body = file.read(size) if op == _CHUNK else b""
+            if op == _CHUNK and (len(body) < size or not _is_sound(body)):
+                return _unpacked_prefix(body)
+            if op != _CHUNK and not self._skips(size):
+                return b""
+
+    def _skips(self, size: int) -> bool:
+        """Pass over a record; whether it was there."""
+        if self._file is None or size == 0:
+            return size == 0
+        self._file.seek(size - 1, 1)
+        return len(self._file.read(1)) == 1
+
+
+def _chunk_parts(body: bytes) -> tuple[int, int, str, bytes]:
+    """Unpacked size, checksum, compression and packed data of a chunk record, which may be cut off."""
+    _, _, size, crc = _CHUNK_HEAD.unpack_from(body)
+    (length,) = struct.unpack_from("<I", body, _CHUNK_HEAD.size)
+    start = _CHUNK_HEAD.size + 4
+    compression = body[start : start + length].decode("ascii")
+    return size, crc, compression, body[start + length + 8 :]
+
+
+def _is_sound(body: bytes) -> bool:
+    try:
+        size, crc, compression, data = _chunk_parts(body)
+        decompress(data, compression, size, crc)
+    except Exception:  # whatever a damaged chunk makes the three compressions say
+        return False
+    return True
+
+
+def _unpacked_prefix(body: bytes) -> bytes:
+    try:
+        _, _, compression, data = _chunk_parts(body)
+        match compression:
+            case "zstd":
+                return bytes(zstd.ZstdDecompressor().decompress(data))
+            case "lz4":
+                return bytes(LZ4FrameDecompressor().decompress(data))
+            case _:
+                return data
+    except Exception:
+        return b""
+
+
+def _end_of_whole_records(data: bytes) -> int:
+    end = 0
+    while end + _RECORD.size <= len(data):
+        after = end + _RECORD.size + _RECORD.unpack_from(data, end)[1]
+        if after > len(data):
+            break
+        end = after
+    return end

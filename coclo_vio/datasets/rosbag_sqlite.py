@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""ROS 2 databases (.db3) that were cut off: the rows before the break, refused whole by ``rosbags``."""
+
+import sqlite3
+from collections.abc import Collection, Generator
+from contextlib import suppress
+from pathlib import Path
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2.errors import ReaderError
+
+_FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+
+
+class CutSqliteReader:
+    """A damaged .db3: topics and messages in the order of the table, up to the first page that is missing."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._database: sqlite3.Connection | None = None
+        self.connections: list[Connection] = []
+
+    def open(self) -> None:
+        """Read the topics.
+
+        Raises:
+            ReaderError: not even those can be read.
+        """
+        try:
+            uri = f"{self._path.resolve().as_uri()}?immutable=1"
+            self._database = sqlite3.connect(uri, uri=True)
+            # SQLite refuses a file shorter than its header says, unless somebody declares to know about it.
+            self._database.execute("PRAGMA writable_schema=ON")
+            rows = self._database.execute("SELECT id, name, type FROM topics ORDER BY id").fetchall()
+        except sqlite3.Error as error:
+            raise ReaderError(f"not even its list of topics can be read ({error})") from error
+        definitions = self._definitions()
+        none = MessageDefinition(MessageDefinitionFormat.NONE, "")
+        qos = ConnectionExtRosbag2("cdr", [])
+        self.connections = [
+            Connection(number, topic, msgtype, definitions.get(msgtype, none), "", 0, qos, self)
+            for number, topic, msgtype in rows
+        ]
+
+    def close(self) -> None:
+        """Close the database."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+
+    def messages(self, connections: Collection[Connection]) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Messages of ``connections`` in the order in which they were written, up to the break."""
+        if self._database is None:
+            raise ReaderError("the database is not open")
+        by_id = {connection.id: connection for connection in connections}
+        rows = self._database.execute("SELECT topic_id, timestamp, data FROM messages")
+        while True:
+            try:
+                row = rows.fetchone()
+            except sqlite3.Error:
+                return
+            if row is None:
+                return
+            if row[0] in by_id:
+                yield by_id[row[0]], row[1], row[2]
+
+    def _definitions(self) -> dict[str, MessageDefinition]:
+        """Message definitions by type, where the recorder wrote them and they are still there."""
+        found: dict[str, MessageDefinition] = {}
+        with suppress(sqlite3.Error, KeyError):
+            rows = self._database.execute(  # type: ignore[union-attr]
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            for msgtype, encoding, text in rows:
+                found[msgtype] = MessageDefinition(_FORMATS[encoding], text)
+        return found

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Left and right images of a bag: paired by stamp as they pass, decoded when they are wanted."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coclo_vio.arrays import ByteImage
+from coclo_vio.datasets import images
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.rosbag_file import BagFile
+from coclo_vio.errors import DatasetError
+from coclo_vio.measurements import StereoFrame
+
+_CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}
+_MOST_HELD = 60  # images of one side that wait for the other
+
+
+class RawImage(NamedTuple):
+    """An image message not yet decoded."""
+
+    stamp_ns: int
+    topic: str
+    data: bytes
+
+
+class RawPair(NamedTuple):
+    """Two image messages of one time."""
+
+    left: RawImage
+    right: RawImage
+
+    @property
+    def stamp_ns(self) -> int:
+        """The time of the left image, ns."""
+        return self.left.stamp_ns
+
+    def decoded(self, bag: BagFile) -> StereoFrame:
+        """The two images.
+
+        Raises:
+            DatasetError: an encoding that is not read, a broken image, or two sizes.
+        """
+        left, right = (decoded_image(bag, image) for image in self)
+        if left.shape != right.shape:
+            raise DatasetError(
+                f"{bag.path}: the images on {self.left.topic} and {self.right.topic} at {self.stamp_ns} ns have "
+                f"{left.shape[1]} x {left.shape[0]} and {right.shape[1]} x {right.shape[0]} pixels; they must agree"
+            )
+        return StereoFrame(self.stamp_ns, left, right)
+
+
+class StereoPairer:
+    """Pairs images whose stamps are equal within a tolerance; what finds no partner is dropped and counted."""
+
+    def __init__(self, left_topic: str, tolerance_ns: int, tally: ReadTally) -> None:
+        self._left_topic = left_topic
+        self._tolerance_ns = tolerance_ns
+        self._tally = tally
+        self._left: deque[RawImage] = deque()
+        self._right: deque[RawImage] = deque()
+
+    def push(self, image: RawImage) -> Iterator[RawPair]:
+        """Take an image of either side; the pairs that it completes."""
+        side = self._left if image.topic == self._left_topic else self._right
+        side.append(image)
+        if len(side) > _MOST_HELD:
+            self._drop(side)
+        while self._left and self._right:
+            apart_ns = self._left[0].stamp_ns - self._right[0].stamp_ns
+            if abs(apart_ns) <= self._tolerance_ns:
+                yield RawPair(self._left.popleft(), self._right.popleft())
+            else:
+                self._drop(self._left if apart_ns < 0 else self._right)
+
+    def finish(self) -> None:
+        """Count what is still alone at the end."""
+        for side in (self._left, self._right):
+            while side:
+                self._drop(side)
+
+    def _drop(self, side: deque[RawImage]) -> None:
+        self._tally.dropped[f"{side.popleft().topic}: no image of the other camera at that stamp"] += 1
+
+
+def decoded_image(bag: BagFile, image: RawImage) -> ByteImage:
+    """The grey image (rows, columns) of an Image or CompressedImage message.
+
+    Raises:
+        DatasetError: an encoding that is not read, or a broken image.
+    """
+    message = bag.decoded(image.topic, image.data)
+    where = f"{bag.path}, the image on {image.topic} at {image.stamp_ns} ns"
+    if not hasattr(message, "encoding"):
+        return images.decoded(bytes(message.data), f"{where} ({message.format})")
+    return _unpacked(message, where)
+
+
+def _unpacked(message: Any, where: str) -> ByteImage:
+    """The pixels of a raw Image, whose rows may be padded to ``step`` bytes."""
+    channels = _CHANNELS.get(message.encoding)
+    if channels is None:
+        raise DatasetError(
+            f"{where} has the encoding {message.encoding!r}; those that are read are {', '.join(_CHANNELS)}, all of 8 "
+            "bits; convert it, or choose other topics in dataset.rosbag.topics"
+        )
+    rows, columns, data = int(message.height), int(message.width), np.asarray(message.data, dtype=np.uint8)
+    step = int(message.step) or columns * channels
+    if step < columns * channels or len(data) < rows * step or not rows * columns:
+        raise DatasetError(
+            f"{where} has {len(data)} bytes for {columns} x {rows} pixels of {channels} bytes in rows of {step} bytes"
+        )
+    pixels = data[: rows * step].reshape(rows, step)[:, : columns * channels]
+    if channels == 1:
+        return np.ascontiguousarray(pixels)
+    colours = pixels.reshape(rows, columns, channels)
+    return images.grey(colours[..., ::-1].copy() if message.encoding == "rgb8" else colours, where)

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a bag's messages to measurements in time order: one pass, a second of messages in memory."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.rosbag_clock import BagClock
+from coclo_vio.datasets.rosbag_config import RosbagConfig
+from coclo_vio.datasets.rosbag_file import BagFile, RawMessage
+from coclo_vio.datasets.rosbag_joints import Collator, read_feet, wrench_force
+from coclo_vio.datasets.rosbag_order import ReorderWindow
+from coclo_vio.datasets.rosbag_roles import BagRoles
+from coclo_vio.datasets.rosbag_stereo import RawImage, RawPair, StereoPairer
+from coclo_vio.datasets.sequencer import order_key
+from coclo_vio.errors import DatasetError
+from coclo_vio.measurements import (
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    Measurement,
+    StereoFrame,
+)
+from coclo_vio.robot.description import RobotDescription
+
+_NS_PER_S = 1_000_000_000
+_NO_PIXEL = np.zeros((1, 1), dtype=np.uint8)
+_STEREO_RANK = order_key(StereoFrame(0, _NO_PIXEL, _NO_PIXEL))[1]
+
+Item = Measurement | RawPair
+_Handler = Callable[[RawMessage, int], Iterator[Item]]
+
+
+class BagStream:
+    """One pass over a bag: the samples of some sensors, image pairs not yet decoded among them."""
+
+    def __init__(
+        self,
+        bag: BagFile,
+        roles: BagRoles,
+        robot: RobotDescription | None,
+        config: RosbagConfig,
+        clock: BagClock,
+        tally: ReadTally,
+        *,
+        drops_broken: bool,
+    ) -> None:
+        """Settle how messages are read.
+
+        Args:
+            bag: the bag.
+            roles: which topics are read for what.
+            robot: whose joints and legs.
+            config: tolerances, signs and names.
+            clock: stamps the messages.
+            tally: is told what is left out.
+            drops_broken: leave messages out that cannot be decoded; otherwise they are an error.
+        """
+        self._bag, self._roles, self._config, self._clock, self._tally = bag, roles, config, clock, tally
+        self._legs = () if robot is None else robot.leg_names
+        self._drops_broken = drops_broken
+        tolerance_ns = round(config.pair_tolerance_s * _NS_PER_S)
+        expected_legs = np.array([i in roles.legs_by_topic.values() for i in range(len(self._legs))], dtype=np.bool_)
+        expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_there
+        self._feet = Collator(expected_legs, tolerance_ns)
+        self._joints = Collator(expected_joints, tolerance_ns)
+        self._pairs = StereoPairer(roles.topic("left_image") or "", tolerance_ns, tally)
+
+    def in_order(self, sensors: frozenset[type], *, sorts: bool) -> Iterator[Item]:
+        """The samples of ``sensors`` by stamp, streamed; or held and sorted altogether.
+
+        Raises:
+            DatasetError: a message that cannot be decoded, or a stamp that goes back, unless they are dropped.
+        """
+        if sorts:
+            yield from sorted((item for _, item in self._items(sensors)), key=_key)
+            return
+        window: ReorderWindow[Item] = ReorderWindow(round(self._config.reorder_s * _NS_PER_S))
+        for received_ns, item in self._items(sensors):
+            yield from window.push(received_ns, _key(item), item)
+        yield from window.finish()
+        if window.late:
+            self._tally.note(
+                f"{window.late} samples came more than {self._config.reorder_s:g} s late and are out of order; "
+                "lengthen dataset.rosbag.reorder_s, or take dataset.rosbag.clock=received"
+            )
+
+    def _items(self, sensors: frozenset[type]) -> Iterator[tuple[int, Item]]:
+        handlers = self._handlers(sensors)
+        received_ns = 0
+        for message in self._bag.messages(set(handlers)):
+            received_ns = max(received_ns, message.received_ns)
+            stamp_ns = self._clock.stamp_ns(message)
+            if stamp_ns is None:
+                continue
+            for handler in handlers[message.topic]:
+                for item in self._read(handler, message, stamp_ns):
+                    yield message.received_ns, item
+        for stamp_ns, force in self._feet.finish():
+            yield received_ns, FootForceSample(stamp_ns, force)
+        for stamp_ns, values in self._joints.finish():
+            yield received_ns, JointSample(stamp_ns, *values)
+        self._pairs.finish()
+
+    def _handlers(self, sensors: frozenset[type]) -> dict[str, list[_Handler]]:
+        """What is to be done with the messages of each topic that is read."""
+        roles = self._roles
+        found: dict[str, list[_Handler]] = {}
+        wanted = sensors & roles.kinds
+        if FootForceSample in wanted:
+            for topic in roles.legs_by_topic or roles.choice("foot_force").topics:
+                found.setdefault(topic, []).append(self._wrench if roles.legs_by_topic else self._feet_of_joints)
+        for kind, role in ((ImuSample, "imu"), (CameraImuSample, "camera_imu")):
+            if kind in wanted:
+                found.setdefault(roles.topic(role) or "", []).append(self._inertial(kind))
+        if JointSample in wanted and roles.joints is not None:
+            for topic in roles.joints.topics:
+                found.setdefault(topic, []).append(self._joint_state)
+        if StereoFrame in wanted:
+            for role in ("left_image", "right_image"):
+                found.setdefault(roles.topic(role) or "", []).append(self._image)
+        return found
+
+    def _read(self, handler: _Handler, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+        try:
+            yield from handler(message, stamp_ns)
+        except DatasetError:
+            if not self._drops_broken:
+                raise
+            self._tally.dropped[f"{message.topic}: message that cannot be decoded"] += 1
+
+    def _decoded(self, message: RawMessage) -> Any:
+        return self._bag.decoded(message.topic, message.data)
+
+    def _inertial(self, kind: type[ImuSample] | type[CameraImuSample]) -> _Handler:
+        def handle(message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+            imu = self._decoded(message)
+            rate, force = imu.angular_velocity, imu.linear_acceleration
+            values = np.array([rate.x, rate.y, rate.z, force.x, force.y, force.z])
+            if np.isfinite(values).all():
+                yield kind(stamp_ns, values[:3], values[3:])
+            else:
+                self._tally.dropped[f"{message.topic}: IMU reading empty or NaN"] += 1
+
+        return handle
+
+    def _joint_state(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+        if self._roles.joints is None:
+            return
+        values, is_there = self._roles.joints.entries.read(self._decoded(message))
+        if not is_there.any():
+            return
+        for complete_ns, complete in self._joints.push(stamp_ns, values, is_there):
+            yield JointSample(complete_ns, *complete)
+
+    def _feet_of_joints(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+        joint_state = self._decoded(message)
+        force = read_feet(joint_state, self._roles.foot_entries, self._legs, self._config.joint_entries)
+        if not np.isnan(force).all():
+            yield FootForceSample(stamp_ns, force)
+
+    def _wrench(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+        leg = self._roles.legs_by_topic[message.topic]
+        is_there = np.arange(len(self._legs)) == leg
+        value = wrench_force(self._decoded(message), self._config.foot_force_component)
+        force = np.where(is_there, value, np.nan)
+        for complete_ns, complete in self._feet.push(stamp_ns, force, is_there):
+            yield FootForceSample(complete_ns, complete)
+
+    def _image(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+        yield from self._pairs.push(RawImage(stamp_ns, message.topic, message.data))
+
+
+def _key(item: Item) -> tuple[int, int]:
+    return (item.stamp_ns, _STEREO_RANK) if isinstance(item, RawPair) else order_key(item)
