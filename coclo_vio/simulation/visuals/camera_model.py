@@ -7,7 +7,8 @@ rotation blurs as it does in truth; translation does so for things at that depth
 for farther ones; the robot's own legs blur as if they stood still in the world. The shutter is global.
 
 Signal and noise in grey levels, with k = 255 gain / full well: mean y, variance k y + (k read noise)^2, by a normal
-approximation of the Poisson distribution (EMVA 1288, eq. 4 to 7). Noise follows from (seed, frame, camera) alone.
+approximation of the Poisson distribution (the photon transfer of EMVA Standard 1288). Noise follows from (seed, frame,
+camera) alone.
 """
 
 from typing import Any, Final

@@ -13,6 +13,7 @@ import numpy as np
 from coclo_vio.arrays import Array
 from coclo_vio.calibration import CameraCalibration, StereoCalibration
 from coclo_vio.errors import ConfigError
+from coclo_vio.simulation.visuals.opengl import RenderingError
 
 CAMERA_NAMES: Final = ("left_camera", "right_camera")
 OPTICAL_FROM_MUJOCO: Final = np.diag([1.0, -1.0, -1.0])  # turns MuJoCo's camera axes into optical ones, and back
@@ -52,6 +53,47 @@ def pinhole(width_px: int, height_px: int, focal_px: float) -> CameraCalibration
     return CameraCalibration(
         width_px=width_px, height_px=height_px, focal_px=(focal_px, focal_px), principal_point_px=centre
     )
+
+
+def camera_id(model: mujoco.MjModel, side: int) -> int:
+    """MuJoCo's number of the left (0) or right (1) camera.
+
+    Raises:
+        RenderingError: the model has no such camera.
+    """
+    found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA_NAMES[side]))
+    if found < 0:
+        raise RenderingError(f"the model has no camera {CAMERA_NAMES[side]!r}; add the pair with add_cameras first")
+    return found
+
+
+def image_size(model: mujoco.MjModel, side: int) -> tuple[int, int]:
+    """Width and height of the left (0) or right (1) camera's image, px."""
+    width, height = model.cam_resolution[camera_id(model, side)]
+    return int(width), int(height)
+
+
+def focal_px(model: mujoco.MjModel, side: int) -> float:
+    """Focal length of the left (0) or right (1) camera, px."""
+    fovy_deg = model.cam_fovy[camera_id(model, side)]
+    return 0.5 * image_size(model, side)[1] / float(np.tan(0.5 * np.deg2rad(fovy_deg)))
+
+
+def place(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array, qvel: Array) -> None:
+    """Put the robot where ``qpos`` (nq,) has it, moving with ``qvel`` (nv,), as far as cameras need it."""
+    data.qpos[:] = qpos
+    data.qvel[:] = qvel
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+    mujoco.mj_camlight(model, data)
+
+
+def camera_twist(model: mujoco.MjModel, data: mujoco.MjData, side: int) -> Array:
+    """Angular (rad/s) and linear (m/s) velocity of a camera that was placed, in its own optical frame, (6,)."""
+    twist = np.empty(6)
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_CAMERA, camera_id(model, side), twist, 1)
+    return np.concatenate((OPTICAL_FROM_MUJOCO @ twist[:3], OPTICAL_FROM_MUJOCO @ twist[3:]))
 
 
 def _check_lens(name: str, lens: CameraCalibration) -> None:

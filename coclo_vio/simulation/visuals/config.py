@@ -54,10 +54,10 @@ class ImagerConfig(StageConfig):
         float, Field(ge=0, le=0.2, description="spread of the pixels' sensitivity, share, fixed for a camera")
     ] = 0.006
     vignetting: Annotated[float, Field(ge=0, le=0.9, description="loss of light in the image corners, share")] = 0.3
-    lens_blur_px: Annotated[float, Field(ge=0, le=5, description="sigma of the lens's Gaussian blur, px")] = 0.6
+    lens_blur_px: Annotated[float, Field(ge=0, le=5, description="sigma of the lens's Gaussian blur, px")] = 0.7
     gain_mismatch: Annotated[
         float, Field(ge=0, le=0.5, description="spread of the two cameras' sensitivity, share, fixed by the seed")
-    ] = 0.03
+    ] = 0.01
 
 
 class ExposureConfig(StageConfig):
@@ -68,13 +68,20 @@ class ExposureConfig(StageConfig):
     """
 
     nominal_s: Annotated[
-        float, Field(gt=0, le=0.05, description="exposure time in normal light, s (D435i's factory setting 8.5 ms)")
+        float,
+        Field(gt=0, le=0.05, description="exposure time in normal light, s (librealsense's long-standing default)"),
     ] = 0.0085
     longest_s: Annotated[float, Field(gt=0, le=0.1, description="longest exposure time the controller takes, s")] = 0.02
     nominal_gain: Annotated[
         float, Field(ge=1, le=16, description="analogue gain in normal light; 1.5 gives 2.5 grey levels rms at 100")
     ] = 1.5
     largest_gain: Annotated[float, Field(ge=1, le=64, description="largest analogue gain (OV9282: 15.9)")] = 15.9
+    white_level: Annotated[
+        float,
+        Field(
+            gt=0, le=4, description="what nominal exposure makes of a white wall, share of full scale; > 1 saturates"
+        ),
+    ] = 1.25
     lag_s: Annotated[float, Field(gt=0, le=10, description="time constant of the controller, s")] = 0.12
     drift: Annotated[float, Field(ge=0, le=1, description="standard deviation of the gain's slow drift, share")] = 0.06
     drift_time_s: Annotated[float, Field(gt=0, le=1000, description="time constant of that drift, s")] = 8.0
@@ -102,7 +109,7 @@ class LightingConfig(StageConfig):
     level: Annotated[Literal["normal", "dark"], Field(description="light of an office, or of an emergency lamp")] = (
         "normal"
     )
-    dark_share: Annotated[float, Field(gt=0, le=1, description="light of a dark room, share of normal light")] = 0.03
+    dark_share: Annotated[float, Field(gt=0, le=1, description="light of a dark room, share of normal light")] = 0.05
     blackouts: Annotated[tuple[Blackout, ...], Field(description="when there is no light at all")] = ()
 
 

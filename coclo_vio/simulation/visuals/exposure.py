@@ -21,7 +21,7 @@ class Exposure:
     Attributes:
         duration_s: exposure time, s.
         gain: analogue gain.
-        brightness: grey level of a perfectly white surface in the middle of the image over 255; 1 when all is nominal.
+        brightness: grey level of a perfectly white surface in the middle of the image over 255, saturation left out.
     """
 
     duration_s: float
@@ -35,10 +35,11 @@ def exposures(stamps_ns: IntArray, config: CameraConfig, seed: int) -> list[Expo
     light = _light(times_s, config.lighting)
     control = _controlled(times_s, light, config)
     setting = config.exposure
+    nominal = setting.nominal_s * setting.nominal_gain
     durations_s = np.minimum(setting.nominal_s * control, setting.longest_s)
-    gains = np.clip(setting.nominal_s * setting.nominal_gain * control / durations_s, 1.0, setting.largest_gain)
+    gains = np.clip(nominal * control / durations_s, 1.0, setting.largest_gain)
     drifted = gains * np.exp(_drift(times_s, config, np.random.default_rng([seed, 3])))
-    brightness = light * durations_s * drifted / (setting.nominal_s * setting.nominal_gain)
+    brightness = setting.white_level * light * durations_s * drifted / nominal
     columns = (durations_s.tolist(), drifted.tolist(), brightness.tolist())
     return [Exposure(*row) for row in zip(*columns, strict=True)]
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from typing import Final
 
-from coclo_vio.errors import CocloError, ConfigError
+from coclo_vio.errors import ConfigError, SimulationError
 
 VARIABLE: Final = "MUJOCO_GL"
 BACKENDS: Final = ("egl", "osmesa")
@@ -15,7 +15,7 @@ _PROBE = "import mujoco; context = mujoco.GLContext(16, 16); context.make_curren
 _PROBE_TIMEOUT_S = 60.0
 
 
-class RenderingError(CocloError):
+class RenderingError(SimulationError):
     """Images cannot be drawn on this machine, or of this model."""
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coclo_vio.arrays import Array, ByteImage
-from coclo_vio.simulation.visuals.cameras import CAMERA_NAMES, OPTICAL_FROM_MUJOCO
+from coclo_vio.simulation.visuals.cameras import camera_id, camera_twist, image_size, place
 from coclo_vio.simulation.visuals.opengl import RenderingError
 
 FloatImage = npt.NDArray[np.float32]
@@ -73,19 +73,13 @@ class SceneRenderer:
 
     def place(self, qpos: Array, qvel: Array) -> None:
         """Put the robot where ``qpos`` (nq,) has it, moving with ``qvel`` (nv,)."""
-        self._data.qpos[:] = qpos
-        self._data.qvel[:] = qvel
-        mujoco.mj_kinematics(self.model, self._data)
-        mujoco.mj_comPos(self.model, self._data)
-        mujoco.mj_comVel(self.model, self._data)
-        mujoco.mj_camlight(self.model, self._data)
+        place(self.model, self._data, qpos, qvel)
 
     def draw(self, side: int) -> Picture:
         """The picture of the left (0) or right (1) camera."""
-        camera_id = _camera_id(self.model, CAMERA_NAMES[side])
         camera = mujoco.MjvCamera()
         camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        camera.fixedcamid = camera_id
+        camera.fixedcamid = camera_id(self.model, side)
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.model, self._data, self._option, None, camera, everything, self._scene)
         width, height = image_size(self.model, side)
@@ -96,31 +90,15 @@ class SceneRenderer:
         mujoco.mjr_render(area, self._scene, self._context)
         mujoco.mjr_readPixels(colour, depth, area, self._context)
         image = cv2.flip(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), 0)
-        return Picture(np.asarray(image), self._inverse_depth(np.flipud(depth)), self._twist(camera_id))
+        return Picture(
+            np.asarray(image), self._inverse_depth(np.flipud(depth)), camera_twist(self.model, self._data, side)
+        )
 
     def _inverse_depth(self, buffer: FloatImage) -> FloatImage:
         """1/z of MuJoCo's depth buffer, which is 1 at the near and 0 at the far plane and linear in 1/z."""
         near = self.model.vis.map.znear * self.model.stat.extent
         far = self.model.vis.map.zfar * self.model.stat.extent
         return buffer * np.float32(1.0 / near - 1.0 / far) + np.float32(1.0 / far)
-
-    def _twist(self, camera_id: int) -> Array:
-        twist = np.empty(6)
-        mujoco.mj_objectVelocity(self.model, self._data, mujoco.mjtObj.mjOBJ_CAMERA, camera_id, twist, 1)
-        return np.concatenate((OPTICAL_FROM_MUJOCO @ twist[:3], OPTICAL_FROM_MUJOCO @ twist[3:]))
-
-
-def focal_px(model: mujoco.MjModel, side: int) -> float:
-    """Focal length of the left (0) or right (1) camera, px."""
-    _, height = image_size(model, side)
-    fovy_deg = model.cam_fovy[_camera_id(model, CAMERA_NAMES[side])]
-    return 0.5 * height / float(np.tan(0.5 * np.deg2rad(fovy_deg)))
-
-
-def image_size(model: mujoco.MjModel, side: int) -> tuple[int, int]:
-    """Width and height of the left (0) or right (1) camera's image, px."""
-    width, height = model.cam_resolution[_camera_id(model, CAMERA_NAMES[side])]
-    return int(width), int(height)
 
 
 def load_model(path: Path) -> mujoco.MjModel:
@@ -135,10 +113,3 @@ def load_model(path: Path) -> mujoco.MjModel:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise RenderingError(f"MuJoCo cannot read the model {path}: {error}") from error
-
-
-def _camera_id(model: mujoco.MjModel, name: str) -> int:
-    camera_id = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name))
-    if camera_id < 0:
-        raise RenderingError(f"the model has no camera {name!r}; add the pair with add_cameras first")
-    return camera_id

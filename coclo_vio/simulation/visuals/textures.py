@@ -49,7 +49,7 @@ RECIPES: Final[dict[str, TextureRecipe]] = {
     "clutter": TextureRecipe(mean=0.46, contrast=0.24, smallest_m=0.012, largest_m=0.25),
     "plain": TextureRecipe(mean=0.60, contrast=0.03, smallest_m=0.050, largest_m=0.40, grain=0.006),
 }
-CONTRAST_FACTOR: Final = {"rich": 1.3, "normal": 1.0, "poor": 0.4}
+CONTRAST_FACTOR: Final = {"rich": 1.0, "normal": 0.55, "poor": 0.3}
 
 
 def dead_leaves(recipe: TextureRecipe, side_px: int, texel_m: float, contrast_factor: float, seed: int) -> ByteImage:
