@@ -28,12 +28,19 @@ class ImperfectionConfig(StageConfig):
     ] = 0.003
     foot_compliance_spread: Annotated[float, Field(ge=0, le=0.45, description="of that, leg by leg, relative")] = 0.2
     mass: Annotated[float, Field(ge=0, le=0.3, description="of each link's mass and inertia, relative")] = 0.03
-    camera_position_m: Annotated[float, Field(ge=0, le=0.05, description="of each camera's position, each axis, m")] = (
-        0.002
-    )
+    camera_position_m: Annotated[
+        float, Field(ge=0, le=0.05, description="of the stereo camera on the robot, each axis, m")
+    ] = 0.002
     camera_rotation_rad: Annotated[
-        float, Field(ge=0, le=0.1, description="of each camera's attitude, each axis, rad (0.2 deg)")
+        float, Field(ge=0, le=0.1, description="of the stereo camera on the robot, each axis, rad (0.2 deg)")
     ] = 0.00349
+    baseline_m: Annotated[
+        float,
+        Field(ge=0, le=0.01, description="of the right imager against the left, each axis, m; one bar holds both"),
+    ] = 0.0002
+    baseline_rotation_rad: Annotated[
+        float, Field(ge=0, le=0.01, description="of the right imager against the left, each axis, rad (0.02 deg)")
+    ] = 0.00035
 
 
 IDEAL = ImperfectionConfig(
@@ -46,6 +53,8 @@ IDEAL = ImperfectionConfig(
     mass=0.0,
     camera_position_m=0.0,
     camera_rotation_rad=0.0,
+    baseline_m=0.0,
+    baseline_rotation_rad=0.0,
 )
 
 
@@ -61,8 +70,8 @@ class Imperfection:
         foot_compliance_m: how far each leg gives under its share of weight, m, (legs,).
         body_mass_scale: factor on the trunk's mass.
         link_mass_scale: factor on the mass of each joint's link, (joints,).
-        camera_shift_m: of left and right camera, m, own axes, (2, 3).
-        camera_turn_rad: rotation vectors of left and right camera, rad, own axes, (2, 3).
+        camera_move: twist [rotation rad, translation m] of the stereo camera, left camera's axes, (6,).
+        baseline_move: twist of the right camera against the left, its own axes, (6,).
     """
 
     link_scale: Array
@@ -72,11 +81,13 @@ class Imperfection:
     foot_compliance_m: Array
     body_mass_scale: float
     link_mass_scale: Array
-    camera_shift_m: Array
-    camera_turn_rad: Array
+    camera_move: Array
+    baseline_move: Array
 
 
-def draw_imperfection(config: ImperfectionConfig, legs: int, joints: int, generator: np.random.Generator) -> Imperfection:
+def draw_imperfection(
+    config: ImperfectionConfig, legs: int, joints: int, generator: np.random.Generator
+) -> Imperfection:
     """One robot from the population that ``config`` describes."""
 
     def spread(sigma: float, *shape: int) -> Array:
@@ -90,6 +101,6 @@ def draw_imperfection(config: ImperfectionConfig, legs: int, joints: int, genera
         foot_compliance_m=config.foot_compliance_m * (1.0 + spread(config.foot_compliance_spread, legs)),
         body_mass_scale=1.0 + float(spread(config.mass, 1)[0]),
         link_mass_scale=1.0 + spread(config.mass, joints),
-        camera_shift_m=spread(config.camera_position_m, 2, 3),
-        camera_turn_rad=spread(config.camera_rotation_rad, 2, 3),
+        camera_move=np.concatenate((spread(config.camera_rotation_rad, 3), spread(config.camera_position_m, 3))),
+        baseline_move=np.concatenate((spread(config.baseline_rotation_rad, 3), spread(config.baseline_m, 3))),
     )

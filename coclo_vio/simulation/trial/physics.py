@@ -13,6 +13,7 @@ from coclo_vio.arrays import Array
 from coclo_vio.config import StageConfig
 from coclo_vio.errors import SimulationError
 from coclo_vio.geometry import se3, so3
+from coclo_vio.measurements import JointSample
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.walker import Walker
 
@@ -119,6 +120,8 @@ class Laboratory:
         end_s: float,
         pushes: PushConfig,
         generator: np.random.Generator,
+        *,
+        until_s: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Motion:
         """Walk the whole way, stand for ``end_s`` and return what happened.
@@ -128,6 +131,7 @@ class Laboratory:
             end_s: how long to stand at the end, s.
             pushes: what disturbs the robot while it walks.
             generator: of the pushes.
+            until_s: cut short after so many seconds.
             progress: called with the simulated time (s) now and then.
 
         Raises:
@@ -138,13 +142,13 @@ class Laboratory:
         limit_s = walker.start_s + _LATE * walker.walkway.duration_s
         log: list[tuple[Array, ...]] = []
         push = _Pusher(pushes, generator)
-        stop_s = None
+        stop_s, cut_s = None, np.inf if until_s is None else until_s
         joints = len(self._q)
-        while stop_s is None or data.time < stop_s:
+        while data.time < cut_s and (stop_s is None or data.time < stop_s):
             pose = _pose(data.qpos)
-            command = walker.step(data.time, _CONTROL_EVERY * step_s, pose, data.qpos[self._q], self._spring_torque())
+            command = walker.step(data.time, _CONTROL_EVERY * step_s, pose, self._joints())
             data.ctrl[:joints], data.ctrl[joints:] = command.position, command.velocity
-            data.xfrc_applied[1] = push.at(data.time) if 0.0 < walker.walked_s and stop_s is None else 0.0
+            data.xfrc_applied[1] = push.at(data.time) if walker.walked_s > 0.0 and stop_s is None else 0.0
             for _ in range(_CONTROL_EVERY):
                 before = (data.qpos.copy(), data.qvel.copy(), self._spring_torque())
                 mujoco.mj_step(self.model, data)
@@ -165,12 +169,18 @@ class Laboratory:
         data.qpos[:3] = start[:3, 3]
         data.qpos[3:7] = so3.to_quat_xyzw(start[:3, :3])[[3, 0, 1, 2]]
         data.qpos[self._q] = walker.standing_joints
-        command = walker.step(0.0, _CONTROL_EVERY * self.model.opt.timestep, start, walker.standing_joints, np.zeros(len(self._q)))
+        data.act[:] = data.qpos[self._q]  # springs at ease
+        command = walker.step(0.0, _CONTROL_EVERY * self.model.opt.timestep, start, self._joints())
         data.act[:] = command.position
+
+    def _joints(self) -> JointSample:
+        """What the robot's own controller measures."""
+        data = self._data
+        return JointSample(round(data.time * 1e9), data.qpos[self._q], data.qvel[self._v], self._spring_torque())
 
     def _spring_torque(self) -> Array:
         data = self._data
-        return self.spring * (data.act - data.qpos[self._q])
+        return np.asarray(self.spring * (data.act - data.qpos[self._q]))
 
     def _check(self, walker: Walker, limit_s: float) -> None:
         data = self._data
@@ -236,7 +246,7 @@ class _Pusher:
         if time_s < self._begin_s:
             return np.zeros(6)
         share = (time_s - self._begin_s) / (self._end_s - self._begin_s)
-        return self._wrench * np.sin(np.pi * share)
+        return np.asarray(self._wrench * np.sin(np.pi * share))
 
     def _direction(self) -> Array:
         vector = self._generator.standard_normal(3)

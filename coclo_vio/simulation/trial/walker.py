@@ -11,9 +11,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.arrays import Array
 from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
+from coclo_vio.measurements import JointSample
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.swing import Swing
 from coclo_vio.simulation.trial.terrain import Terrain
@@ -21,6 +22,8 @@ from coclo_vio.simulation.trial.walkway import Walkway
 
 _UP = np.array([0.0, 0.0, 1.0])
 _GRAVITY_MPS2 = 9.81
+_BOUNCE_RADPS = 16.0  # of the body on the springs of its legs
+_GYRATION_M = 0.35  # how far the feet's forces act from the middle, in the mean
 _BEHIND_M = 0.2  # feet further behind the body's origin belong to rear legs
 _ASTRAY_M = 0.06  # a commanded foot goes no further from the real one
 
@@ -40,7 +43,7 @@ class GaitConfig(StageConfig):
         float | None, Field(gt=0.2, le=0.6, description="the same of rear legs, m; null: as the others")
     ] = None
     clearance_m: Annotated[float, Field(gt=0, le=0.2, description="of a swing foot over the highest ground, m")] = 0.06
-    touch_speed_mps: Annotated[float, Field(gt=0, le=0.6, description="of the foot at touch-down, m/s")] = 0.20
+    touch_speed_mps: Annotated[float, Field(gt=0, le=0.6, description="of the foot at touch-down, m/s")] = 0.5
     vertical_speed_mps: Annotated[float, Field(gt=0, le=1, description="largest, of a swing foot, m/s")] = 0.6
     touch_force_n: Annotated[float, Field(gt=0, le=60, description="that ends a swing, N")] = 18.0
     edge_distance_m: Annotated[float, Field(ge=0, le=0.2, description="of footholds beyond a riser, m")] = 0.07
@@ -51,6 +54,9 @@ class GaitConfig(StageConfig):
     clearance_jitter_m: Annotated[float, Field(ge=0, le=0.05, description="standard deviation, m")] = 0.008
     timing_jitter: Annotated[float, Field(ge=0, le=0.3, description="of a swing's duration, relative")] = 0.06
     loading_s: Annotated[float, Field(gt=0, le=0.5, description="to take weight on and off a foot, s")] = 0.12
+    bounce_damping: Annotated[
+        float, Field(ge=0, le=2, description="of the body on its springs by the motors, share of critical")
+    ] = 0.8
     tracking_per_s: Annotated[float, Field(gt=0, le=10, description="gain from pose error to body velocity, 1/s")] = 1.5
 
 
@@ -103,6 +109,7 @@ class Walker:
     _feet: Array = field(init=False)
     _joints: Array = field(init=False)
     _motor: Array | None = field(init=False, default=None)
+    _before: Array | None = field(init=False, default=None)
     _legs: list[_LegState] = field(init=False)
     _order: list[int] = field(init=False)
     _limit: Array = field(init=False)
@@ -122,8 +129,7 @@ class Walker:
             self._solve_joints()
         legs = len(hips)
         self._legs = [_LegState() for _ in range(legs)]
-        left, right = [leg for leg in range(legs) if hips[leg, 1] > 0], [leg for leg in range(legs) if hips[leg, 1] <= 0]
-        self._order = sorted(left, key=lambda leg: hips[leg, 0]) + sorted(right, key=lambda leg: hips[leg, 0])
+        self._order = sorted(range(legs), key=lambda leg: (hips[leg, 1] <= 0.0, hips[leg, 0]))
         self._limit = self.robot.velocity_limits
 
     @property
@@ -136,27 +142,26 @@ class Walker:
         """Whether the way is walked and every foot is down."""
         return self.walked_s >= self.walkway.duration_s and not any(leg.swing for leg in self._legs)
 
-    def step(self, time_s: float, dt_s: float, T_world_body: Array, position: Array, effort: Array) -> Command:  # noqa: N803
+    def step(self, time_s: float, dt_s: float, T_world_body: Array, joints: JointSample) -> Command:  # noqa: N803
         """One control period.
 
         Args:
             time_s: since the beginning of the trial.
             dt_s: length of the period.
             T_world_body: where the body is, (4, 4).
-            position: measured joint angles, rad, (joints,).
-            effort: measured torques, Nm, (joints,).
+            joints: what the joints measure.
         """
-        rotation = T_world_body[:3, :3]
-        up_body = rotation.T @ _UP
-        loads = self.robot.foot_forces(position, position, effort, specific_force_body=_GRAVITY_MPS2 * up_body) @ up_body
+        up_body = T_world_body[:3, :3].T @ _UP
+        weight = _GRAVITY_MPS2 * up_body
         if time_s >= self.start_s:
-            self._advance(time_s, dt_s, T_world_body, loads)
-        astray = self._feet - self.robot.feet(position, np.zeros_like(position)).position_body
+            forces = self.robot.foot_forces(joints.position, joints.velocity, joints.effort, specific_force_body=weight)
+            self._advance(time_s, dt_s, T_world_body, forces @ up_body)
+        astray = self._feet - self.robot.feet(joints.position, joints.velocity).position_body
         self._move_stance_feet(dt_s, T_world_body, astray)
         self._move_swing_feet(time_s, dt_s, T_world_body, astray)
         self._solve_joints()
-        force = self._shared_weight(time_s, up_body)
-        torque = self.robot.holding_torques(self._joints, force, _GRAVITY_MPS2 * up_body)
+        force = self._shared_weight(time_s, dt_s, T_world_body)
+        torque = self.robot.holding_torques(self._joints, force, weight)
         return self._command(self._joints + torque / self.spring, dt_s)
 
     def _advance(self, time_s: float, dt_s: float, T_world_body: Array, loads: Array) -> None:  # noqa: N803
@@ -231,17 +236,26 @@ class Walker:
             damped = jacobian @ jacobian.T + 1e-5 * np.eye(3)
             self._joints[joints] += np.clip(jacobian.T @ np.linalg.solve(damped, error[leg]), -0.2, 0.2)
 
-    def _shared_weight(self, time_s: float, up_body: Array) -> Array:
-        """Vertical forces on the stance feet that carry the robot, smallest in the squares, N, body frame, (legs, 3)."""
-        weight = np.array([self._share(index, leg, time_s) for index, leg in enumerate(self._legs)])
-        total = self.robot.mass_kg * _GRAVITY_MPS2
+    def _shared_weight(self, time_s: float, dt_s: float, T_world_body: Array) -> Array:  # noqa: N803
+        """Vertical forces on the stance feet, least in their squares, N, body frame, (legs, 3).
+
+        They carry the robot, and brake its bouncing and rocking on the springs.
+        """
+        up_body = T_world_body[:3, :3].T @ _UP
+        before, self._before = T_world_body if self._before is None else self._before, T_world_body
+        twist = se3.log(se3.inverse(before) @ T_world_body) / dt_s
+        share = np.array([self._share(index, leg, time_s) for index, leg in enumerate(self._legs)])
+        mass = self.robot.mass_kg
+        braking = 2.0 * self.gait.bounce_damping * mass * _BOUNCE_RADPS
+        lift = mass * _GRAVITY_MPS2 - braking * float(up_body @ twist[3:])
         level = so3.hat(up_body)  # moments about the trunk's origin, in its axes
-        rows = np.vstack((np.ones(len(weight)), (level @ self._feet.T)))
-        centre = self.robot.centre_of_mass_body(self._joints)
-        wanted = total * np.concatenate(([1.0], level @ centre))
-        weighted = rows * weight
-        shares = weighted.T @ np.linalg.lstsq(weighted @ rows.T + 1e-9 * np.eye(4), wanted, rcond=1e-6)[0]
-        return np.clip(shares, 0.0, total)[:, None] * up_body
+        moment = mass * _GRAVITY_MPS2 * level @ self.robot.centre_of_mass_body(self._joints)
+        moment += _GYRATION_M**2 * braking * (twist[:3] - up_body * (up_body @ twist[:3]))
+        rows = np.vstack((np.ones(len(share)), level @ self._feet.T))
+        weighted = rows * share
+        wanted = np.concatenate(([lift], moment))
+        forces = weighted.T @ np.linalg.lstsq(weighted @ rows.T + 1e-9 * np.eye(4), wanted, rcond=1e-6)[0]
+        return np.asarray(np.clip(forces, 0.0, mass * _GRAVITY_MPS2)[:, None] * up_body)
 
     def _share(self, index: int, leg: _LegState, time_s: float) -> float:
         """From 0 to 1, how much of its share of weight a leg is to take: none in the air, and not all at once."""
@@ -265,5 +279,3 @@ class Walker:
 
     def _jitter(self) -> float:
         return float(np.clip(self.generator.standard_normal(), -2.5, 2.5))
-
-
