@@ -51,7 +51,8 @@ class RosBag:
         """Find the topics; without a robot joints and feet are left unread.
 
         Raises:
-            TopicNotFound: a topic that the configuration names is not there.
+            TopicNotFound: a topic that the configuration names is not there, or the joints' names are others than the
+                robot's and partial reading is not allowed.
             DatasetError: the bag is damaged and partial reading is not allowed, or the configuration does not fit.
         """
         self.name = path.resolve().name if path.is_dir() else path.stem
@@ -59,11 +60,14 @@ class RosBag:
         self._bag = BagFile(path, allow_partial=config.allow_partial)
         self._seen = glance_at(self._bag, config.rosbag.types, config.rosbag.joint_entries)
         self._roles = find_roles(self._seen, robot, config.rosbag)
+        if self._roles.joints is not None and self._roles.joints.are_others and not config.allow_partial:
+            raise self._without_joints()
         self._counted: dict[str, StreamReport | None] = {}
         self._dropped: dict[str, int] = {}
         self._notes: dict[str, None] = dict.fromkeys(notes_on(self._roles))
         self._truth: tuple[GroundTruth | None, ReadReport] | None = None
         self._calibration: BagCalibration | None = None
+        self._calibration_tally = self._new_tally()
 
     def topics(self) -> tuple[TopicChoice, ...]:
         """Which topic plays which role, why, and which others of its type there are."""
@@ -73,7 +77,7 @@ class RosBag:
         """All samples of ``sensors`` in time order, streamed; only their topics are opened.
 
         Raises:
-            TopicNotFound: joints are asked for, and some or all are not there.
+            TopicNotFound: joints are asked for, and there are none.
             TimestampError: stamps go back within a topic.
             DatasetError: the bag breaks off, a message or an image cannot be read, or there is no sample at all.
 
@@ -81,7 +85,7 @@ class RosBag:
         """
         joints = self._roles.joints
         if JointSample in sensors and joints is not None and joints.complaint and not self._config.allow_partial:
-            raise TopicNotFound(f"{self._bag.path}: {joints.complaint}")
+            raise self._without_joints()
         tally = self._new_tally()
         for item in self._stream(sensors, tally, is_tolerant=self._config.allow_partial):
             sample = self._decoded(item, tally)
@@ -143,7 +147,7 @@ class RosBag:
         if not streams:
             raise self._nothing(self._new_tally())
         truth = self._truth_report()
-        notes = dict.fromkeys((*self._notes, *truth.notes))
+        notes = dict.fromkeys((*self._notes, *truth.notes, *self._calibration_tally.notes))
         if self._bag.damage is not None:
             notes[f"{self._bag.damage}: read up to there"] = None
         return ReadReport(self.format_name, streams, {**self._dropped, **truth.dropped}, tuple(notes))
@@ -189,7 +193,14 @@ class RosBag:
         if topic is None:
             return None, tally.report()
         clock = self._clock(tally, is_tolerant=is_tolerant)
-        return read_truth(self._bag, topic, self._config.rosbag, clock, tally), tally.report()
+        try:
+            truth = read_truth(self._bag, topic, self._config.rosbag, clock, tally)
+        except TimestampError as error:
+            if not is_tolerant:
+                raise
+            tally.note(f"no ground truth is read: {error}")
+            truth = None
+        return truth, tally.report()
 
     def _truth_report(self) -> ReadReport:
         try:
@@ -202,7 +213,6 @@ class RosBag:
 
     def _calibrated(self) -> BagCalibration:
         if self._calibration is None:
-            tally = self._new_tally()
             config = self._config.rosbag
             self._calibration = BagCalibration(
                 self._seen,
@@ -210,7 +220,7 @@ class RosBag:
                 read_frames(self._bag, config.topics.tf_static),
                 self._robot,
                 config,
-                tally,
+                self._calibration_tally,
             )
         return self._calibration
 
@@ -222,9 +232,14 @@ class RosBag:
         self._dropped.update(report.dropped)
         self._notes.update(dict.fromkeys(report.notes))
 
+    def _without_joints(self) -> TopicNotFound:
+        complaint = "" if self._roles.joints is None else self._roles.joints.complaint
+        return TopicNotFound(f"{self._bag.path}: {complaint}; --allow-partial (dataset.allow_partial) reads the rest")
+
     def _nothing(self, tally: ReadTally) -> DatasetError:
         left_out = dict(tally.report().dropped) or "none"
-        return DatasetError(f"{self._bag.path} holds no sample; messages left out: {left_out}")
+        damage = "" if self._bag.damage is None else f"; {self._bag.damage}"
+        return DatasetError(f"{self._bag.path} holds no sample; messages left out: {left_out}{damage}")
 
     def _new_tally(self) -> ReadTally:
         return ReadTally(self.format_name, self._config.gap_s)

@@ -6,15 +6,14 @@ an index. Here only the table of chunks is held, and a chunk is opened when its 
 2.0", wiki.ros.org/Bags/Format/2.0.
 """
 
-import bz2
 import heapq
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator
 from contextlib import suppress
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
-from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.interfaces import Connection
 from rosbags.interfaces.typing import RPath
 from rosbags.rosbag1.reader import (
@@ -28,6 +27,8 @@ from rosbags.rosbag1.reader import (
     read_bytes,
     read_uint32,
 )
+
+from coclo_vio.datasets.rosbag_unpack import unpacked_prefix
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _NEVER_NS = 2**63 - 1
@@ -138,7 +139,7 @@ class CutChunkReader(ChunkReader):
             return
         size, datapos = read_uint32(self.bio), self.bio.tell()
         there = len(self.bio.read(size))
-        self.chunks[pos] = Chunk(there, datapos, _Prefix(header.get_string("compression")))
+        self.chunks[pos] = Chunk(there, datapos, partial(unpacked_prefix, header.get_string("compression")))
         self._survey(pos, self.chunks[pos])
         self.break_pos = datapos + there
         self.bio.seek(self.break_pos)
@@ -186,21 +187,3 @@ def _records(inside: BytesIO, *, may_break: bool) -> Iterator[tuple[int, Header,
                 return
             raise
         yield start, header, data
-
-
-class _Prefix:
-    """Unpacks as much of a chunk as is there."""
-
-    def __init__(self, compression: str) -> None:
-        if compression not in {"none", "bz2", "lz4"}:
-            raise ReaderError(f"compression {compression!r} is not known")
-        self._compression = compression
-
-    def __call__(self, data: bytes) -> bytes:
-        match self._compression:
-            case "bz2":
-                return bz2.BZ2Decompressor().decompress(data)
-            case "lz4":
-                return bytes(LZ4FrameDecompressor().decompress(data))
-            case _:
-                return data

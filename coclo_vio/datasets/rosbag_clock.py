@@ -60,8 +60,8 @@ class BagClock:
     def _leave_out(self, topic: str, reason: str, sentence: str) -> None:
         if not self._drops:
             raise TimestampError(
-                f"{self._bag.path}, message {self._count[topic]} on {topic}: {sentence}; allow partial reading to "
-                "leave such messages out, or set dataset.rosbag.clock=received to take the time of their arrival"
+                f"{self._bag.path}, message {self._count[topic]} on {topic}: {sentence}; --allow-partial "
+                "(dataset.allow_partial) leaves such messages out, dataset.rosbag.clock=received takes their arrival"
             )
         self._tally.dropped[f"{topic}: {reason}"] += 1
 

@@ -5,6 +5,7 @@ What ``rosbags`` lets through of its own errors and of those of its compressions
 ``DatasetError`` here.
 """
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -27,6 +28,7 @@ LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yam
 _METADATA = "metadata.yaml"
 _ROS2_SUFFIXES = (".mcap", ".db3")
 _IDL_RULE = "=" * 80 + "\n"
+_LONGEST_REASON = 200
 _NS_PER_S = 1_000_000_000
 
 
@@ -95,6 +97,19 @@ class BagFile:
             name: BagTopic(name, self._definitions[name].msgtype, counts[name]) for name in sorted(self._definitions)
         }
 
+    def readable(self, topic: str, data: bytes) -> Any | None:
+        """The message in ``data``, or None where it cannot be decoded and partial reading is allowed.
+
+        Raises:
+            DatasetError: the bytes do not fit the type.
+        """
+        try:
+            return self.decoded(topic, data)
+        except DatasetError:
+            if not self._allow_partial:
+                raise
+            return None
+
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
         """The messages of the topics ``names`` as they were received, streamed; no other topic is opened.
 
@@ -115,13 +130,14 @@ class BagFile:
         Raises:
             DatasetError: the bytes do not fit the type.
         """
-        msgtype, store = self._typed(topic)
         try:
+            msgtype, store = self._typed(topic)
             return store.deserialize_ros1(data, msgtype) if self.is_ros1 else store.deserialize_cdr(data, msgtype)
         except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
             raise DatasetError(
-                f"{self.path}: a message on {topic} is no {msgtype} ({error}); "
-                "leave the topic out in dataset.rosbag.topics"
+                f"{self.path}: a message on {topic} is no "
+                f"{self.topics[topic].msgtype} ({_reason(error)}); --allow-partial "
+                "(dataset.allow_partial) leaves it out"
             ) from error
 
     def header_stamp_ns(self, topic: str, data: bytes) -> int:
@@ -145,15 +161,14 @@ class BagFile:
         try:
             return self._connections(self._whole())
         except Exception as error:
-            reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-            self.damage = f"{self.path.name} is damaged or cut off ({reason})"
+            self.damage = f"the bag is damaged or cut off ({_reason(error)})"
             if not self._allow_partial:
                 raise self._damaged() from error
         self._is_cut = True
         try:
             return self._connections(self._cut())
         except Exception as error:
-            raise DatasetError(f"nothing can be read of {self.path}: {error}; record or copy it anew") from error
+            raise DatasetError(f"nothing can be read of {self.path}: {_reason(error)}; copy it anew") from error
 
     def _connections(self, storages: list[_Storage]) -> list[Connection]:
         found = []
@@ -194,15 +209,14 @@ class BagFile:
             except StopIteration:
                 return
             except Exception as error:  # a damaged chunk or page: what it raises depends on what it hits
-                reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-                self.damage = self.damage or f"{self.path.name} breaks in the middle ({reason})"
+                self.damage = self.damage or f"the bag breaks in the middle ({_reason(error)})"
                 if not self._allow_partial:
                     raise self._damaged() from error
                 return
             yield RawMessage(connection.topic, received_ns, bytes(data))
 
     def _damaged(self) -> DatasetError:
-        return DatasetError(f"{self.path}: {self.damage}; allow partial reading to use what comes before")
+        return DatasetError(f"{self.path}: {self.damage}; --allow-partial (dataset.allow_partial) reads what is before")
 
     def _typed(self, topic: str) -> tuple[str, Typestore]:
         """The type of a topic and the definitions it takes."""
@@ -212,6 +226,13 @@ class BagFile:
             msgtype, store = connection.msgtype, _typestore(connection, is_ros1=self.is_ros1)
             self._types[topic] = (msgtype, store)
         return msgtype, store
+
+
+def _reason(error: Exception) -> str:
+    """What a library says, without the path and its brackets, as part of a sentence."""
+    said = re.sub(r"Cannot open database [^:]*: |[()'\n]", "", str(error)).strip(" .,")
+    said = said if len(said) <= _LONGEST_REASON else said[:_LONGEST_REASON] + " ..."
+    return said or type(error).__name__
 
 
 def is_rosbag(path: Path) -> bool:

@@ -61,7 +61,7 @@ def read_frames(bag: BagFile, topic: str) -> FrameTree:
     """
     if topic not in bag.topics:
         return FrameTree()
-    messages = (bag.decoded(topic, data) for _, _, data in bag.messages([topic]))
+    messages = (bag.readable(topic, data) for _, _, data in bag.messages([topic]))
     return FrameTree(transform for message in messages for transform in getattr(message, "transforms", ()))
 
 

@@ -77,7 +77,7 @@ def glance_at(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[st
     Raises:
         DatasetError: no message at all, or one that does not fit its type.
     """
-    is_counted = any(topic.count for topic in bag.topics.values())
+    is_counted = bag.damage is None and any(topic.count for topic in bag.topics.values())
     there = {
         name: types.get(name, topic.msgtype) for name, topic in bag.topics.items() if topic.count or not is_counted
     }
@@ -90,12 +90,15 @@ def glance_at(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[st
     for topic, _, data in bag.messages(set(wanted)):
         if topic not in wanted:
             continue
-        if topic not in first:
-            first[topic] = bag.decoded(topic, data)
+        if topic not in first or there[topic] == JOINT_STATE:
+            message = bag.readable(topic, data)
+            if message is None:
+                continue
+            first.setdefault(topic, message)
+            if there[topic] == JOINT_STATE:
+                joints[topic].add(message, joint_entries)
         if there[topic] == IMU:
             stamps_ns[topic].append(bag.header_stamp_ns(topic, data))
-        if there[topic] == JOINT_STATE:
-            joints[topic].add(bag.decoded(topic, data), joint_entries)
         wanted[topic] -= 1
         if wanted[topic] == 0:
             del wanted[topic]

@@ -113,7 +113,7 @@ def complaint_of_joints(entries: JointEntries, has: BoolArray, seen: Glance, the
     missing = [name for name, is_there in zip(entries.joint_names, has, strict=True) if not is_there]
     return (
         f"no joint is called {listing(missing)}: the bag has {listing(names)} on {listing(there)}; "
-        "map the names in dataset.rosbag.joint_names or name another robot"
+        "map the names in dataset.rosbag.joint_names, or name another robot"
     )
 
 

@@ -4,26 +4,22 @@
 Layout: "MCAP format specification", mcap.dev/spec.
 """
 
+import os
 import struct
-import sys
 from collections import Counter
 from collections.abc import Collection, Generator
 from io import BytesIO
 from typing import BinaryIO, NamedTuple
 
-from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.interfaces import Connection
 from rosbags.interfaces.typing import RPath
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import McapReader, decompress
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from coclo_vio.datasets.rosbag_unpack import unpacked_prefix
 
 _MAGIC = b"\x89MCAP0\r\n"
-_HEADER, _CHUNK, _DATA_END = 0x01, 0x06, 0x0F
+_CHUNK, _DATA_END = 0x06, 0x0F
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _Message = tuple[Connection, int, bytes]
@@ -93,26 +89,23 @@ class CutMcapReader(McapReader):
         file = self._file
         if file is None:
             raise ReaderError("the file is not open")
+        total = file.seek(0, os.SEEK_END)
+        file.seek(len(_MAGIC))
         while True:
             self.break_pos = file.tell()
             head = file.read(_RECORD.size)
             if len(head) < _RECORD.size:
                 return b""
             op, size = _RECORD.unpack(head)
-            if op == _DATA_END:
+            is_whole = file.tell() + size <= total
+            if op == _CHUNK:
+                body = file.read(size) if is_whole else file.read()
+                if not is_whole or not _is_sound(body):
+                    return _unpacked_prefix(body)
+            elif op == _DATA_END or not is_whole:
                 return b""
-            body = file.read(size) if op == _CHUNK else b""
-            if op == _CHUNK and (len(body) < size or not _is_sound(body)):
-                return _unpacked_prefix(body)
-            if op != _CHUNK and not self._skips(size):
-                return b""
-
-    def _skips(self, size: int) -> bool:
-        """Pass over a record; whether it was there."""
-        if self._file is None or size == 0:
-            return size == 0
-        self._file.seek(size - 1, 1)
-        return len(self._file.read(1)) == 1
+            else:
+                file.seek(size, os.SEEK_CUR)
 
 
 def _chunk_parts(body: bytes) -> tuple[int, int, str, bytes]:
@@ -136,14 +129,8 @@ def _is_sound(body: bytes) -> bool:
 def _unpacked_prefix(body: bytes) -> bytes:
     try:
         _, _, compression, data = _chunk_parts(body)
-        match compression:
-            case "zstd":
-                return bytes(zstd.ZstdDecompressor().decompress(data))
-            case "lz4":
-                return bytes(LZ4FrameDecompressor().decompress(data))
-            case _:
-                return data
-    except Exception:
+        return unpacked_prefix(compression, data)
+    except (struct.error, ValueError):
         return b""
 
 

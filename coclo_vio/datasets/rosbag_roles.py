@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The roles in one bag for one robot: which topics are read for what, and what is missing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from coclo_vio.arrays import BoolArray
@@ -30,6 +30,7 @@ class BagJoints:
         topics: where they are.
         is_there: which joints are anywhere, (joints,).
         has_velocity: which of them come with a velocity, (joints,).
+        has_names: whether the bag names any joint.
         complaint: what is missing, as a sentence, or None.
     """
 
@@ -37,7 +38,13 @@ class BagJoints:
     topics: tuple[str, ...]
     is_there: BoolArray
     has_velocity: BoolArray
+    has_names: bool
     complaint: str | None
+
+    @property
+    def are_others(self) -> bool:
+        """Whether the bag has joints with names, and some of the robot's are not among them."""
+        return self.complaint is not None and self.has_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +121,8 @@ def _joints(
         )
     moving = [name for topic in chosen for name in seen.entries_with_velocity.get(topic, ())]
     complaint = complaint_of_joints(entries, has, seen, looked_at)
-    return BagJoints(entries, tuple(chosen), has, entries.found(moving), complaint), choice
+    has_names = any(seen.entries.get(topic) for topic in looked_at)
+    return BagJoints(entries, tuple(chosen), has, entries.found(moving), has_names, complaint), choice
 
 
 def _feet(
@@ -155,10 +163,10 @@ def notes_on(roles: BagRoles) -> list[str]:
         choice = roles.choice(role)
         if choice.topic is None:
             notes.append(f"no {role.replace('_', ' ')}: {choice.reason}")
-    for choice in roles.choices:
-        if choice.topic is not None and choice.others and choice.role in _SINGLE:
-            notes.append(f"{choice.role}: {choice.topic} is read, not {listing(choice.others)}")
+    taken = {topic for choice in roles.choices for topic in choice.topics}
+    for role in ("imu", "ground_truth"):
+        choice = roles.choice(role)
+        left = [topic for topic in choice.others if topic not in taken]
+        if choice.topic is not None and left:
+            notes.append(f"{role}: {choice.topic} is read, not {listing(left)}")
     return notes
-
-
-_SINGLE: Sequence[str] = ("imu", "ground_truth")

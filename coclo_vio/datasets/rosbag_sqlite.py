@@ -29,6 +29,7 @@ class CutSqliteReader:
         try:
             uri = f"{self._path.resolve().as_uri()}?immutable=1"
             self._database = sqlite3.connect(uri, uri=True)
+            self._database.text_factory = _readable
             # SQLite refuses a file shorter than its header says, unless somebody declares to know about it.
             self._database.execute("PRAGMA writable_schema=ON")
             rows = self._database.execute("SELECT id, name, type FROM topics ORDER BY id").fetchall()
@@ -40,6 +41,7 @@ class CutSqliteReader:
         self.connections = [
             Connection(number, topic, msgtype, definitions.get(msgtype, none), "", 0, qos, self)
             for number, topic, msgtype in rows
+            if topic and msgtype
         ]
 
     def close(self) -> None:
@@ -61,8 +63,9 @@ class CutSqliteReader:
                 return
             if row is None:
                 return
-            if row[0] in by_id:
-                yield by_id[row[0]], row[1], row[2]
+            number, received_ns, data = row
+            if number in by_id and isinstance(received_ns, int) and isinstance(data, bytes):
+                yield by_id[number], received_ns, data
 
     def _definitions(self) -> dict[str, MessageDefinition]:
         """Message definitions by type, where the recorder wrote them and they are still there."""
@@ -74,3 +77,7 @@ class CutSqliteReader:
             for msgtype, encoding, text in rows:
                 found[msgtype] = MessageDefinition(_FORMATS[encoding], text)
         return found
+
+
+def _readable(text: bytes) -> str:
+    return text.decode("utf-8", errors="replace")

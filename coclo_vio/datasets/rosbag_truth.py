@@ -32,7 +32,8 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
         stamp_ns = clock.stamp_ns(message)
         if stamp_ns is None:
             continue
-        pose = _pose_in(bag.decoded(topic, message.data), topic)
+        decoded = bag.readable(topic, message.data)
+        pose = None if decoded is None else _pose_in(decoded, topic)
         if pose is None:
             tally.dropped["ground truth: empty or NaN"] += 1
         elif stamps_ns and stamp_ns <= stamps_ns[-1]:
