@@ -20,6 +20,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from coclo_vio import __version__, comparison, run_folder
+from coclo_vio.datasets.bag_file import check_bag_path
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
@@ -30,6 +31,7 @@ from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.inspection import inspect_recording, resolve_if_known
 from coclo_vio.inspection_view import drawn
 from coclo_vio.robot.description import load_robot, robot_names
+from coclo_vio.run_bag import write_run_bag
 from coclo_vio.run_config import RunConfig, resolve
 from coclo_vio.sample import sample_path
 
@@ -80,17 +82,26 @@ def run(
     settings: SetOption = None,
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
+    bag: Annotated[
+        Path | None, typer.Option("--bag", help="Write the result as a rosbag too: .mcap, .bag or a folder.")
+    ] = None,
 ) -> None:
     """Run one estimator on a recording; with ground truth, say how far it drifted."""
+    if bag is not None:
+        check_bag_path(bag)
     resolved = _resolve_for(dataset, robot, config, _with_partial(settings, allow_partial))
     with _progress_bar() as progress:
         told = comparison.run_all(dataset, [mode], resolved, output, progress)
     _tell_run(told, output)
     failure = told["estimators"][mode]["failure"]
+    evaluations: dict[str, Evaluation] = {}
     if told["ground_truth"] is not None and told["estimators"][mode]["estimates"]:
         evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
         _print_table(evaluations, f"{dataset.resolve().name}, {resolved.robot.name}")
         _print_failures(failures)
+    if bag is not None and told["estimators"][mode]["estimates"]:
+        write_run_bag(bag, output, list(told["estimators"]), evaluations)
+        _out.print(f"bag: {bag}", soft_wrap=True, markup=False)
     if failure:
         raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
     if not told["estimators"][mode]["estimates"]:

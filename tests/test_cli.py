@@ -91,6 +91,17 @@ def test_run_says_how_far_it_drifted(coclo: Coclo, log: Path) -> None:
     assert "robot daisy; results in out" in answer.err
 
 
+def test_run_writes_its_result_as_a_bag(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+    answer = coclo("run", log, "-m", "naive", "--bag", "result.mcap")
+    assert answer.status == 0
+    assert "bag: result.mcap" in answer.out
+    assert (tmp_path / "result.mcap").read_bytes().startswith(b"\x89MCAP")
+    again = coclo("run", log, "-m", "naive", "--bag", "result.mcap", "-o", "elsewhere")
+    assert (again.status, again.out) == (1, "")
+    assert "result.mcap is there already; delete it" in again.err
+    assert not (tmp_path / "elsewhere").exists()
+
+
 def test_json_is_one_object_per_estimator_and_nothing_else(coclo: Coclo, run_out: Path) -> None:
     answer = coclo("evaluate", run_out, "--json")
     assert answer.status == 0

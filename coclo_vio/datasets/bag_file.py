@@ -98,13 +98,7 @@ def new_bag(path: Path) -> Iterator[BagFile]:
     Raises:
         DatasetError: another suffix, a path that is taken, or one that cannot be written.
     """
-    if path.suffix not in _KINDS:
-        raise DatasetError(
-            f"{path} ends in {path.suffix}, which is no bag; it may end in .bag (ROS 1), .mcap or .db3 (ROS 2), or in "
-            "nothing (ROS 2 folder)"
-        )
-    if path.exists():
-        raise DatasetError(f"{path} is there already; delete it, or choose another path")
+    check_bag_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
@@ -116,6 +110,21 @@ def new_bag(path: Path) -> Iterator[BagFile]:
         raise DatasetError(f"cannot write the bag {path}: {error}") from error
     except OSError as error:
         raise DatasetError(f"cannot write the bag {path}: {error.strerror}; choose another path") from error
+
+
+def check_bag_path(path: Path) -> None:
+    """See that a bag can be written at ``path``, before there is anything to write.
+
+    Raises:
+        DatasetError: a suffix that is no bag's, or a path that is taken.
+    """
+    if path.suffix not in _KINDS:
+        raise DatasetError(
+            f"{path} ends in {path.suffix}, which is no bag; it may end in .bag (ROS 1), .mcap or .db3 (ROS 2), or in "
+            "nothing (ROS 2 folder)"
+        )
+    if path.exists():
+        raise DatasetError(f"{path} is there already; delete it, or choose another path")
 
 
 def _ros1(folder: Path, path: Path) -> tuple[Ros1Writer, Path]:
