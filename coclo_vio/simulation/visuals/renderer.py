@@ -105,8 +105,10 @@ def load_model(path: Path) -> mujoco.MjModel:
     """A model from MuJoCo's binary (.mjb) or XML file.
 
     Raises:
-        RenderingError: the file cannot be read.
+        RenderingError: there is no such file, or MuJoCo cannot read it.
     """
+    if not path.is_file():  # MuJoCo would write a log file beside the user's work
+        raise RenderingError(f"there is no model file {path}")
     try:
         if path.suffix == ".mjb":
             return mujoco.MjModel.from_binary_path(str(path))

@@ -85,6 +85,7 @@ def add_visuals(
     for texture in dict.fromkeys(face.texture for face in faces):
         _add_material(spec, texture, config, seed)
         _add_mesh(spec, texture, [face for face in faces if face.texture == texture], config, rng)
+    spec.compiler.discardvisual = False  # set in what was read from a URDF: it drops all that is not solid
     _light(spec)
     _frame(spec, np.concatenate([face.corners() for face in faces]))
 

@@ -27,6 +27,16 @@ def test_visuals_are_seen_and_never_felt(model: mujoco.MjModel) -> None:
     assert (model.nq, model.nv, model.nbody) == (bare.nq, bare.nv, bare.nbody)
 
 
+def test_a_robot_from_a_urdf_is_dressed_too() -> None:
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    spec = mujoco.MjSpec.from_string(
+        f'<robot name="r"><link name="base"><inertial><mass value="1"/>{inertia}</inertial></link></robot>'
+    )
+    add_visuals(spec, [], SMALL, seed=1, walked=WALKED)
+    compiled = spec.compile()
+    assert {"visual_floor", "visual_wall"} <= {compiled.geom(geom).name for geom in range(compiled.ngeom)}
+
+
 def test_same_seed_same_scene() -> None:
     first, again, other = (dressed(seed, SMALL).compile() for seed in (5, 5, 6))
     for name in ("tex_data", "mesh_vert", "mesh_texcoord", "geom_pos"):

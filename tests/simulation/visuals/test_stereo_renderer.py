@@ -221,7 +221,7 @@ def test_a_model_without_cameras_is_refused_in_one_sentence(opengl: str, tmp_pat
     mujoco.mj_saveModel(floating_body().compile(), str(path))
     with pytest.raises(RenderingError, match="no camera 'left_camera'"):
         render(path)
-    with pytest.raises(RenderingError, match="cannot read the model"):
+    with pytest.raises(RenderingError, match="there is no model file"):
         render(tmp_path / "missing.mjb")
 
 
