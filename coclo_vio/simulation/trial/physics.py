@@ -39,6 +39,7 @@ class Motion:
     Attributes:
         time_s: since the beginning, (N,).
         qpos: MuJoCo's coordinates: trunk position, quaternion wxyz, joints and foot springs, (N, nq).
+        qvel: MuJoCo's velocities, (N, nv).
         joint_position: true angles, rad, (N, J).
         joint_velocity: rad/s, (N, J).
         spring_torque: Nm, (N, J).
@@ -54,6 +55,7 @@ class Motion:
 
     time_s: Array
     qpos: Array
+    qvel: Array
     joint_position: Array
     joint_velocity: Array
     spring_torque: Array
@@ -210,6 +212,7 @@ class Laboratory:
         return Motion(
             time_s=self.model.opt.timestep * np.arange(len(qpos)),
             qpos=qpos,
+            qvel=qvel,
             joint_position=qpos[:, self._q],
             joint_velocity=qvel[:, self._v],
             spring_torque=torque,

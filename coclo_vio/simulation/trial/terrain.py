@@ -65,7 +65,7 @@ class Terrain:
     Attributes:
         name: which trial it is.
         boxes: what carries the feet.
-        surfaces: what is seen of it.
+        surfaces: what is seen of it besides the floor.
         bounds: the walked area, from which the room is built.
         height_line: x (m) and z (m) of the ground's profile, (N, 2), x rising or equal at a riser.
         body_line: the same for the body, which climbs stairs as if they were a slope, (N, 2).
@@ -116,7 +116,7 @@ def _flat() -> Terrain:
     return Terrain(
         "flat",
         (_floor(),),
-        (_level_surface(-8.0, 8.0, 0.0, "floor", 16.0),),
+        (),
         RoomBounds(-_MARGIN_M, SQUARE_SIDE_M + _MARGIN_M, -_MARGIN_M, SQUARE_SIDE_M + _MARGIN_M, 2.8),
         np.array([[-8.0, 0.0], [8.0, 0.0]]),
         np.array([[-8.0, 0.0], [8.0, 0.0]]),
@@ -139,7 +139,6 @@ def _ramp() -> Terrain:
         "ramp",
         (_floor(), plate, _block(end, end + _PLATFORM_M, top)),
         (
-            _level_surface(-8.0, 8.0, 0.0, "floor", 16.0),
             Surface(middle, np.array([length, _WIDTH_M]) / 2.0, rotation, "ramp"),
             _level_surface(end, end + _PLATFORM_M, top, "floor", _WIDTH_M),
         ),
@@ -152,7 +151,7 @@ def _ramp() -> Terrain:
 
 
 def _stairs() -> Terrain:
-    boxes, surfaces, line, risers = [_floor()], [_level_surface(-8.0, 8.0, 0.0, "floor", 16.0)], [[-8.0, 0.0]], []
+    boxes, surfaces, line, risers = [_floor()], [], [[-8.0, 0.0]], []
     for step in range(STEPS):
         x, z = _FOOT_OF_SLOPE_M + step * STEP_DEPTH_M, (step + 1) * STEP_HEIGHT_M
         depth = STEP_DEPTH_M if step < STEPS - 1 else _PLATFORM_M

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A trial from a name, a configuration and a seed: what the sensors said, what Vicon saw, and what was true."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ from pydantic import Field
 
 from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.config import StageConfig, merged
+from coclo_vio.config import StageConfig
 from coclo_vio.measurements import CameraImuSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
@@ -59,7 +59,7 @@ class TrialConfig(StageConfig):
     frame_rate_hz: Annotated[float, Field(gt=0.1, le=120, description="stereo frames a second, Hz")] = 15.0
 
 
-_PRESETS: dict[TerrainName, dict[str, dict[str, float]]] = {
+_PRESETS: Mapping[TerrainName, Mapping[str, Mapping[str, float]]] = {
     "flat": {},
     "ramp": {"gait": {"period_s": 3.6, "speed_mps": 0.08}, "push": {"force_n": 40.0, "torque_nm": 5.0}},
     "stairs": {
@@ -120,6 +120,7 @@ class Trial:
         stereo: what is known of the cameras.
         frame_ns: stamps of the stereo frames, (F,).
         frame_qpos: the model's coordinates then, (F, nq).
+        frame_qvel: its velocities, (F, nv).
         spec: the robot on its terrain, without anything to see.
         truth: what was true.
     """
@@ -133,17 +134,14 @@ class Trial:
     stereo: StereoCalibration
     frame_ns: IntArray
     frame_qpos: Array
+    frame_qvel: Array
     spec: mujoco.MjSpec
     truth: Truth
 
 
-def trial_config(name: TerrainName, changes: dict[str, object] | None = None) -> TrialConfig:
-    """The configuration of one of the paper's trials, with ``changes`` laid over it.
-
-    Raises:
-        ConfigError: a key that does not exist, or a value out of bounds.
-    """
-    return TrialConfig.parse(merged(_PRESETS[name], changes or {}), f"trial {name}")
+def preset(name: TerrainName) -> dict[str, Any]:
+    """What a trial's configuration changes of the defaults."""
+    return dict(_PRESETS[name])
 
 
 def simulate(
@@ -214,6 +212,7 @@ def simulate(
         stereo=nominal,
         frame_ns=frame_ns,
         frame_qpos=at_times(motion.time_s, motion.qpos, offsets),
+        frame_qvel=at_times(motion.time_s, motion.qvel, offsets),
         spec=spec,
         truth=truth,
     )
