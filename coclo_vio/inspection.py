@@ -4,10 +4,10 @@
 Everything is read through once; no image is decoded.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -16,14 +16,16 @@ from coclo_vio.datasets.columns import Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import FORMATS, Dataset, guess_robot, open_dataset
 from coclo_vio.datasets.report import ReadReport, StreamReport
-from coclo_vio.errors import ConfigError, TopicNotFound, listing
+from coclo_vio.errors import CocloError, ConfigError, DatasetError, TopicNotFound, listing
 from coclo_vio.measurements import ALL_SENSORS, JointSample, StereoFrame
 from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
 from coclo_vio.run_config import RunConfig, resolve
+from coclo_vio.trajectory import GroundTruth
 
 MODES = ("coclo", "vins", "stereo", "combined")
 
 _NS_PER_S = 1_000_000_000
+_T = TypeVar("_T")
 
 
 @runtime_checkable
@@ -60,14 +62,12 @@ class Joints:
         missing: joints of the robot that it has not.
         fitting: the known robots all of whose joints it has.
         has_effort: whether any torque is measured.
-        problem: why the joints cannot be read, None where they can.
     """
 
     matched: tuple[str, ...]
     missing: tuple[str, ...]
     fitting: tuple[str, ...]
     has_effort: bool
-    problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +101,7 @@ class Inspection:
         joints: how they fit the robot.
         calibrations: by sensor, what is known of it in a sentence, None where the recording says nothing.
         ground_truth: the reference trajectory, None where there is none.
+        problems: what could not be read, a sentence each.
         missing: by mode, what it lacks; nothing for a mode that is ready.
     """
 
@@ -111,6 +112,7 @@ class Inspection:
     joints: Joints
     calibrations: dict[str, str | None]
     ground_truth: Truth | None
+    problems: tuple[str, ...]
     missing: dict[str, tuple[str, ...]]
 
     def to_json(self) -> dict[str, Any]:
@@ -151,7 +153,8 @@ def resolve_if_known(
 def inspect_recording(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Inspection:
     """Read a recording through and say what it holds.
 
-    A robot whose joints are not there is told as a problem, and the rest is read without it.
+    What cannot be read (joints of another robot, stamps that go back, a calibration that is malformed) is told as a
+    problem, as far as the rest can be read without it.
 
     Args:
         path: the recording.
@@ -159,43 +162,61 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         config: how to read.
 
     Raises:
-        DatasetError: no recording, or one that cannot be read through.
+        DatasetError: no recording, or one of which nothing can be told.
     """
-    problem = None
+    problems: list[str] = []
     try:
         dataset = open_dataset(path, robot, config)
     except TopicNotFound as error:
         if robot is None:
             raise
-        problem = str(error)
+        problems.append(str(error))
         dataset = open_dataset(path, None, config)
-    has_effort = _read_through(dataset)
+    has_effort, broken = _read_through(dataset)
     report = dataset.report()
-    joints = _joints(path, robot, config, has_effort=has_effort, problem=problem)
-    calibrations = {
-        "imu": _imu_sentence(dataset.imu_calibration()),
-        "camera_imu": _imu_sentence(dataset.camera_imu_calibration()),
-        "cameras": _stereo_sentence(dataset.stereo_calibration()),
-    }
-    return Inspection(
+    joints = _joints(path, robot, config, has_effort=has_effort, is_whole=not problems and broken is None)
+    problems += [] if broken is None else [str(broken)]
+    lenses = _tried(dataset.stereo_calibration, problems)
+    seen = Inspection(
         name=dataset.name,
         robot=None if robot is None else robot.name,
         report=report,
         topics=_topics(dataset),
         joints=joints,
-        calibrations=calibrations,
-        ground_truth=_truth(dataset),
-        missing=_missing(robot, report, joints, has_lenses=calibrations["cameras"] is not None),
+        calibrations={
+            "imu": _imu_sentence(_tried(dataset.imu_calibration, problems)),
+            "camera_imu": _imu_sentence(_tried(dataset.camera_imu_calibration, problems)),
+            "cameras": _stereo_sentence(lenses),
+        },
+        ground_truth=_truth(_tried(dataset.ground_truth, problems)),
+        problems=tuple(dict.fromkeys(problems)),
+        missing=_missing(robot, report, joints, has_lenses=lenses is not None, takes_part=config.allow_partial),
     )
+    if broken is None or isinstance(broken, TopicNotFound):
+        return seen
+    stopped = ("a recording that can be read through (see problems)",)
+    return replace(seen, missing={mode: stopped + lacks for mode, lacks in seen.missing.items()})
 
 
-def _read_through(dataset: Dataset) -> bool:
-    """Read all but the images; whether any joint torque was measured."""
+def _read_through(dataset: Dataset) -> tuple[bool, DatasetError | None]:
+    """Read all but the images; whether any joint torque was measured, and what stopped the reading."""
     has_effort = False
-    for sample in dataset.measurements(ALL_SENSORS - {StereoFrame}):
-        if not has_effort and isinstance(sample, JointSample):
-            has_effort = bool(np.isfinite(sample.effort).any())
-    return has_effort
+    try:
+        for sample in dataset.measurements(ALL_SENSORS - {StereoFrame}):
+            if not has_effort and isinstance(sample, JointSample):
+                has_effort = bool(np.isfinite(sample.effort).any())
+    except DatasetError as error:
+        return has_effort, error
+    return has_effort, None
+
+
+def _tried(read: Callable[[], _T | None], problems: list[str]) -> _T | None:
+    """What ``read`` gives; None where it fails, and why goes to ``problems``."""
+    try:
+        return read()
+    except CocloError as error:
+        problems.append(str(error))
+        return None
 
 
 def _topics(dataset: Dataset) -> tuple[Topic, ...]:
@@ -205,21 +226,22 @@ def _topics(dataset: Dataset) -> tuple[Topic, ...]:
 
 
 def _joints(
-    path: Path, robot: RobotDescription | None, config: DatasetConfig, *, has_effort: bool, problem: str | None
+    path: Path, robot: RobotDescription | None, config: DatasetConfig, *, has_effort: bool, is_whole: bool
 ) -> Joints:
+    """``is_whole``: everything was read with the robot's joints, so they are all there, by whatever name."""
     kind = next(candidate for candidate in FORMATS if candidate.matches(path))
     file, names = kind.joint_header(path, config.columns)
     header = Header(file, names, config.columns)
     found = {name: header.find_joints(load_robot(name)) for name in robot_names()}
     fitting = tuple(name for name, columns in found.items() if None not in columns)
     if robot is None:
-        return Joints((), (), fitting, has_effort, problem)
-    is_there = {
-        joint: column is not None for joint, column in zip(robot.joint_names, header.find_joints(robot), strict=True)
-    }
-    matched = tuple(joint for joint, there in is_there.items() if there)
-    missing = tuple(joint for joint, there in is_there.items() if not there)
-    return Joints(matched, missing, fitting, has_effort, problem)
+        return Joints((), (), fitting, has_effort)
+    if is_whole and not config.allow_partial and names:
+        return Joints(robot.joint_names, (), fitting, has_effort)
+    columns = header.find_joints(robot)
+    matched = tuple(joint for joint, column in zip(robot.joint_names, columns, strict=True) if column is not None)
+    missing = tuple(joint for joint in robot.joint_names if joint not in matched)
+    return Joints(matched, missing, fitting, has_effort)
 
 
 def _imu_sentence(imu: ImuCalibration | None) -> str | None:
@@ -240,8 +262,7 @@ def _stereo_sentence(stereo: StereoCalibration | None) -> str | None:
     )
 
 
-def _truth(dataset: Dataset) -> Truth | None:
-    truth = dataset.ground_truth()
+def _truth(truth: GroundTruth | None) -> Truth | None:
     if truth is None:
         return None
     trajectory = truth.trajectory
@@ -250,11 +271,11 @@ def _truth(dataset: Dataset) -> Truth | None:
 
 
 def _missing(
-    robot: RobotDescription | None, report: ReadReport, joints: Joints, *, has_lenses: bool
+    robot: RobotDescription | None, report: ReadReport, joints: Joints, *, has_lenses: bool, takes_part: bool
 ) -> dict[str, tuple[str, ...]]:
-    """What each mode lacks of what it cannot do without."""
+    """What each mode lacks of what it cannot do without; ``takes_part``: legs whose joints are missing are left out."""
     streams = {stream.name: stream for stream in report.streams}
-    legs = tuple(_missing_legs(robot, streams, joints))
+    legs = tuple(_missing_legs(robot, streams, joints, takes_part=takes_part))
     wanted = (("stereo images", "stereo" in streams), ("calibration of the cameras", has_lenses))
     eyes = tuple(what for what, is_there in wanted if not is_there)
     inertial = () if {"imu", "camera_imu"} & set(streams) else ("an IMU",)
@@ -267,11 +288,13 @@ def _missing(
     }
 
 
-def _missing_legs(robot: RobotDescription | None, streams: dict[str, StreamReport], joints: Joints) -> Iterator[str]:
+def _missing_legs(
+    robot: RobotDescription | None, streams: dict[str, StreamReport], joints: Joints, *, takes_part: bool
+) -> Iterator[str]:
     if robot is None:
         several = f" (its joints fit {listing(joints.fitting)}; name one with --robot)" if joints.fitting else ""
         yield f"a known robot{several}" if several else "joints of a known robot"
-    elif joints.missing:
+    elif joints.missing and not (takes_part and joints.matched):
         yield f"{len(joints.missing)} of {robot.name}'s {len(robot.joint_names)} joints"
     elif "joints" not in streams:
         yield "joint samples"

@@ -58,6 +58,7 @@ def _sections(seen: Inspection) -> list[Section]:
         ("topics", [(topic.role, _topic_sentence(topic)) for topic in seen.topics]),
         ("calibration", [(sensor, text or "not in the recording") for sensor, text in seen.calibrations.items()]),
         ("ground truth", [_truth_row(seen.ground_truth)]),
+        ("problems", [("-", problem) for problem in seen.problems]),
         ("left out", [(str(count), reason) for reason, count in seen.report.dropped.items()]),
         ("notes", [("-", note) for note in seen.report.notes]),
         ("modes", [(mode, f"needs {'; '.join(lacks)}" if lacks else _READY) for mode, lacks in seen.missing.items()]),
@@ -85,14 +86,14 @@ def _robot_rows(seen: Inspection) -> list[tuple[str, str]]:
         other = f"; the joints fit {listing(joints.fitting)}" if joints.fitting else ""
         found = f"{len(joints.matched)} of {total} joints found, not {listing(joints.missing)}{other}"
         return [(seen.robot, found)]
-    rows = [(seen.robot, f"all {total} joints found, {'with' if joints.has_effort else 'without'} torques")]
-    return rows + ([("problem", joints.problem)] if joints.problem else [])
+    return [(seen.robot, f"all {total} joints found, {'with' if joints.has_effort else 'without'} torques")]
 
 
 def _topic_sentence(topic: Topic) -> str:
     if not topic.topics:
         return f"none: {topic.reason}"
-    return f"{', '.join(topic.topics)} ({topic.msgtype}): {topic.reason}"
+    kind = topic.msgtype.rpartition("/")[2]
+    return f"{', '.join(topic.topics)} ({kind}): {topic.reason}"
 
 
 def _truth_row(truth: Truth | None) -> tuple[str, str]:

@@ -11,6 +11,9 @@ from coclo_vio import inspection
 from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.config import parse_settings
 from coclo_vio.datasets import images
+from coclo_vio.datasets.bag_file import new_bag
+from coclo_vio.datasets.bag_messages import BagMessages
+from coclo_vio.datasets.bag_writer import write_bag
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
@@ -176,6 +179,52 @@ def test_a_recording_that_breaks_off_is_an_error(tmp_path: Path, daisy: RobotDes
         inspected(tmp_path, daisy)
 
 
+def test_a_bag_with_a_joint_too_few_is_told_and_the_rest_is_read(tmp_path: Path, daisy: RobotDescription) -> None:
+    other = daisy.joint_names[4]
+    leg = daisy.legs[1].model_copy(update={"joints": (daisy.joint_names[3], "knie", daisy.joint_names[5])})
+    renamed = daisy.model_copy(update={"legs": (daisy.legs[0], leg, *daisy.legs[2:]), "joint_aliases": {}})
+    bag = write_bag(
+        tmp_path / "walk.mcap", RecordingContents(renamed, walk(daisy), stereo=cameras(), frames=pictures())
+    )
+    seen = inspected(bag, daisy)
+    assert seen.joints.missing == (other,)
+    assert seen.missing["coclo"] == ("1 of daisy's 18 joints",)
+    assert seen.missing["vins"] == seen.missing["stereo"] == ()
+    assert len(seen.problems) == 1
+    assert other in seen.problems[0]
+    assert {topic.role: topic.topics for topic in seen.topics}["imu"] == ("/imu",)
+    partial = inspected(bag, daisy, "allow_partial=true")
+    assert (partial.missing["coclo"], partial.problems) == ((), ())
+    named = inspected(bag, daisy, f"rosbag.joint_names={{{other}: knie}}")
+    assert (named.joints.matched, named.missing["coclo"]) == (daisy.joint_names, ())
+
+
+def test_a_bag_whose_clock_jumps_back_is_a_problem_for_all(tmp_path: Path) -> None:
+    path = tmp_path / "walk.bag"
+    with new_bag(path) as bag:
+        for step in range(800):
+            back_ns = 3_000_000_000 if step >= 400 else 0
+            sample = ImuSample(START_NS + step * 10_000_000 - back_ns, np.zeros(3), np.ones(3))
+            message = BagMessages(bag).imu("imu_link", sample, 0.0, 0.0)
+            bag.write("/imu", START_NS + step * 10_000_000, message)
+    seen = inspected(path, None)
+    assert len(seen.problems) == 1
+    assert all(lacks[0] == "a recording that can be read through (see problems)" for lacks in seen.missing.values())
+    assert seen.report.stream("imu") is not None
+    assert inspected(path, None, "allow_partial=true").problems == ()
+
+
+def test_a_calibration_that_is_malformed_is_a_problem_and_not_the_end(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_euroc_folder(tmp_path, RecordingContents(daisy, walk(daisy), stereo=cameras(), frames=pictures()))
+    lens = tmp_path / "mav0" / "cam1" / "sensor.yaml"
+    lens.write_text(lens.read_text(encoding="ascii").replace("intrinsics", "intrinsic"), encoding="ascii")
+    seen = inspected(tmp_path, daisy)
+    assert "has no intrinsics" in seen.problems[0]
+    assert seen.missing["stereo"] == ("calibration of the cameras",)
+    assert seen.missing["coclo"] == ()
+    assert "problems - " in " ".join(shown(seen).split())
+
+
 def test_what_is_shown_fits_any_terminal(shared_data: Path) -> None:
     for name, robot in (("go1_mocap", load_robot("daisy")), ("euroc_v1_01_start", None)):
         seen = inspected(shared_data / name, robot)
@@ -233,9 +282,10 @@ def test_topics_of_a_bag_are_shown_with_their_reason(tmp_path: Path, daisy: Robo
         plain.joints,
         plain.calibrations,
         plain.ground_truth,
+        plain.problems,
         plain.missing,
     )
     text = " ".join(shown(seen, width=200).split())
-    assert "topics imu /imu (sensor_msgs/msg/Imu): the only one" in text
+    assert "topics imu /imu (Imu): the only one" in text
     assert "camera_imu none: none has a camera's name" in text
     assert seen.to_json()["topics"][0]["topics"] == ("/imu",)
