@@ -21,6 +21,8 @@ _IMPORTERS = {
     "gtsam": ("backend/",),
     "pinocchio": ("geometry/se3.py", "robot/model.py"),
     "matplotlib": ("evaluation/figures.py",),
+    "rosbags": ("datasets/bag_file.py", "datasets/rosbag_"),
+    "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),
     "typer": ("cli.py",),
     "rich": ("cli.py", "inspection_view.py"),
     "filterpy": ("filterpy_rival.py",),

@@ -18,6 +18,8 @@ from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import LEG_SENSORS, Measurement, StereoFrame
 from coclo_vio.trajectory import GroundTruth
 
+_UNDECODED = "pair of images that cannot be decoded"
+
 
 class Recording(ABC):
     """A recording made of tables of samples, and of images where a format has any; a format says where they are.
@@ -63,7 +65,8 @@ class Recording(ABC):
     def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
         """All samples of ``sensors``, streamed; in time order as far as the files are, or sorted if so configured.
 
-        Images are decoded one pair at a time, and only where ``sensors`` asks for them.
+        Images are decoded one pair at a time, and only where ``sensors`` asks for them; with ``allow_partial`` a pair
+        that cannot be decoded is left out and told in the report.
 
         Raises:
             DatasetError: a malformed file, or no sample in it at all.
@@ -110,10 +113,21 @@ class Recording(ABC):
         cameras = self._cameras(tally)
         pairs = [] if cameras is None else cameras.pairs(tally, self._config)
         if decodes:
-            return tally.watch(merge_streams([self._samples(tally), _decoded(pairs)]))
+            return tally.watch(merge_streams([self._samples(tally), self._decoded(pairs, tally)]))
         for pair in pairs:
             tally.count(StereoFrame, pair.stamp_ns)
         return tally.watch(self._samples(tally))
+
+    def _decoded(self, pairs: Iterable[ImagePair], tally: ReadTally) -> Iterator[StereoFrame]:
+        for pair in pairs:
+            try:
+                yield pair.decoded()
+            except DatasetError as error:
+                if not self._config.allow_partial:
+                    raise
+                tally.dropped[_UNDECODED] += 1
+                if tally.dropped[_UNDECODED] == 1:
+                    tally.note(f"the first of the images that cannot be decoded: {error}")
 
     def _samples(self, tally: ReadTally) -> Iterator[Measurement]:
         """The samples of all sensors but the cameras."""
@@ -140,8 +154,3 @@ class Recording(ABC):
         if moved:
             tally.note(f"{moved} samples were older than the one before them: all have been put in time order")
         return ordered
-
-
-def _decoded(pairs: Iterable[ImagePair]) -> Iterator[StereoFrame]:
-    for pair in pairs:
-        yield pair.decoded()

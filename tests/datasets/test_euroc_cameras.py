@@ -131,6 +131,17 @@ def test_a_file_that_is_no_image_is_named(mav0, keep):
         frames_of(mav0)
 
 
+def test_images_that_cannot_be_read_are_left_out_when_that_is_allowed(mav0, seen):
+    image_files(mav0, "cam1")[3].write_bytes(b"no image")
+    dataset = open_dataset(mav0, seen.robot, DatasetConfig(allow_partial=True))
+    kinds = [type(sample) for sample in dataset.measurements(ALL_SENSORS)]
+    assert kinds.count(StereoFrame) == 4
+    report = dataset.report()
+    assert (report.stream("stereo").samples, report.stream("imu").samples) == (4, 40)
+    assert report.dropped == {"pair of images that cannot be decoded": 1}
+    assert any("is no image that can be read" in note for note in report.notes)
+
+
 def test_a_list_without_file_names_is_told(mav0):
     path = mav0 / "cam0" / "data.csv"
     path.write_text(path.read_text().replace("filename", "name"))
