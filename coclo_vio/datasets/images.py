@@ -66,7 +66,7 @@ def grey(image: npt.NDArray[np.integer[Any] | np.floating[Any]], source: str) ->
     """
     if image.dtype != np.uint8:
         raise DatasetError(
-            f"{source} has pixels of {image.dtype}, and only 8-bit images are read: how its range becomes 0..255 is "
+            f"{source} has pixels of {image.dtype}, only 8-bit images are read: how its range becomes 0..255 is "
             "for you to say; convert the images first"
         )
     if image.ndim == 2:

@@ -113,7 +113,7 @@ def test_colour_becomes_grey(mav0):
 
 def test_deep_images_are_refused_in_a_sentence(mav0):
     replace_image(mav0, "cam1", 2, np.full((12, 16), 4000, dtype=np.uint16))
-    with pytest.raises(DatasetError, match=r"cam1/data/\d+\.png has pixels of uint16, and only 8-bit"):
+    with pytest.raises(DatasetError, match=r"cam1/data/\d+\.png has pixels of uint16, only 8-bit"):
         frames_of(mav0)
 
 
