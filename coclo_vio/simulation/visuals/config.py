@@ -57,7 +57,7 @@ class ImagerConfig(StageConfig):
     lens_blur_px: Annotated[float, Field(ge=0, le=5, description="sigma of the lens's Gaussian blur, px")] = 0.7
     gain_mismatch: Annotated[
         float, Field(ge=0, le=0.5, description="spread of the two cameras' sensitivity, share, fixed by the seed")
-    ] = 0.01
+    ] = 0.005
 
 
 class ExposureConfig(StageConfig):

@@ -82,8 +82,8 @@ def _drawn(
                     progress(done)
     except BrokenProcessPool as error:
         raise RenderingError(
-            f"a rendering process ({backend}) died after {done} of {len(job.stamps_ns)} frames, "
-            "most likely for want of memory; try fewer workers"
+            f"a rendering process ({backend}) died after {done} of {len(job.stamps_ns)} frames; "
+            "if it says no reason of its own on standard error, it lacked memory: try fewer workers"
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)

@@ -85,6 +85,7 @@ def edge_width_px(image: np.ndarray) -> float:
         ([0.0, 1.5, 0.0, 0.0, 0.0, 0.0], 1.5 * 0.02 * FOCAL_PX),  # yaw moves the middle by the focal length
         ([0.0, 0.0, 0.0, 0.8, 0.0, 0.0], 0.8 * 0.02 * FOCAL_PX / 0.5),  # sideways: over the depth of 0.5 m
         ([1.5, 0.0, 0.0, 0.0, 0.8, 0.0], 0.0),  # up and down moves along the edge
+        ([0.0, 1.5, 0.0, -0.75, 0.0, 0.0], 0.0),  # a turn to the right and a step to the left hold the edge still
         ([0.0] * 6, 0.0),
     ],
 )
