@@ -117,11 +117,11 @@ class CutChunkReader(ChunkReader):
             while True:
                 self.break_pos = self.bio.tell()
                 self._take_record()
-        if not self.chunk_infos:
-            raise ReaderError(f"it breaks off at byte {self.break_pos}, before the first message")
         counts: Counter[int] = Counter()
         for info in self.chunk_infos:
             counts.update(info.connection_counts)
+        if not counts:
+            raise ReaderError(f"it breaks off at byte {self.break_pos}, before the first message")
         self.connections = [connection._replace(msgcount=counts[connection.id]) for connection in self.connections]
 
     def _take_record(self) -> None:

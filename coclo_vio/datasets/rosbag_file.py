@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 
 from coclo_vio.datasets.rosbag_chunks import ChunkReader, CutChunkReader
 from coclo_vio.datasets.rosbag_mcap import CutMcapReader
-from coclo_vio.datasets.rosbag_sqlite import CutSqliteReader
+from coclo_vio.datasets.rosbag_sqlite import CutSqliteReader, check_length
 from coclo_vio.errors import DatasetError, TimestampError, listing
 
 LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
@@ -159,6 +159,7 @@ class BagFile:
     def _survey(self) -> list[Connection]:
         """The connections of all files; settles whether the bag is whole."""
         try:
+            self._check_lengths()
             return self._connections(self._whole())
         except Exception as error:
             self.damage = f"the bag is damaged or cut off ({_reason(error)})"
@@ -169,6 +170,12 @@ class BagFile:
             return self._connections(self._cut())
         except Exception as error:
             raise DatasetError(f"nothing can be read of {self.path}: {_reason(error)}; copy it anew") from error
+
+    def _check_lengths(self) -> None:
+        files = _storage_files(self.path) if self.path.is_dir() else [self.path]
+        for file in files:
+            if file.suffix == ".db3":
+                check_length(file)
 
     def _connections(self, storages: list[_Storage]) -> list[Connection]:
         found = []
@@ -268,6 +275,8 @@ def _storage_files(folder: Path) -> list[Path]:
 def _sound_or_cut(file: Path) -> _Storage:
     sound = Ros2Reader(file)
     try:
+        if file.suffix == ".db3":
+            check_length(file)
         sound.open()
     except Exception:
         return CutMcapReader(file) if file.suffix == ".mcap" else CutSqliteReader(file)

@@ -2,6 +2,7 @@
 """ROS 2 databases (.db3) that were cut off: the rows before the break, refused whole by ``rosbags``."""
 
 import sqlite3
+import struct
 from collections.abc import Collection, Generator
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +11,24 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.rosbag2.errors import ReaderError
 
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+
+
+def check_length(path: Path) -> None:
+    """Compare a database with the number of pages that its header gives: SQLite misses the loss of half a page.
+
+    Layout: "Database file format", sqlite.org/fileformat.html, section 1.3.
+
+    Raises:
+        ReaderError: the file is shorter.
+    """
+    with path.open("rb") as file:
+        header = file.read(100)
+    if len(header) < 100 or header[24:28] != header[92:96]:  # no header, or one whose count is not valid
+        return
+    (page_size,), (pages,) = struct.unpack_from(">H", header, 16), struct.unpack_from(">I", header, 28)
+    whole = pages * (65536 if page_size == 1 else page_size)
+    if path.stat().st_size < whole:
+        raise ReaderError(f"the file has {path.stat().st_size} of {whole} bytes")
 
 
 class CutSqliteReader:
@@ -64,7 +83,9 @@ class CutSqliteReader:
             if row is None:
                 return
             number, received_ns, data = row
-            if number in by_id and isinstance(received_ns, int) and isinstance(data, bytes):
+            if not isinstance(received_ns, int) or not isinstance(data, bytes):  # in the half of a page that is lost
+                return
+            if number in by_id:
                 yield by_id[number], received_ns, data
 
     def _definitions(self) -> dict[str, MessageDefinition]:
