@@ -56,7 +56,10 @@ class GaitConfig(StageConfig):
     loading_s: Annotated[float, Field(gt=0, le=0.5, description="to take weight on and off a foot, s")] = 0.12
     bounce_damping: Annotated[
         float, Field(ge=0, le=2, description="of the body on its springs by the motors, share of critical")
-    ] = 0.8
+    ] = 0.5
+    easing_s: Annotated[
+        float, Field(gt=0.02, le=100, description="time constant with which legs stop pulling against each other, s")
+    ] = 0.3
     tracking_per_s: Annotated[float, Field(gt=0, le=10, description="gain from pose error to body velocity, 1/s")] = 1.5
 
 
@@ -217,7 +220,8 @@ class Walker:
         twist = planned + self.gait.tracking_per_s * np.clip(error, -0.05, 0.05)
         stance = np.array([leg.swing is None for leg in self._legs])
         moved = self._feet - dt_s * (twist[3:] + np.cross(twist[:3], self._feet))
-        self._feet[stance] = (moved - astray + np.clip(astray, -_ASTRAY_M, _ASTRAY_M))[stance]
+        moved -= astray - np.clip(astray, -_ASTRAY_M, _ASTRAY_M)
+        self._feet[stance] = moved[stance] - dt_s / self.gait.easing_s * _strain(self._feet[stance], astray[stance])
 
     def _move_swing_feet(self, time_s: float, dt_s: float, T_world_body: Array, astray: Array) -> None:  # noqa: N803
         """Feet in the air follow their swing, which waits for a foot that is held up on its way."""
@@ -279,3 +283,13 @@ class Walker:
 
     def _jitter(self) -> float:
         return float(np.clip(self.generator.standard_normal(), -2.5, 2.5))
+
+
+def _strain(feet: Array, astray: Array) -> Array:
+    """What of the feet's displacements (n, 3) no motion of the body explains: the legs pull against each other."""
+    if len(feet) < 3:
+        return np.zeros_like(feet)
+    by_turning = -so3.hat(feet)
+    motions = np.concatenate((np.tile(np.eye(3), (len(feet), 1)), by_turning.reshape(-1, 3)), axis=1)
+    explained = motions @ np.linalg.lstsq(motions, astray.ravel(), rcond=None)[0]
+    return np.asarray(astray - explained.reshape(-1, 3))
