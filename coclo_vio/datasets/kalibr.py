@@ -136,7 +136,7 @@ def _lens(where: str, camera: dict[str, Any]) -> CameraCalibration:
     model, distortion = camera.get("camera_model", "pinhole"), camera.get("distortion_model", "none")
     if model != "pinhole" or distortion not in _DISTORTIONS:
         raise CalibrationMissing(
-            f"{where}: a {model} camera with {distortion} distortion is not read; calibrate it as pinhole with "
+            f"{where}: camera_model {model} with distortion_model {distortion} is not read; calibrate it as pinhole with "
             f"{' or '.join(_DISTORTIONS)}"
         )
     coefficients = _numbers(where, "distortion_coeffs", camera.get("distortion_coeffs", []))

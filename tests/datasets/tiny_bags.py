@@ -68,6 +68,15 @@ class TinyBag:
         fields = {"height": rows, "width": columns, "encoding": encoding, "step": step, "data": data} | fields
         self.add(topic, "sensor_msgs/msg/Image", stamp_ns, **fields)
 
+    @property
+    def last_message(self) -> Any:
+        return self._messages[-1][2]
+
+    def received_last(self, received_ns: int) -> None:
+        """Say when the message added last was received."""
+        topic, _, message = self._messages[-1]
+        self._messages[-1] = (topic, received_ns, message)
+
     def transform(self, parent, child, xyz, quat_xyzw=(0.0, 0.0, 0.0, 1.0), stamp_ns=START_NS):
         message = self.make("geometry_msgs/msg/TransformStamped", stamp_ns, header__frame_id=parent)
         message.child_frame_id = child

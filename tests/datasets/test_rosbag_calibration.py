@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Calibrations and ground truth in a bag: mountings, lenses, noise, the tracked body; Kalibr's files in their place."""
+
+import numpy as np
+import pytest
+import yaml
+from tiny_bags import START_NS, STEP_NS, TinyBag, place
+
+from coclo_vio.config import parse_settings
+from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
+from coclo_vio.errors import CalibrationMissing, DatasetError, TimestampError
+from coclo_vio.geometry import se3, so3
+
+IMAGES = {side: f"/camera/infra{1 + i}/image_rect_raw" for i, side in enumerate(("left", "right"))}
+TURNED = (0.5, -0.5, 0.5, -0.5)  # z forward, x right
+
+
+@pytest.fixture
+def bag(tmp_path):
+    return TinyBag(tmp_path / "walk.bag")
+
+
+def configured(*settings):
+    return DatasetConfig.parse(parse_settings([f"rosbag.{setting}" for setting in settings]), "test")
+
+
+def pose(xyz, quat_xyzw=(0.0, 0.0, 0.0, 1.0)):
+    return se3.transform(so3.from_quat_xyzw(np.array(quat_xyzw)), np.array(xyz, dtype=np.float64))
+
+
+def add_camera(bag, side, frame, **fields):
+    focal = (400.0, 0.0, 319.5, 0.0, 401.0, 239.5, 0.0, 0.0, 1.0)
+    fields = {"header__frame_id": frame, "width": 640, "height": 480, "k": focal} | fields
+    info = IMAGES[side].replace("image_rect_raw", "camera_info")
+    bag.add(fields.pop("topic", info), "sensor_msgs/msg/CameraInfo", START_NS, **fields)
+    bag.add_image(START_NS, fields.pop("image", IMAGES[side]), np.zeros((2, 2), dtype=np.uint8))
+
+
+def projection(focal, baseline=0.0):
+    return (focal, 0.0, 300.0, -focal * baseline, 0.0, focal, 200.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+def test_mountings_follow_chains_of_frames(bag, biped):
+    add_camera(bag, "left", "left_optical")
+    add_camera(bag, "right", "right_optical")
+    bag.add_imu(START_NS, topic="/camera/imu", header__frame_id="camera_imu")
+    bag.add_tf(bag.transform("base_link", "camera_link", (0.3, 0.0, 0.1)))
+    bag.add_tf(
+        bag.transform("camera_link", "left_optical", (0.0, 0.025, 0.0), TURNED),
+        bag.transform("camera_link", "right_optical", (0.0, -0.025, 0.0), TURNED),
+        bag.transform("camera_imu", "camera_link", (0.01, 0.0, 0.0)),
+    )
+    dataset = open_dataset(bag.write(), biped)
+    stereo = dataset.stereo_calibration()
+    np.testing.assert_allclose(stereo.T_body_left_camera, pose((0.3, 0.025, 0.1), TURNED), atol=1e-12)
+    assert stereo.baseline_m == pytest.approx(0.05)
+    assert stereo.left.camera_matrix.tolist() == [[400.0, 0.0, 319.5], [0.0, 401.0, 239.5], [0.0, 0.0, 1.0]]
+    assert (stereo.left.width_px, stereo.left.height_px, stereo.left.distortion) == (640, 480, "none")
+    np.testing.assert_allclose(dataset.camera_imu_calibration().T_body_imu, pose((0.29, 0.0, 0.1)), atol=1e-12)
+
+
+def test_the_right_camera_is_placed_by_the_baseline_where_its_frame_is_not(bag, biped):
+    add_camera(bag, "left", "optical")
+    add_camera(bag, "right", "optical", p=projection(400.0, 0.05))
+    bag.add_tf(bag.transform("base_link", "optical", (0.3, 0.0, 0.0), TURNED))
+    stereo = open_dataset(bag.write(), biped).stereo_calibration()
+    T_left_right = se3.inverse(stereo.T_body_left_camera) @ stereo.T_body_right_camera
+    np.testing.assert_allclose(T_left_right, pose((0.05, 0.0, 0.0)), atol=1e-12)
+
+
+def test_rectified_images_have_the_lens_of_p_and_the_turn_of_r(bag, biped):
+    turn = so3.about_z(0.1)
+    for side in ("left", "right"):
+        topic, image = f"/stereo/{side}/camera_info", f"/stereo/{side}/image_rect"
+        fields = {"r": tuple(turn.ravel()), "p": projection(300.0), "d": (0.1, 0.0, 0.0, 0.0, 0.0)}
+        add_camera(bag, side, f"{side}_optical", topic=topic, image=image, distortion_model="plumb_bob", **fields)
+        bag.add_tf(bag.transform("base_link", f"{side}_optical", (0.0, 0.1 if side == "left" else -0.1, 0.0)))
+    path = bag.write()
+    stereo = open_dataset(path, biped).stereo_calibration()
+    assert stereo.left.focal_px == (300.0, 300.0)
+    assert stereo.left.distortion == "none"
+    np.testing.assert_allclose(stereo.T_body_left_camera[:3, :3], turn.T, atol=1e-12)
+    raw = open_dataset(path, biped, configured("is_rectified=false")).stereo_calibration()
+    assert raw.left.focal_px == (400.0, 401.0)
+    assert raw.left.distortion_coefficients == (0.1, 0.0, 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(raw.T_body_left_camera[:3, :3], np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "given", "wanted"),
+    [
+        ("plumb_bob", (0.1, 0.2, 0.3, 0.4, 0.5), ("radtan", (0.1, 0.2, 0.3, 0.4, 0.5))),
+        ("plumb_bob", (0.0,) * 5, ("none", ())),
+        ("rational_polynomial", (0.1,) * 8, ("radtan", (0.1,) * 8)),
+        ("rational_polynomial", (0.1,) * 8 + (0.0,) * 6, ("radtan", (0.1,) * 8)),
+        ("equidistant", (0.1, 0.2, 0.3, 0.4), ("equidistant", (0.1, 0.2, 0.3, 0.4))),
+        ("", (), ("none", ())),
+    ],
+)
+def test_models_of_distortion_are_those_of_ros(bag, biped, model, given, wanted):
+    for side in ("left", "right"):
+        add_camera(bag, side, side, distortion_model=model, d=given)
+        bag.add_tf(bag.transform("base_link", side, (0.0, 0.0, 0.0)))
+    lens = open_dataset(bag.write(), biped).stereo_calibration().left
+    assert (lens.distortion, lens.distortion_coefficients) == wanted
+
+
+def test_an_unknown_distortion_is_refused_with_those_that_are_read(bag, biped):
+    for side in ("left", "right"):
+        add_camera(bag, side, side, distortion_model="omni", d=(0.1,) * 5)
+        bag.add_tf(bag.transform("base_link", side, (0.0, 0.0, 0.0)))
+    with pytest.raises(CalibrationMissing, match=r"infra1/camera_info: distortion 'omni' with 5.*plumb_bob"):
+        open_dataset(bag.write(), biped).stereo_calibration()
+
+
+def test_cameras_that_stand_nowhere_are_told_and_not_made_up(bag, biped):
+    add_camera(bag, "left", "left_optical")
+    add_camera(bag, "right", "right_optical")
+    bag.add_tf(bag.transform("camera_link", "left_optical", (0.0, 0.0, 0.0)))
+    dataset = open_dataset(bag.write(), biped)
+    assert dataset.stereo_calibration() is None
+    assert any("no static transform from base_link to the frame left_optical" in n for n in dataset.report().notes)
+
+
+def test_noise_is_read_from_covariances_by_the_rate(bag, biped):
+    for i in range(20):
+        variance = (4e-6 * 100,) + (0.0,) * 3 + (4e-6 * 100,) + (0.0,) * 3 + (4e-6 * 100,)
+        fields = {"angular_velocity_covariance": variance, "linear_acceleration_covariance": (-1.0,) + (0.0,) * 8}
+        bag.add_imu(START_NS + i * STEP_NS, header__frame_id="imu_link", **fields)
+    bag.add_tf(bag.transform("base_link", "imu_link", (0.1, 0.2, 0.3), TURNED))
+    imu = open_dataset(bag.write(), biped).imu_calibration()
+    assert imu.gyroscope_noise_density == pytest.approx(2e-3, rel=1e-9)
+    assert imu.accelerometer_noise_density == biped.imu.accelerometer_noise_density
+    np.testing.assert_allclose(imu.T_body_imu, pose((0.1, 0.2, 0.3), TURNED), atol=1e-12)
+
+
+def test_a_covariance_beyond_belief_is_left_aside_and_told(bag, biped):
+    for i in range(5):
+        bag.add_imu(START_NS + i * STEP_NS, angular_velocity_covariance=(1e4,) + (0.0,) * 3 + (1e4, *(0.0,) * 3, 1e4))
+    dataset = open_dataset(bag.write(), biped)
+    assert dataset.imu_calibration() is None
+    assert any("not believed" in note for note in dataset.report().notes)
+
+
+TRUTHS = {
+    "geometry_msgs/msg/TransformStamped": ("transform", "translation", "rotation"),
+    "geometry_msgs/msg/PoseStamped": ("pose", "position", "orientation"),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose", "position", "orientation"),
+    "nav_msgs/msg/Odometry": ("pose.pose", "position", "orientation"),
+}
+
+
+def add_truth(bag, stamp_ns, xyz, quat_xyzw=(0.0, 0.0, 0.0, 1.0), msgtype="geometry_msgs/msg/TransformStamped"):
+    fields = {}
+    bag.add("/vicon/biped/biped", msgtype, stamp_ns, **fields)
+    message = bag.last_message
+    inner, position, rotation = TRUTHS[msgtype]
+    for name in inner.split("."):
+        message = getattr(message, name)
+    place(getattr(message, position), getattr(message, rotation), xyz, quat_xyzw)
+
+
+@pytest.mark.parametrize("msgtype", TRUTHS)
+def test_ground_truth_is_read_from_poses_of_all_types(bag, biped, msgtype):
+    for i in range(3):
+        add_truth(bag, START_NS + i * STEP_NS, (1.0, 2.0, float(i)), TURNED, msgtype)
+    truth = open_dataset(bag.write(), biped).ground_truth()
+    assert truth.has_stamps
+    assert truth.source == "/vicon/biped/biped"
+    assert truth.trajectory.stamps_ns.tolist() == [START_NS + i * STEP_NS for i in range(3)]
+    np.testing.assert_allclose(truth.trajectory.T_world_body[2], pose((1.0, 2.0, 2.0), TURNED), atol=1e-12)
+
+
+def test_the_body_is_where_the_tracked_object_sits_on_it(bag, biped):
+    T_body_object = se3.transform(so3.about_z(np.pi / 2), np.array([0.1, 0.0, 0.2]))
+    T_world_body = pose((1.0, 2.0, 3.0), TURNED)
+    T_world_object = T_world_body @ T_body_object
+    add_truth(bag, START_NS, T_world_object[:3, 3], so3.to_quat_xyzw(T_world_object[:3, :3]))
+    config = configured("object_position_body_m=[0.1, 0, 0.2]", f"rotation_body_object_rpy_rad=[0, 0, {np.pi / 2}]")
+    truth = open_dataset(bag.write(), biped, config).ground_truth()
+    np.testing.assert_allclose(truth.trajectory.T_world_body[0], T_world_body, atol=1e-12)
+
+
+def test_lost_and_repeated_poses_are_left_out_and_counted(bag, biped):
+    bag.add_imu(START_NS)
+    add_truth(bag, START_NS, (1.0, 0.0, 0.0))
+    add_truth(bag, START_NS, (1.0, 0.0, 0.0))
+    add_truth(bag, START_NS + STEP_NS, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+    dataset = open_dataset(bag.write(), biped)
+    assert len(dataset.ground_truth().trajectory) == 1
+    assert dataset.report().dropped == {
+        "ground truth: stamp repeated or out of order": 1,
+        "ground truth: empty or NaN": 1,
+    }
+
+
+def test_ground_truth_that_goes_back_is_an_error_unless_left_out(bag, biped):
+    bag.add_imu(START_NS)
+    for k in (0, 2, 1, 3):
+        add_truth(bag, START_NS + k * STEP_NS, (float(k), 0.0, 0.0))
+        bag.received_last(START_NS)
+    path = bag.write()
+    dataset = open_dataset(path, biped)
+    with pytest.raises(TimestampError, match=r"on /vicon/biped/biped.*goes back"):
+        dataset.ground_truth()
+    assert any("no ground truth is read" in note for note in dataset.report().notes)
+    partial = open_dataset(path, biped, DatasetConfig(allow_partial=True))
+    assert partial.ground_truth().trajectory.positions[:, 0].tolist() == [0.0, 2.0, 3.0]
+    assert partial.report().dropped == {"/vicon/biped/biped: stamp going back": 1}
+
+
+def camchain(tmp_path, **changes):
+    """cam0 at z = 0.1 before the IMU, cam1 to its right, both turned as cameras are."""
+    T_cam_imu = se3.inverse(pose((0.1, 0.0, 0.0), TURNED))
+    lens = {
+        "camera_model": "pinhole",
+        "intrinsics": [350.0, 351.0, 320.0, 240.0],
+        "distortion_model": "radtan",
+        "distortion_coeffs": [0.1, 0.2, 0.3, 0.4],
+        "resolution": [640, 480],
+        "timeshift_cam_imu": 0.0125,
+    }
+    cam0 = lens | {"T_cam_imu": T_cam_imu.tolist(), "rostopic": IMAGES["left"]}
+    cam1 = lens | {"T_cn_cnm1": pose((-0.06, 0.0, 0.0)).tolist(), "rostopic": IMAGES["right"]}
+    path = tmp_path / "camchain.yaml"
+    path.write_text(yaml.safe_dump({"cam0": cam0, "cam1": cam1} | changes))
+    return path
+
+
+def seeing(bag):
+    grey = np.zeros((2, 2), dtype=np.uint8)
+    for topic in IMAGES.values():
+        bag.add_image(START_NS, topic, grey)
+    bag.add_imu(START_NS)
+    bag.add_imu(START_NS, topic="/camera/imu", header__frame_id="camera_imu")
+
+
+def test_a_camchain_stands_in_for_what_the_bag_lacks(tmp_path, bag, biped):
+    seeing(bag)
+    dataset = open_dataset(bag.write(), biped, configured(f"kalibr.camchain={camchain(tmp_path)}"))
+    stereo = dataset.stereo_calibration()
+    np.testing.assert_allclose(stereo.T_body_left_camera, pose((0.1, 0.0, 0.0), TURNED), atol=1e-12)
+    assert stereo.baseline_m == pytest.approx(0.06)
+    T_left_right = se3.inverse(stereo.T_body_left_camera) @ stereo.T_body_right_camera
+    assert T_left_right[0, 3] == pytest.approx(0.06)
+    assert stereo.left.focal_px == (350.0, 351.0)
+    assert stereo.time_offset_s == 0.0125
+    assert any("taken for the body's IMU" in note for note in dataset.report().notes)
+
+
+def test_a_camchain_of_the_cameras_imu_takes_where_that_sits(tmp_path, bag, biped):
+    seeing(bag)
+    settings = (f"kalibr.camchain={camchain(tmp_path)}", "kalibr.calibrated_imu=camera_imu")
+    path = bag.write()
+    with pytest.raises(CalibrationMissing, match=r"from the camera's IMU, but not where that is.*calibrated_imu=imu"):
+        open_dataset(path, biped, configured(*settings)).stereo_calibration()
+    again = TinyBag(tmp_path / "mounted.bag")
+    seeing(again)
+    again.add_tf(again.transform("base_link", "camera_imu", (0.2, 0.0, 0.0)))
+    dataset = open_dataset(again.write(), biped, configured(*settings))
+    np.testing.assert_allclose(
+        dataset.stereo_calibration().T_body_left_camera, pose((0.3, 0.0, 0.0), TURNED), atol=1e-12
+    )
+
+
+def test_a_camchain_places_the_cameras_imu_by_the_cameras_frame(tmp_path, bag, biped):
+    seeing(bag)
+    add_camera(bag, "left", "left_optical")
+    bag.add_tf(bag.transform("base_link", "left_optical", (0.4, 0.0, 0.0), TURNED))
+    settings = (f"kalibr.camchain={camchain(tmp_path)}", "kalibr.calibrated_imu=camera_imu")
+    dataset = open_dataset(bag.write(), biped, configured(*settings))
+    np.testing.assert_allclose(dataset.camera_imu_calibration().T_body_imu, pose((0.3, 0.0, 0.0)), atol=1e-12)
+
+
+def test_a_camchain_names_left_and_right_by_their_topics(tmp_path, bag, biped):
+    seeing(bag)
+    values = yaml.safe_load(camchain(tmp_path).read_text())
+    values["cam0"]["rostopic"], values["cam1"]["rostopic"] = IMAGES["right"], IMAGES["left"]
+    path = camchain(tmp_path, **values)
+    stereo = open_dataset(bag.write(), biped, configured(f"kalibr.camchain={path}")).stereo_calibration()
+    np.testing.assert_allclose(stereo.T_body_right_camera, pose((0.1, 0.0, 0.0), TURNED), atol=1e-12)
+
+
+def test_an_imu_file_gives_the_noise_of_the_imu_it_is_of(tmp_path, bag, biped):
+    seeing(bag)
+    path = tmp_path / "imu.yaml"
+    path.write_text("{gyroscope_noise_density: 0.003, accelerometer_random_walk: 0.0007, rostopic: /camera/imu}")
+    with pytest.raises(CalibrationMissing, match=r"is of /camera/imu, which is the camera's IMU.*=camera_imu"):
+        open_dataset(bag.write(), biped, configured(f"kalibr.imu={path}")).imu_calibration()
+    path.write_text("{gyroscope_noise_density: 0.003, accelerometer_random_walk: 0.0007, rostopic: /imu}")
+    imu = open_dataset(bag.path, biped, configured(f"kalibr.imu={path}")).imu_calibration()
+    assert (imu.gyroscope_noise_density, imu.accelerometer_bias_walk) == (0.003, 0.0007)
+
+
+def test_a_topic_that_holds_no_pose_is_refused(bag, biped):
+    bag.add_imu(START_NS)
+    config = configured("topics.ground_truth=/imu", "types={/imu: geometry_msgs/msg/PoseStamped}")
+    with pytest.raises(DatasetError, match="/imu holds no pose"):
+        open_dataset(bag.write(), biped, config).ground_truth()
