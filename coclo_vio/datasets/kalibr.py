@@ -136,8 +136,8 @@ def _lens(where: str, camera: dict[str, Any]) -> CameraCalibration:
     model, distortion = camera.get("camera_model", "pinhole"), camera.get("distortion_model", "none")
     if model != "pinhole" or distortion not in _DISTORTIONS:
         raise CalibrationMissing(
-            f"{where}: camera_model {model} with distortion_model {distortion} is not read; calibrate it as pinhole with "
-            f"{' or '.join(_DISTORTIONS)}"
+            f"{where}: camera_model {model} with distortion_model {distortion} is not read; "
+            f"calibrate it as pinhole with {' or '.join(_DISTORTIONS)}"
         )
     coefficients = _numbers(where, "distortion_coeffs", camera.get("distortion_coeffs", []))
     fx, fy, cx, cy = _numbers(where, "intrinsics", camera.get("intrinsics"), 4)

@@ -29,6 +29,13 @@ _METADATA = "metadata.yaml"
 _ROS2_SUFFIXES = (".mcap", ".db3")
 _IDL_RULE = "=" * 80 + "\n"
 _LONGEST_REASON = 200
+_PLAINLY = {
+    "Bag index looks damaged": "its index is missing",
+    "Bag is not indexed": "it was never closed and has no index",
+    "Could not read uint": "it ends too early",
+    "File end magic is invalid": "its end is missing",
+    "database disk image is malformed": "pages of its database are missing or damaged",
+}
 _NS_PER_S = 1_000_000_000
 
 
@@ -237,6 +244,9 @@ class BagFile:
 
 def _reason(error: Exception) -> str:
     """What a library says, without the path and its brackets, as part of a sentence."""
+    known = next((ours for theirs, ours in _PLAINLY.items() if theirs in str(error)), None)
+    if known is not None:
+        return known
     said = re.sub(r"Cannot open database [^:]*: |[()'\n]", "", str(error)).strip(" .,")
     said = said if len(said) <= _LONGEST_REASON else said[:_LONGEST_REASON] + " ..."
     return said or type(error).__name__
