@@ -57,6 +57,13 @@ class BagClock:
         self._last_ns[topic] = max(stamp_ns, last_ns)
         return stamp_ns
 
+    def match_ns(self, message: RawMessage) -> int:
+        """The time by which parts of one reading are put together, ns: the header's, whatever clock is believed.
+
+        Messages of one time arrive one after the other. Without a stamp in the header it is that of arrival.
+        """
+        return self._bag.header_stamp_ns(message.topic, message.data) or message.received_ns
+
     def _leave_out(self, topic: str, reason: str, sentence: str) -> None:
         if not self._drops:
             raise TimestampError(

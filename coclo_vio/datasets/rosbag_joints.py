@@ -4,7 +4,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -180,32 +180,51 @@ class Collator:
     def __init__(self, is_expected: BoolArray, tolerance_ns: int) -> None:
         self._is_expected = is_expected
         self._tolerance_ns = tolerance_ns
-        self._held: tuple[int, Array, BoolArray] | None = None
+        self._held: _Part | None = None
 
-    def push(self, stamp_ns: int, values: Array, is_there: BoolArray) -> Iterator[tuple[int, Array]]:
-        """Take a part: values (..., n) with NaN where it says nothing, and of which entries it speaks (n,).
+    def push(self, stamp_ns: int, match_ns: int, values: Array, is_there: BoolArray) -> Iterator[tuple[int, Array]]:
+        """Take a part.
+
+        Args:
+            stamp_ns: its time.
+            match_ns: the time by which it is matched with other parts; the same, but where arrivals are believed.
+            values: (..., n), NaN where it says nothing.
+            is_there: of which entries it speaks, (n,).
 
         Yields:
             Stamp and values of what is complete or can be so no more.
         """
-        if self._held is not None:
-            first_ns, before, spoken = self._held
-            if abs(stamp_ns - first_ns) > self._tolerance_ns or (spoken & is_there).any():
-                yield first_ns, before
+        part = _Part(stamp_ns, match_ns, values, is_there)
+        held, self._held = self._held, None
+        if held is not None:
+            if abs(match_ns - held.match_ns) > self._tolerance_ns or (held.is_there & is_there).any():
+                yield held.stamp_ns, held.values
             else:
-                values, is_there = np.where(is_there, values, before), spoken | is_there
-                stamp_ns = max(first_ns, stamp_ns)
-            self._held = None
-        if (is_there | ~self._is_expected).all():
-            yield stamp_ns, values
+                part = held.joined_by(part)
+        if (part.is_there | ~self._is_expected).all():
+            yield part.stamp_ns, part.values
         else:
-            self._held = (stamp_ns, values, is_there)
+            self._held = part
 
     def finish(self) -> Iterator[tuple[int, Array]]:
         """What is still held at the end."""
         if self._held is not None:
-            yield self._held[0], self._held[1]
+            yield self._held.stamp_ns, self._held.values
             self._held = None
+
+
+class _Part(NamedTuple):
+    """Some entries of a reading."""
+
+    stamp_ns: int
+    match_ns: int
+    values: Array
+    is_there: BoolArray
+
+    def joined_by(self, later: "_Part") -> "_Part":
+        values = np.where(later.is_there, later.values, self.values)
+        stamp_ns = max(self.stamp_ns, later.stamp_ns)
+        return _Part(stamp_ns, self.match_ns, values, self.is_there | later.is_there)
 
 
 def _is_command(topic: str) -> bool:

@@ -19,9 +19,10 @@ _MOST_HELD = 60  # images of one side that wait for the other
 
 
 class RawImage(NamedTuple):
-    """An image message not yet decoded."""
+    """An image message not yet decoded; ``match_ns`` is what the other camera's image of the same time has too."""
 
     stamp_ns: int
+    match_ns: int
     topic: str
     data: bytes
 
@@ -69,7 +70,7 @@ class StereoPairer:
         if len(side) > _MOST_HELD:
             self._drop(side)
         while self._left and self._right:
-            apart_ns = self._left[0].stamp_ns - self._right[0].stamp_ns
+            apart_ns = self._left[0].match_ns - self._right[0].match_ns
             if abs(apart_ns) <= self._tolerance_ns:
                 yield RawPair(self._left.popleft(), self._right.popleft())
             else:

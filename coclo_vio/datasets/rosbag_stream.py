@@ -153,7 +153,7 @@ class BagStream:
         values, is_there = self._roles.joints.entries.read(self._decoded(message))
         if not is_there.any():
             return
-        for complete_ns, complete in self._joints.push(stamp_ns, values, is_there):
+        for complete_ns, complete in self._joints.push(stamp_ns, self._clock.match_ns(message), values, is_there):
             yield JointSample(complete_ns, *complete)
 
     def _feet_of_joints(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
@@ -167,11 +167,11 @@ class BagStream:
         is_there = np.arange(len(self._legs)) == leg
         value = wrench_force(self._decoded(message), self._config.foot_force_component)
         force = np.where(is_there, value, np.nan)
-        for complete_ns, complete in self._feet.push(stamp_ns, force, is_there):
+        for complete_ns, complete in self._feet.push(stamp_ns, self._clock.match_ns(message), force, is_there):
             yield FootForceSample(complete_ns, complete)
 
     def _image(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
-        yield from self._pairs.push(RawImage(stamp_ns, message.topic, message.data))
+        yield from self._pairs.push(RawImage(stamp_ns, self._clock.match_ns(message), message.topic, message.data))
 
 
 def _key(item: Item) -> tuple[int, int]:

@@ -182,6 +182,22 @@ def test_the_time_of_arrival_is_taken_when_asked_for(bag, biped):
     assert [sample.stamp_ns for sample in dataset.measurements()] == [START_NS + i * STEP_NS for i in range(3)]
 
 
+def test_what_is_of_one_time_belongs_together_though_it_arrives_piece_by_piece(bag, biped):
+    grey, kind = np.zeros((2, 2), dtype=np.uint8), "geometry_msgs/msg/WrenchStamped"
+    for i in range(3):
+        stamp_ns, came_ns = 5 + i * STEP_NS, START_NS + i * STEP_NS
+        bag.add("/foot/left", kind, stamp_ns, received_ns=came_ns, wrench__force__z=1.0)
+        bag.add("/foot/right", kind, stamp_ns, received_ns=came_ns + 2_000_000, wrench__force__z=2.0)
+        bag.add_image(stamp_ns, "/left/image", grey, received_ns=came_ns + 3_000_000)
+        bag.add_image(stamp_ns, "/right/image", grey, received_ns=came_ns + 6_000_000)
+    dataset = open_dataset(bag.write(), biped, configured("clock=received"))
+    samples = list(dataset.measurements(frozenset({FootForceSample, StereoFrame})))
+    assert [type(sample) for sample in samples] == [FootForceSample, StereoFrame] * 3
+    np.testing.assert_array_equal([sample.force for sample in samples[::2]], [[1.0, 2.0]] * 3)
+    assert samples[0].stamp_ns == START_NS + 2_000_000
+    assert samples[1].stamp_ns == START_NS + 3_000_000
+
+
 def test_a_header_without_a_stamp_is_an_error_that_names_the_way_out(bag, biped):
     bag.add_joints(0, received_ns=START_NS)
     with pytest.raises(TimestampError, match=r"on /joint_states: its header has no stamp.*clock=received"):
