@@ -15,8 +15,9 @@ from coclo_vio.errors import SimulationError
 from coclo_vio.geometry import se3, so3
 from coclo_vio.measurements import JointSample
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.trial.walker import Walker
+from coclo_vio.simulation.trial.walker import Command, Walker
 
+_SETTLING_S = 2.0  # on its springs, before the trial begins
 _CONTROL_EVERY = 5  # steps of the physics, 5 ms
 _FALLEN = 0.5  # cosine of the trunk's lean beyond the planned one (60 deg)
 _SUNK_M = 0.09  # the trunk this close to the ground line has fallen
@@ -145,11 +146,10 @@ class Laboratory:
         log: list[tuple[Array, ...]] = []
         push = _Pusher(pushes, generator)
         stop_s, cut_s = None, np.inf if until_s is None else until_s
-        joints = len(self._q)
         while data.time < cut_s and (stop_s is None or data.time < stop_s):
             pose = _pose(data.qpos)
             command = walker.step(data.time, _CONTROL_EVERY * step_s, pose, self._joints())
-            data.ctrl[:joints], data.ctrl[joints:] = command.position, command.velocity
+            self._control(command)
             data.xfrc_applied[1] = push.at(data.time) if walker.walked_s > 0.0 and stop_s is None else 0.0
             for _ in range(_CONTROL_EVERY):
                 before = (data.qpos.copy(), data.qvel.copy(), self._spring_torque())
@@ -172,8 +172,16 @@ class Laboratory:
         data.qpos[3:7] = so3.to_quat_xyzw(start[:3, :3])[[3, 0, 1, 2]]
         data.qpos[self._q] = walker.standing_joints
         data.act[:] = data.qpos[self._q]  # springs at ease
-        command = walker.step(0.0, _CONTROL_EVERY * self.model.opt.timestep, start, self._joints())
-        data.act[:] = command.position
+        step_s = _CONTROL_EVERY * self.model.opt.timestep
+        data.act[:] = walker.step(0.0, step_s, start, self._joints()).position
+        while data.time < _SETTLING_S:
+            self._control(walker.step(0.0, step_s, _pose(data.qpos), self._joints()))
+            mujoco.mj_step(self.model, data, _CONTROL_EVERY)
+        data.time = 0.0
+
+    def _control(self, command: Command) -> None:
+        joints = len(self._q)
+        self._data.ctrl[:joints], self._data.ctrl[joints:] = command.position, command.velocity
 
     def _joints(self) -> JointSample:
         """What the robot's own controller measures."""
