@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The commands that estimate and measure: ``demo``, ``run``, ``compare``, ``evaluate``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from coclo_vio import comparison, run_folder
+from coclo_vio.cli.options import (
+    ConfigOption,
+    JsonOption,
+    OutOption,
+    PartialOption,
+    RobotOption,
+    SetOption,
+    with_partial,
+)
+from coclo_vio.cli.results import print_table, progress_bar, tell_failures, tell_run
+from coclo_vio.cli.terminal import give, give_json
+from coclo_vio.datasets.bag_file import check_bag_path
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.report import ReadTally
+from coclo_vio.errors import ConfigError, DatasetError
+from coclo_vio.estimators import ESTIMATORS
+from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.inspection import resolve_if_known
+from coclo_vio.run_bag import write_run_bag
+from coclo_vio.run_config import RunConfig, resolve
+from coclo_vio.sample import sample_path
+
+_COMPARED = "coclo,coclo_paper,inekf,naive"
+
+
+def demo(output: OutOption = Path("demo_out")) -> None:
+    """Compare the estimators on the bundled walk of a six-legged Daisy: table, plots, report."""
+    _compare([sample_path()], _COMPARED, resolve(robot="daisy"), output)
+
+
+def run(
+    dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
+    mode: Annotated[str, typer.Option("--mode", "-m", help=f"One of: {', '.join(ESTIMATORS)}.")] = "coclo",
+    robot: RobotOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    allow_partial: PartialOption = False,
+    output: OutOption = Path("out"),
+    bag: Annotated[
+        Path | None, typer.Option("--bag", help="Write the result as a rosbag too: .mcap, .bag or a folder.")
+    ] = None,
+) -> None:
+    """Run one estimator on a recording; with ground truth, say how far it drifted."""
+    if bag is not None:
+        check_bag_path(bag)
+    resolved = _resolve_for(dataset, robot, config, with_partial(settings, allow_partial))
+    with progress_bar() as progress:
+        told = comparison.run_all(dataset, [mode], resolved, output, progress)
+    tell_run(told, output)
+    failure = told["estimators"][mode]["failure"]
+    evaluations: dict[str, Evaluation] = {}
+    if told["ground_truth"] is not None and told["estimators"][mode]["estimates"]:
+        evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
+        print_table(evaluations, f"{dataset.resolve().name}, {resolved.robot.name}")
+        tell_failures(failures)
+    if bag is not None and told["estimators"][mode]["estimates"]:
+        write_run_bag(bag, output, list(told["estimators"]), evaluations)
+        give(f"bag: {bag}")
+    if failure:
+        raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
+    if not told["estimators"][mode]["estimates"]:
+        raise DatasetError(
+            f"no estimate came out of the {told['estimators'][mode]['measurements']} measurements of {dataset}: {mode} "
+            "needs joint samples in time order, stamped in the unit their column says; the counts above say what came"
+        )
+
+
+def compare(
+    datasets: Annotated[list[Path], typer.Argument(help="Recordings with ground truth.")],
+    modes: Annotated[str, typer.Option("--modes", help="Estimators, separated by commas.")] = _COMPARED,
+    robot: RobotOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    allow_partial: PartialOption = False,
+    output: OutOption = Path("out"),
+) -> None:
+    """Run several estimators side by side against ground truth: table, plots, compare.json, report.html."""
+    _compare(datasets, modes, None, output, robot, config, with_partial(settings, allow_partial))
+
+
+def evaluate(
+    run_or_tum: Annotated[Path, typer.Argument(help="Run folder or TUM trajectory.")],
+    vicon: Annotated[Path | None, typer.Option("--vicon", help="Ground truth: TUM, EuRoC or mocap CSV.")] = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure trajectories against ground truth."""
+    evaluation = _evaluation_config(run_or_tum, config, settings)
+    truth = None if vicon is None else read_ground_truth(vicon, DatasetConfig().columns, ReadTally("ground truth", 0.1))
+    failures: dict[str, str] = {}
+    if run_or_tum.is_dir():
+        evaluations, failures = comparison.evaluate_run(run_or_tum, evaluation, truth)
+    else:
+        evaluations = comparison.evaluate_tum(run_or_tum, evaluation, truth)
+    if as_json:
+        give_json({name: value.to_json() for name, value in evaluations.items()})
+    else:
+        print_table(evaluations, str(run_or_tum))
+    tell_failures(failures)
+    if not evaluations:
+        raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
+
+
+def _resolve_for(dataset: Path, robot: str | None, config: Path | None, settings: Sequence[str]) -> RunConfig:
+    resolved, known = resolve_if_known(dataset, robot, config, settings)
+    return resolved if known is not None else resolve(robot, config, settings)  # says that no robot is named
+
+
+def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
+    """What the run was configured with, unless a file or setting says otherwise."""
+    own = run_or_tum / "config.yaml"
+    file = config or (own if own.is_file() else None)
+    return resolve(None, file, settings or (), guess="daisy").evaluation
+
+
+def _compare(
+    datasets: list[Path],
+    modes: str,
+    resolved: RunConfig | None,
+    output: Path,
+    robot: str | None = None,
+    config: Path | None = None,
+    settings: Sequence[str] = (),
+) -> None:
+    names = list(dict.fromkeys(name.strip() for name in modes.split(",") if name.strip()))
+    if not names:
+        raise ConfigError(f"--modes names no estimator; there are: {', '.join(ESTIMATORS)}")
+    compared: dict[str, Any] = {}
+    fruitless: list[str] = []
+    for name, dataset in zip(_distinct_names(datasets), datasets, strict=True):
+        own = resolved or _resolve_for(dataset, robot, config, settings)
+        folder = output if len(datasets) == 1 else output / name
+        with progress_bar() as progress:
+            told = comparison.run_all(dataset, names, own, folder, progress)
+        tell_run(told, folder)
+        evaluations, failures = comparison.evaluate_run(folder, own.evaluation)
+        print_table(evaluations, f"{name}, {own.robot.name}")
+        stopped = {mode: one["failure"] for mode, one in told["estimators"].items() if one["failure"]}
+        tell_failures(failures | stopped)
+        report = comparison.write_comparison(folder, f"{name}, {own.robot.name}", evaluations, own)
+        give(f"report: {report}")
+        compared[name] = {estimator: value.to_json() for estimator, value in evaluations.items()}
+        if not evaluations or len(stopped) == len(names):
+            fruitless.append(str(dataset))
+    if len(datasets) > 1:
+        with run_folder.writing(output):
+            run_folder.write_json(output / "compare.json", compared)
+    if fruitless:
+        raise DatasetError(f"no estimator got through {', '.join(fruitless)}; what stopped each is told above")
+
+
+def _distinct_names(datasets: Sequence[Path]) -> list[str]:
+    """What each recording is called: its last path component, numbered where an earlier one has the same."""
+    names: list[str] = []
+    for dataset in datasets:
+        name = plain = dataset.resolve().name
+        number = 1
+        while name in names:
+            number += 1
+            name = f"{plain}_{number}"
+        names.append(name)
+    return names
