@@ -165,7 +165,7 @@ class RobotModel:
         """
         _, _, jacobian = self._kinematics(position)
         own = self._own_torques(np.zeros(len(position)), specific_force_body, None, None)
-        return own - np.einsum("nij,ni->j", jacobian[:, 3:], foot_force_body)
+        return np.asarray(own - np.einsum("nij,ni->j", jacobian[:, 3:], foot_force_body))
 
     def _kinematics(self, position: Array) -> tuple[Array, Array, Array]:
         """Foot centres (n, 3), rotations (n, 3, 3) and Jacobians (n, 6, J); leaves the configuration in ``_q``."""

@@ -71,6 +71,38 @@ def test_a_standing_robot_is_carried_by_its_own_weight(name, preset) -> None:
     assert (measured[:, 2] > 10.0).all()
 
 
+@pytest.mark.parametrize("name", ["daisy", "go1"])
+def test_the_weight_of_a_standing_robot_acts_at_its_centre_of_mass(name, preset) -> None:
+    """The feet's forces have no moment about it."""
+    model = preset(name)
+    position = STANDING if name == "daisy" else np.tile([0.05, 0.9, -1.8], 4)
+    position = position + np.random.default_rng(25).normal(0.0, 0.1, len(position))
+    arms = model.feet(position, np.zeros_like(position)).position_body - model.centre_of_mass_body(position)
+    moment = np.cross(arms, balanced_forces(model, position)).sum(axis=0)
+    np.testing.assert_allclose(moment, 0.0, atol=1e-8)
+
+
+def test_the_centre_of_mass_is_told_in_the_body_frame(preset) -> None:
+    model = preset("go1")
+    moved = RobotModel(model.description.model_copy(update={"body_frame": "imu_link"}))
+    position = np.tile([0.05, 0.9, -1.8], 4)
+    arm = model.centre_of_mass_body(position) - moved.centre_of_mass_body(position)
+    np.testing.assert_allclose(arm, model.description.imu.position_body_m, atol=1e-12)
+    assert np.abs(arm).max() > 0.005
+
+
+def test_holding_torques_are_those_that_show_the_forces() -> None:
+    """What ``foot_forces`` finds in the torques that hold given forces is those forces, on a tilted body too."""
+    rng = np.random.default_rng(24)
+    position = STANDING + rng.normal(0.0, 0.1, 18)
+    forces, up = rng.normal(0.0, 30.0, (6, 3)), so3.exp(np.array([0.2, -0.3, 0.0])).T @ UP
+    torques = DAISY.holding_torques(position, forces, up)
+    shown = DAISY.foot_forces(position, np.zeros(18), torques, specific_force_body=up)
+    np.testing.assert_allclose(shown, forces, atol=1e-8)
+    level = DAISY.holding_torques(position, forces, UP)
+    np.testing.assert_allclose(level, WholeBody(DAISY.description).efforts(position, forces)[6:], atol=1e-8)
+
+
 def test_without_compensation_it_is_the_papers_equation_7() -> None:
     rng = np.random.default_rng(21)
     effort = rng.normal(0.0, 5.0, 18)
