@@ -8,7 +8,7 @@ import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.datasets.csv_table import CsvTable
-from coclo_vio.datasets.result_bag import Track, write_result_bag
+from coclo_vio.datasets.rosbag.writing.result import Track, write_result_bag
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.geometry import se3
 from coclo_vio.run_folder import read_estimates

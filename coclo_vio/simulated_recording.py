@@ -14,8 +14,8 @@ from pydantic import Field
 
 from coclo_vio import __version__
 from coclo_vio.config import StageConfig, merged
-from coclo_vio.datasets.bag_writer import write_bag
 from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.rosbag.writing.recording import write_bag
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import EncodedStereoFrame

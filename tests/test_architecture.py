@@ -21,7 +21,7 @@ _IMPORTERS = {
     "gtsam": ("backend/",),
     "pinocchio": ("geometry/se3.py", "robot/model.py"),
     "matplotlib": ("evaluation/figures.py",),
-    "rosbags": ("datasets/bag_file.py", "datasets/rosbag_"),
+    "rosbags": ("datasets/rosbag/storage/", "datasets/rosbag/writing/new_bag.py"),
     "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),
     "typer": ("cli/",),
     "rich": ("cli/", "inspection_view.py"),

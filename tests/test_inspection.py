@@ -11,11 +11,11 @@ from coclo_vio import inspection
 from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.config import parse_settings
 from coclo_vio.datasets import images
-from coclo_vio.datasets.bag_file import new_bag
-from coclo_vio.datasets.bag_messages import BagMessages
-from coclo_vio.datasets.bag_writer import write_bag
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig
+from coclo_vio.datasets.rosbag.writing.messages import BagMessages
+from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
+from coclo_vio.datasets.rosbag.writing.recording import write_bag
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
 from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.geometry import se3

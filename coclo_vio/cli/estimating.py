@@ -19,10 +19,10 @@ from coclo_vio.cli.options import (
 )
 from coclo_vio.cli.results import print_table, progress_bar, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
-from coclo_vio.datasets.bag_file import check_bag_path
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.evaluation.evaluate import EvaluationConfig

@@ -8,7 +8,7 @@ from pydantic import Field
 from coclo_vio.config import StageConfig
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig
-from coclo_vio.datasets.rosbag_config import RosbagConfig
+from coclo_vio.datasets.rosbag.config import RosbagConfig
 
 
 class DatasetConfig(StageConfig):

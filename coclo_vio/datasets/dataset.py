@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Protocol
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.datasets import euroc_folder, leg_log, rosbag
+from coclo_vio.datasets import euroc_folder, leg_log
 from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.report import ReadReport, StreamReport
+from coclo_vio.datasets.rosbag import reader as rosbag
 from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import LEG_SENSORS, Measurement
 from coclo_vio.robot.description import RobotDescription, load_robot, robot_names

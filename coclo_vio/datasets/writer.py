@@ -3,7 +3,7 @@
 
 Every reading is written with as many digits as its float needs (``repr``), so that a log read back is equal to what was
 written, value by value; ``nan`` is written for a reading that failed, an empty cell where a sensor has no sample.
-Images are written as the files they come as. What is written as a bag is in ``bag_writer``.
+Images are written as the files they come as. What is written as a bag is in ``rosbag.writing``.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -8,8 +8,8 @@ import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.calibration import CameraCalibration
-from coclo_vio.datasets.bag_file import TF_MESSAGE, BagFile
 from coclo_vio.datasets.images import ImageEncoding
+from coclo_vio.datasets.rosbag.writing.new_bag import TF_MESSAGE, NewBag
 from coclo_vio.geometry import so3
 from coclo_vio.measurements import InertialReading, JointSample
 
@@ -22,7 +22,7 @@ _NOTHING = np.zeros(0)
 class BagMessages:
     """Makes the messages of one bag; each method is named after what it makes."""
 
-    def __init__(self, bag: BagFile) -> None:
+    def __init__(self, bag: NewBag) -> None:
         self._types = bag.types
         self._has_seq = bag.ros == 1
 

@@ -28,9 +28,9 @@ import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration
-from coclo_vio.datasets.bag_file import new_bag
-from coclo_vio.datasets.bag_messages import BagMessages
 from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.rosbag.writing.messages import BagMessages
+from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
 from coclo_vio.datasets.writer import ALL_JOINT_READINGS, RecordedJoints
 from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from coclo_vio.arrays import Array
-from coclo_vio.datasets.rosbag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.geometry import se3, so3
 
 _BODY_FRAMES = ("base_link", "base", "trunk", "body", "torso", "pelvis", "base_footprint")

@@ -16,7 +16,7 @@ from rosbags.interfaces.typing import RPath
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import McapReader, decompress
 
-from coclo_vio.datasets.rosbag_unpack import unpacked_prefix
+from coclo_vio.datasets.rosbag.storage.unpack import unpacked_prefix
 
 _MAGIC = b"\x89MCAP0\r\n"
 _CHUNK, _DATA_END = 0x06, 0x0F

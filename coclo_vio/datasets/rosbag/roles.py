@@ -5,17 +5,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from coclo_vio.arrays import BoolArray
-from coclo_vio.datasets import rosbag_glance as glance
-from coclo_vio.datasets.rosbag_config import RosbagConfig
-from coclo_vio.datasets.rosbag_glance import Glance
-from coclo_vio.datasets.rosbag_joints import (
+from coclo_vio.datasets.rosbag import glance
+from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.datasets.rosbag.glance import Glance
+from coclo_vio.datasets.rosbag.joints import (
     FootEntry,
     JointEntries,
     choose_joint_topics,
     complaint_of_joints,
     foot_entries,
 )
-from coclo_vio.datasets.rosbag_topics import TopicChoice, TopicGuess
+from coclo_vio.datasets.rosbag.topics import TopicChoice, TopicGuess
 from coclo_vio.errors import listing
 from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
 from coclo_vio.robot.description import RobotDescription

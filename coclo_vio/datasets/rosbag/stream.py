@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from coclo_vio.datasets.report import ReadTally
-from coclo_vio.datasets.rosbag_clock import BagClock
-from coclo_vio.datasets.rosbag_config import RosbagConfig
-from coclo_vio.datasets.rosbag_file import BagFile, RawMessage
-from coclo_vio.datasets.rosbag_joints import Collator, read_feet, wrench_force
-from coclo_vio.datasets.rosbag_order import ReorderWindow
-from coclo_vio.datasets.rosbag_roles import BagRoles
-from coclo_vio.datasets.rosbag_stereo import RawImage, RawPair, StereoPairer
+from coclo_vio.datasets.rosbag.clock import BagClock
+from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.datasets.rosbag.joints import Collator, read_feet, wrench_force
+from coclo_vio.datasets.rosbag.order import ReorderWindow
+from coclo_vio.datasets.rosbag.roles import BagRoles
+from coclo_vio.datasets.rosbag.stereo import RawImage, RawPair, StereoPairer
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import (

@@ -9,8 +9,9 @@ import pytest
 from tiny_bags import JOINTS, KINDS, START_NS, STEP_NS, TinyBag, angle_of
 
 from coclo_vio.config import parse_settings
-from coclo_vio.datasets import images, rosbag_file
+from coclo_vio.datasets import images
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.errors import DatasetError, TimestampError
 from coclo_vio.measurements import (
     ALL_SENSORS,
@@ -238,13 +239,13 @@ def test_only_the_topics_asked_for_are_opened(bag, biped, monkeypatch):
             bag.add_image(START_NS + i * STEP_NS, f"/{side}/image_raw", np.zeros((2, 3), dtype=np.uint8))
     dataset = open_dataset(bag.write(), biped)
     read: list[str] = []
-    decode = rosbag_file.BagFile.decoded
+    decode = BagFile.decoded
 
     def watched(self, topic, data):
         read.append(topic)
         return decode(self, topic, data)
 
-    monkeypatch.setattr(rosbag_file.BagFile, "decoded", watched)
+    monkeypatch.setattr(BagFile, "decoded", watched)
     assert len(list(dataset.measurements(frozenset({ImuSample})))) == 3
     assert set(read) == {"/imu"}
     read.clear()
@@ -281,14 +282,14 @@ def test_messages_are_taken_as_they_are_wanted(tmp_path, biped, monkeypatch):
         bag.add_joints(START_NS + i * STEP_NS)
     dataset = open_dataset(bag.write(), biped)
     taken = []
-    messages = rosbag_file.BagFile.messages
+    messages = BagFile.messages
 
     def watched(self, names):
         for message in messages(self, names):
             taken.append(message.topic)
             yield message
 
-    monkeypatch.setattr(rosbag_file.BagFile, "messages", watched)
+    monkeypatch.setattr(BagFile, "messages", watched)
     stream = dataset.measurements()
     next(stream)
     assert len(taken) < 150  # a second of messages, and not the ten there are

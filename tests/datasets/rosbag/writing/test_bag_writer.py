@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from coclo_vio.datasets.bag_writer import write_bag
 from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.rosbag.writing.recording import write_bag
 from coclo_vio.datasets.writer import RecordedJoints
 from coclo_vio.errors import DatasetError, TimestampError
 from coclo_vio.geometry import se3, so3

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A rosbag as a recording: ROS 1 (.bag) and ROS 2 (.mcap, .db3, a folder with metadata.yaml), without ROS.
 
-What is read for what is guessed from types and names or named in ``dataset.rosbag`` (``rosbag_config``), and told by
+What is read for what is guessed from types and names or named in ``dataset.rosbag`` (``config``), and told by
 ``RosBag.topics``. One pass streams; nothing but a second of messages is held.
 """
 
@@ -16,16 +16,16 @@ from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
-from coclo_vio.datasets.rosbag_calibration import BagCalibration
-from coclo_vio.datasets.rosbag_clock import BagClock
-from coclo_vio.datasets.rosbag_file import LOOKS_FOR, BagFile, is_rosbag
-from coclo_vio.datasets.rosbag_frames import read_frames
-from coclo_vio.datasets.rosbag_glance import JOINT_STATE, glance_at
-from coclo_vio.datasets.rosbag_roles import find_roles, notes_on
-from coclo_vio.datasets.rosbag_stereo import RawPair
-from coclo_vio.datasets.rosbag_stream import BagStream, Item
-from coclo_vio.datasets.rosbag_topics import TopicChoice
-from coclo_vio.datasets.rosbag_truth import read_truth
+from coclo_vio.datasets.rosbag.calibration import BagCalibration
+from coclo_vio.datasets.rosbag.clock import BagClock
+from coclo_vio.datasets.rosbag.frames import read_frames
+from coclo_vio.datasets.rosbag.glance import JOINT_STATE, glance_at
+from coclo_vio.datasets.rosbag.roles import find_roles, notes_on
+from coclo_vio.datasets.rosbag.stereo import RawPair
+from coclo_vio.datasets.rosbag.storage.bag_file import LOOKS_FOR, BagFile, is_rosbag
+from coclo_vio.datasets.rosbag.stream import BagStream, Item
+from coclo_vio.datasets.rosbag.topics import TopicChoice
+from coclo_vio.datasets.rosbag.truth import read_truth
 from coclo_vio.errors import DatasetError, TimestampError, TopicNotFound
 from coclo_vio.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
 from coclo_vio.robot.description import RobotDescription

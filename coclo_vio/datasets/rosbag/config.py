@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How a rosbag is read: which topic plays which role, whose names its joints have, whose clock is believed.
 
-Everything may be left out: topics are then guessed from their types and names (``rosbag_topics``).
+Everything may be left out: topics are then guessed from their types and names (``topics``).
 """
 
 from typing import Annotated, Literal

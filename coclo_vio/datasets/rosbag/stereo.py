@@ -10,7 +10,7 @@ import numpy as np
 from coclo_vio.arrays import ByteImage
 from coclo_vio.datasets import images
 from coclo_vio.datasets.report import ReadTally
-from coclo_vio.datasets.rosbag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import StereoFrame
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.datasets.rosbag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.errors import DatasetError, listing
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -42,7 +42,7 @@ _KEPT_FOR_LATECOMERS = Qos(
 )
 
 
-class BagFile:
+class NewBag:
     """An open bag.
 
     Attributes:
@@ -90,7 +90,7 @@ class BagFile:
 
 
 @contextmanager
-def new_bag(path: Path) -> Iterator[BagFile]:
+def new_bag(path: Path) -> Iterator[NewBag]:
     """A bag to be written at ``path``: ``.bag`` is ROS 1, ``.mcap`` and ``.db3`` one file of ROS 2, no suffix a folder.
 
     Chunks are compressed (lz4 in ROS 1, zstd in MCAP): names of joints repeat with every message.
@@ -104,7 +104,7 @@ def new_bag(path: Path) -> Iterator[BagFile]:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
             writer, written = _KINDS[path.suffix](Path(folder), path)
             with writer:
-                yield BagFile(writer)
+                yield NewBag(writer)
             written.replace(path)
     except (Ros1Error, Ros2Error, SerdeError) as error:
         raise DatasetError(f"cannot write the bag {path}: {error}") from error

@@ -19,9 +19,9 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from coclo_vio.datasets.rosbag_chunks import ChunkReader, CutChunkReader
-from coclo_vio.datasets.rosbag_mcap import CutMcapReader
-from coclo_vio.datasets.rosbag_sqlite import CutSqliteReader, check_length
+from coclo_vio.datasets.rosbag.storage.chunks import ChunkReader, CutChunkReader
+from coclo_vio.datasets.rosbag.storage.mcap import CutMcapReader
+from coclo_vio.datasets.rosbag.storage.sqlite import CutSqliteReader, check_length
 from coclo_vio.errors import DatasetError, TimestampError, listing
 
 LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml"

@@ -9,9 +9,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from coclo_vio.datasets import rosbag_glance as glance
-from coclo_vio.datasets.rosbag_config import NO_TOPIC, RosbagTopics
-from coclo_vio.datasets.rosbag_glance import Glance
+from coclo_vio.datasets.rosbag import glance
+from coclo_vio.datasets.rosbag.config import NO_TOPIC, RosbagTopics
+from coclo_vio.datasets.rosbag.glance import Glance
 from coclo_vio.errors import TopicNotFound, listing
 from coclo_vio.robot.description import RobotDescription
 

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from coclo_vio.arrays import Array
 from coclo_vio.datasets.report import ReadTally
-from coclo_vio.datasets.rosbag_clock import BagClock
-from coclo_vio.datasets.rosbag_config import RosbagConfig
-from coclo_vio.datasets.rosbag_file import BagFile
-from coclo_vio.datasets.rosbag_frames import pose_of
+from coclo_vio.datasets.rosbag.clock import BagClock
+from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.datasets.rosbag.frames import pose_of
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.errors import DatasetError, TimestampError
 from coclo_vio.geometry import se3
 from coclo_vio.trajectory import GroundTruth, Trajectory

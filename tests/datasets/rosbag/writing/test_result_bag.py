@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from coclo_vio.datasets.result_bag import Track, ros_pose_covariance, write_result_bag
+from coclo_vio.datasets.rosbag.writing.result import Track, ros_pose_covariance, write_result_bag
 from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3, so3
 from coclo_vio.trajectory import Trajectory

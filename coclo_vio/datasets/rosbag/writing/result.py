@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from coclo_vio.arrays import Array
-from coclo_vio.datasets.bag_file import new_bag
-from coclo_vio.datasets.bag_messages import BagMessages
+from coclo_vio.datasets.rosbag.writing.messages import BagMessages
+from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
 from coclo_vio.errors import DatasetError
 from coclo_vio.trajectory import Trajectory
 

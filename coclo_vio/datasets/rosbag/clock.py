@@ -2,7 +2,7 @@
 """The time of a message: whose clock is believed, and what becomes of a stamp that goes back."""
 
 from coclo_vio.datasets.report import ReadTally
-from coclo_vio.datasets.rosbag_file import BagFile, RawMessage
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
 from coclo_vio.errors import TimestampError
 
 _NS_PER_S = 1_000_000_000

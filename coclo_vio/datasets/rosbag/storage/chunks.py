@@ -28,7 +28,7 @@ from rosbags.rosbag1.reader import (
     read_uint32,
 )
 
-from coclo_vio.datasets.rosbag_unpack import unpacked_prefix
+from coclo_vio.datasets.rosbag.storage.unpack import unpacked_prefix
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _NEVER_NS = 2**63 - 1

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.datasets.rosbag_config import RosbagConfig
-from coclo_vio.datasets.rosbag_glance import Glance
+from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.datasets.rosbag.glance import Glance
 from coclo_vio.errors import DatasetError, listing
 from coclo_vio.robot.description import RobotDescription
 
