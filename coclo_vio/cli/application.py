@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from coclo_vio import __version__
-from coclo_vio.cli import estimating, showing
+from coclo_vio.cli import estimating, showing, simulating
 from coclo_vio.cli.terminal import err, out
 from coclo_vio.errors import CocloError, ConfigError
 
@@ -23,6 +23,7 @@ for _command in (
     estimating.run,
     estimating.compare,
     estimating.evaluate,
+    simulating.simulate,
     showing.inspect,
     showing.benchmark,
     showing.config,

@@ -5,14 +5,13 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import yaml
+from console import Answer, Coclo, is_one_sentence
 
-from coclo_vio import __version__, cli
+from coclo_vio import __version__
 from coclo_vio.datasets.writer import write_leg_log
 from coclo_vio.robot.description import load_robot, robot_names
 from coclo_vio.robot.model import RobotModel
@@ -25,34 +24,6 @@ PROMISED = {
     *("ate_m", "rpe_1m_percent", "drift_percent", "paper_drift_percent", "velocity_rmse_mps", "yaw_drift_deg"),
     *("path_length_m", "path_length_ratio", "coverage", "anees_pose", "realtime_factor"),
 }
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a command answered."""
-
-    status: int
-    out: str
-    err: str
-
-
-Coclo = Callable[..., Answer]
-
-
-@pytest.fixture
-def coclo(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Coclo:
-    """Runs the entry of the console script in this process, in a folder of its own."""
-
-    def run(*arguments: object) -> Answer:
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["coclo-vio", *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit_:
-            cli.main()
-        captured = capsys.readouterr()
-        code = exit_.value.code
-        return Answer(code if isinstance(code, int) else 0, captured.out, captured.err)
-
-    return run
 
 
 @pytest.fixture(scope="module")
@@ -70,10 +41,6 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run_out(coclo: Coclo, log: Path, tmp_path: Path) -> Path:
     assert coclo("run", log, "-m", "naive", "-o", "out").status == 0
     return tmp_path / "out"
-
-
-def _is_one_sentence(answer: Answer) -> bool:
-    return answer.err.startswith("coclo-vio: ") and answer.err.count("\n") == 1 and "Traceback" not in answer.err
 
 
 def test_the_console_script_prints_its_version() -> None:
@@ -200,7 +167,7 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
         (["evaluate", "nan.tum", "--vicon", "{log}/groundtruth.tum"], 1, "nan.tum, line 1"),
     ],
 )
-def test_what_a_user_can_mend_is_one_sentence(
+def test_what_a_user_can_mendis_one_sentence(
     arguments: list[str], status: int, words: str, coclo: Coclo, log: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "bad.yaml").write_text("filter: [1, 2", encoding="utf-8")
@@ -209,14 +176,14 @@ def test_what_a_user_can_mend_is_one_sentence(
     assert answer.status == status
     assert answer.out == ""
     assert words in answer.err
-    assert _is_one_sentence(answer)
+    assert is_one_sentence(answer)
 
 
 def test_the_process_itself_shows_no_traceback(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from coclo_vio.cli import main; main()", "run", str(tmp_path / "nowhere")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert _is_one_sentence(Answer(done.returncode, done.stdout, done.stderr))
+    assert is_one_sentence(Answer(done.returncode, done.stdout, done.stderr))
 
 
 @pytest.mark.parametrize("arguments", [["run"], ["walk"], ["run", "--depth", "3"], ["benchmark", "--seconds", "0"]])
@@ -235,7 +202,7 @@ def test_a_spoilt_run_folder_is_told(file: str, content: str, coclo: Coclo, run_
     answer = coclo("evaluate", run_out, "--json")
     assert (answer.status, answer.out) == (1, "")
     assert file in answer.err
-    assert _is_one_sentence(answer)
+    assert is_one_sentence(answer)
 
 
 def test_an_estimator_with_a_spoilt_state_file_is_left_out(coclo: Coclo, run_out: Path) -> None:
@@ -254,7 +221,7 @@ def test_a_run_without_ground_truth_can_be_evaluated_with_one(coclo: Coclo, log:
     assert coclo("run", "bare", "-m", "naive").status == 0
     refused = coclo("evaluate", "out")
     assert refused.status == 1
-    assert _is_one_sentence(refused)
+    assert is_one_sentence(refused)
     assert "--vicon FILE" in refused.err
     given = coclo("evaluate", "out", "--vicon", log / "groundtruth.tum", "--json")
     assert given.status == 0

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command ``simulate``: what it writes and tells, what its options change, and what stops it before it walks."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+import yaml
+from console import Answer, Coclo, is_one_sentence
+
+from coclo_vio import simulated_recording
+from coclo_vio.cli import simulating
+from coclo_vio.datasets.dataset import open_dataset
+from coclo_vio.robot.description import load_robot
+from coclo_vio.simulated_recording import RecordingFormat
+from coclo_vio.simulation.trial.terrain import TerrainName
+from coclo_vio.simulation.visuals import opengl
+
+SHORT = ("--duration", 1, "--no-images")
+
+
+def test_it_tells_where_the_recording_is_and_where_the_truth(coclo: Coclo, tmp_path: Path) -> None:
+    answer = coclo("simulate", "stairs", "--seed", 5, "-o", "walk.mcap", *SHORT)
+    assert (answer.status, answer.err) == (0, "")
+    lines = answer.out.splitlines()
+    assert lines[0].startswith("recording: walk.mcap (")
+    assert lines[1].startswith("truth, which no estimator may read: walk_truth (")
+    assert lines[2] == "1.0 s, 0.00 m walked of a way of 4.99 m"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.mcap", "walk_truth"]
+    assert (tmp_path / "walk.mcap").read_bytes().startswith(b"\x89MCAP")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "written"),
+    [
+        (("-o", "walk"), "walk/mav0/joints0/data.csv"),
+        (("-o", "walk", "--format", "ros2"), "walk/metadata.yaml"),
+        (("-o", "walk.db3"), "walk.db3"),
+    ],
+)
+def test_the_format_is_that_of_the_suffix_or_as_asked(
+    arguments: tuple[str, ...], written: str, coclo: Coclo, tmp_path: Path
+) -> None:
+    answer = coclo("simulate", "flat", *arguments, *SHORT)
+    assert answer.status == 0
+    assert (tmp_path / written).is_file()
+    recording = tmp_path / arguments[1]
+    assert len(list(open_dataset(recording, load_robot("daisy")).measurements())) == 200
+
+
+def test_options_change_the_configuration_that_is_kept_with_the_truth(coclo: Coclo, tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("trial: {gait: {height_m: 0.21}, imperfection: {mass: 0.1}}", encoding="utf-8")
+    answer = coclo(
+        *("simulate", "ramp", "-o", "walk", *SHORT, "-c", "mine.yaml", "--ideal", "--friction", 0.5),
+        *("--foot-radius", 0.03, "--gait-speed", 1.5, "--lighting", "dark", "--blackout", "3:1.5", "--blackout", "9:2"),
+        *("--texture", "poor", "--image-encoding", "jpeg", "--set", "trial.imperfection.link_length=0.02"),
+    )
+    assert answer.status == 0
+    config = yaml.safe_load((tmp_path / "walk_truth" / "config.yaml").read_text(encoding="utf-8"))
+    plain = simulated_recording.simulation_config("ramp").trial.gait
+    gait, body, imperfection = (config["trial"][part] for part in ("gait", "body", "imperfection"))
+    assert gait["height_m"] == 0.21
+    for key, factor in (("speed_mps", 1.5), ("turn_rate_radps", 1.5), ("period_s", 1 / 1.5)):
+        assert gait[key] == pytest.approx(factor * getattr(plain, key))
+    assert (body["friction"], body["foot_radius_m"]) == (0.5, 0.03)
+    assert config["scene"]["texture"] == "poor"
+    assert config["camera"]["encoding"] == "jpeg"
+    blackouts = [{"start_s": 3.0, "duration_s": 1.5}, {"start_s": 9.0, "duration_s": 2.0}]
+    assert config["camera"]["lighting"] == {"level": "dark", "dark_share": 0.05, "blackouts": blackouts}
+    assert imperfection.pop("link_length") == 0.02  # --set wins over --ideal, and that over the file
+    assert set(imperfection.values()) == {0.0}
+
+
+def test_the_kept_configuration_and_the_seed_repeat_the_recording(coclo: Coclo, tmp_path: Path) -> None:
+    assert coclo("simulate", "stairs", "--seed", 2, "-o", "one.bag", *SHORT, "--friction", 0.6).status == 0
+    again = ("simulate", "stairs", "--seed", 2, "-o", "two.bag", *SHORT, "-c", "one_truth/config.yaml")
+    assert coclo(*again).status == 0
+    assert (tmp_path / "two.bag").read_bytes() == (tmp_path / "one.bag").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["-o", "there.bag"], 1, "there.bag is there already; name another path, or remove it first"),
+        (["-o", "old.mcap"], 1, "old_truth is there already"),
+        (["-o", "walk.zip"], 1, "walk.zip ends in .zip, which no format has; end it in .bag"),
+        (["-o", "walk.bag", "--format", "mcap"], 1, "walk.bag cannot be written as mcap, which ends in .mcap"),
+        (["-o", "there.bag/walk"], 1, "cannot write there.bag/walk: "),
+        (["-o", "walk", "--blackout", "3"], 2, "--blackout takes START:SECONDS, such as 20:3"),
+        (["-o", "walk", "--blackout", "-1:3"], 2, "camera.lighting.blackouts.0.start_s = -1.0: "),
+        (["-o", "walk", "--friction", "7"], 2, "trial.body.friction = 7.0: Input should be less than or equal to 2"),
+        (["-o", "walk", "--gait-speed", "5", "--set", "trial.gait.speed_mps=0.3"], 2, "gait speed 5.0: "),
+        (["-o", "walk", "--set", "trial.gait.sped_mps=1"], 2, "there is no trial.gait.sped_mps; the keys there are: "),
+        (["-o", "walk", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
+    ],
+)
+def test_what_is_wrong_is_said_before_the_robot_walks(
+    arguments: list[str], status: int, words: str, coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_recording, "simulate", lambda *_, **__: pytest.fail("it walked"))
+    (tmp_path / "there.bag").touch()
+    (tmp_path / "old_truth").mkdir()
+    answer = coclo("simulate", "flat", *arguments)
+    assert answer.status == status
+    assert words in answer.err
+    assert is_one_sentence(answer)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["old_truth", "there.bag"]
+
+
+def test_without_opengl_it_does_not_walk_first(coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulated_recording, "simulate", lambda *_, **__: pytest.fail("it walked"))
+    monkeypatch.setattr(opengl, "works", lambda backend: False)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    answer = coclo("simulate", "flat", "-o", "walk.bag")
+    assert answer.status == 1
+    assert "or leave the images out with --no-images" in answer.err
+    assert is_one_sentence(answer)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_leaves_nothing(coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(folder: Path, *_: object) -> None:
+        (folder / "half").mkdir(parents=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulated_recording, "write_euroc_folder", interrupted)
+    answer = coclo("simulate", "flat", "-o", "walk", *SHORT)
+    assert answer.status not in (0, 2)
+    assert "stopped; nothing was written" in answer.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_falls_is_status_1(coclo: Coclo, tmp_path: Path) -> None:
+    answer = coclo("simulate", "flat", "-o", "walk", "--no-images", "--set", "trial.body.spring_nm_per_rad=[5, 5, 5]")
+    assert answer.status == 1
+    assert "the robot fell after " in answer.err
+    assert is_one_sentence(answer)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["hill", "-o", "x"], ["flat"], ["flat", "-o", "x", "--seed", "-1"]])
+def test_wrong_usage_of_simulate_is_status_2(arguments: list[str], coclo: Coclo) -> None:
+    answer = coclo("simulate", *arguments)
+    assert answer.status == 2
+    assert "Usage" in answer.err
+
+
+def test_the_choices_are_those_of_the_simulator() -> None:
+    def choices(option: object) -> tuple[str, ...]:
+        return get_args(get_args(option)[0])
+
+    assert choices(simulating.TrialArgument) == get_args(TerrainName)
+    assert set(get_args(choices(simulating.FormatOption)[0])) == {kind.value for kind in RecordingFormat}
+
+
+def test_without_mujoco_only_simulate_is_missing(tmp_path: Path) -> None:
+    """In a process where MuJoCo cannot be imported, all other commands are there; this one names the extra."""
+    code = "import sys; sys.modules['mujoco'] = None; from coclo_vio.cli import main; main()"
+
+    def run(*arguments: str) -> Answer:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
+        return Answer(done.returncode, done.stdout, done.stderr)
+
+    assert run("robots").status == 0
+    answer = run("simulate", "flat", "-o", "walk")
+    assert answer.status == 1
+    assert "pip install 'coclo-vio[sim]'" in answer.err
+    assert is_one_sentence(answer)
