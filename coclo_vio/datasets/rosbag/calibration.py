@@ -14,9 +14,9 @@ from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalib
 from coclo_vio.datasets.kalibr import KalibrCamera, KalibrImu, read_camchain, read_imu
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
-from coclo_vio.datasets.rosbag.frames import FrameTree
 from coclo_vio.datasets.rosbag.glance import Glance
 from coclo_vio.datasets.rosbag.lenses import T_camera_rectified, baseline_m, lens_of
+from coclo_vio.datasets.rosbag.poses import FrameTree
 from coclo_vio.errors import CalibrationMissing
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription

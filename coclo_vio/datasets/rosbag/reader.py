@@ -17,15 +17,15 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
 from coclo_vio.datasets.rosbag.calibration import BagCalibration
-from coclo_vio.datasets.rosbag.clock import BagClock
-from coclo_vio.datasets.rosbag.frames import read_frames
 from coclo_vio.datasets.rosbag.glance import JOINT_STATE, glance_at
+from coclo_vio.datasets.rosbag.poses import read_frames, read_truth
 from coclo_vio.datasets.rosbag.roles import find_roles, notes_on
 from coclo_vio.datasets.rosbag.stereo import RawPair
-from coclo_vio.datasets.rosbag.storage.bag_file import LOOKS_FOR, BagFile, is_rosbag
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.files import LOOKS_FOR, is_rosbag
 from coclo_vio.datasets.rosbag.stream import BagStream, Item
+from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.datasets.rosbag.topics import TopicChoice
-from coclo_vio.datasets.rosbag.truth import read_truth
 from coclo_vio.errors import DatasetError, TimestampError, TopicNotFound
 from coclo_vio.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
 from coclo_vio.robot.description import RobotDescription

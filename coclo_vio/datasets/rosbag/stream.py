@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 from coclo_vio.datasets.report import ReadTally
-from coclo_vio.datasets.rosbag.clock import BagClock
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.joints import Collator, read_feet, wrench_force
-from coclo_vio.datasets.rosbag.order import ReorderWindow
 from coclo_vio.datasets.rosbag.roles import BagRoles
 from coclo_vio.datasets.rosbag.stereo import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
+from coclo_vio.datasets.rosbag.timing import BagClock, ReorderWindow
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import (

@@ -5,37 +5,22 @@ What ``rosbags`` lets through of its own errors and of those of its compressions
 ``DatasetError`` here.
 """
 
-import re
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from coclo_vio.datasets.rosbag.storage.chunks import ChunkReader, CutChunkReader
-from coclo_vio.datasets.rosbag.storage.mcap import CutMcapReader
-from coclo_vio.datasets.rosbag.storage.sqlite import CutSqliteReader, check_length
-from coclo_vio.errors import DatasetError, TimestampError, listing
+from coclo_vio.datasets.rosbag.storage import files
+from coclo_vio.errors import DatasetError, TimestampError
 
-LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
-_METADATA = "metadata.yaml"
-_ROS2_SUFFIXES = (".mcap", ".db3")
 _IDL_RULE = "=" * 80 + "\n"
-_LONGEST_REASON = 200
-_PLAINLY = {
-    "Bag index looks damaged": "its index is missing",
-    "Bag is not indexed": "it was never closed and has no index",
-    "Could not read uint": "it ends too early",
-    "File end magic is invalid": "its end is missing",
-    "database disk image is malformed": "pages of its database are missing or damaged",
-}
 _NS_PER_S = 1_000_000_000
 
 
@@ -56,19 +41,6 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-class _Storage(Protocol):
-    """What the readers of ``rosbags`` and those of cut files have in common."""
-
-    @property
-    def connections(self) -> list[Connection]: ...
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]: ...
-
-
 class BagFile:
     """A bag that can be read from its beginning as often as is wanted.
 
@@ -83,14 +55,14 @@ class BagFile:
         """List the topics.
 
         Args:
-            path: what ``is_rosbag`` says yes to.
+            path: what ``files.is_rosbag`` says yes to.
             allow_partial: take what can be read of a damaged bag.
 
         Raises:
             DatasetError: the bag is damaged; says what can be done.
         """
-        self.path = _bag_in(path)
-        self.is_ros1 = self.path.suffix == ".bag"
+        self.path = files.bag_in(path)
+        self.is_ros1 = files.is_ros1(self.path)
         self.damage: str | None = None
         self._is_cut = False
         self._allow_partial = allow_partial
@@ -143,7 +115,7 @@ class BagFile:
         except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
             raise DatasetError(
                 f"{self.path}: a message on {topic} is no "
-                f"{self.topics[topic].msgtype} ({_reason(error)}); --allow-partial "
+                f"{self.topics[topic].msgtype} ({files.in_plain_words(error)}); --allow-partial "
                 "(dataset.allow_partial) leaves it out"
             ) from error
 
@@ -166,25 +138,21 @@ class BagFile:
     def _survey(self) -> list[Connection]:
         """The connections of all files; settles whether the bag is whole."""
         try:
-            self._check_lengths()
-            return self._connections(self._whole())
+            files.check_lengths(self.path)
+            return self._connections(files.whole(self.path))
         except Exception as error:
-            self.damage = f"the bag is damaged or cut off ({_reason(error)})"
+            self.damage = f"the bag is damaged or cut off ({files.in_plain_words(error)})"
             if not self._allow_partial:
                 raise self._damaged() from error
         self._is_cut = True
         try:
-            return self._connections(self._cut())
+            return self._connections(files.remaining(self.path))
         except Exception as error:
-            raise DatasetError(f"nothing can be read of {self.path}: {_reason(error)}; copy it anew") from error
+            raise DatasetError(
+                f"nothing can be read of {self.path}: {files.in_plain_words(error)}; copy it anew"
+            ) from error
 
-    def _check_lengths(self) -> None:
-        files = _storage_files(self.path) if self.path.is_dir() else [self.path]
-        for file in files:
-            if file.suffix == ".db3":
-                check_length(file)
-
-    def _connections(self, storages: list[_Storage]) -> list[Connection]:
+    def _connections(self, storages: list[files.Storage]) -> list[Connection]:
         found = []
         for storage in storages:
             storage.open()
@@ -194,25 +162,10 @@ class BagFile:
                 storage.close()
         return found
 
-    def _storages(self) -> list[_Storage]:
-        return self._cut() if self._is_cut else self._whole()
+    def _storages(self) -> list[files.Storage]:
+        return files.remaining(self.path) if self._is_cut else files.whole(self.path)
 
-    def _whole(self) -> list[_Storage]:
-        """Readers of a bag as it should be."""
-        if self.is_ros1:
-            return [ChunkReader(self.path)]
-        if self.path.is_dir() and not (self.path / _METADATA).is_file():
-            return [Ros2Reader(file) for file in _storage_files(self.path)]
-        return [Ros2Reader(self.path)]
-
-    def _cut(self) -> list[_Storage]:
-        """Readers of what is left of a bag, file by file: those that are sound as they should be."""
-        if self.is_ros1:
-            return [CutChunkReader(self.path)]
-        files = _storage_files(self.path) if self.path.is_dir() else [self.path]
-        return [_sound_or_cut(file) for file in files]
-
-    def _messages_of(self, storage: _Storage, names: Collection[str]) -> Iterator[RawMessage]:
+    def _messages_of(self, storage: files.Storage, names: Collection[str]) -> Iterator[RawMessage]:
         wanted = [connection for connection in storage.connections if connection.topic in names]
         if not wanted:
             return
@@ -223,7 +176,7 @@ class BagFile:
             except StopIteration:
                 return
             except Exception as error:  # a damaged chunk or page: what it raises depends on what it hits
-                self.damage = self.damage or f"the bag breaks in the middle ({_reason(error)})"
+                self.damage = self.damage or f"the bag breaks in the middle ({files.in_plain_words(error)})"
                 if not self._allow_partial:
                     raise self._damaged() from error
                 return
@@ -240,58 +193,6 @@ class BagFile:
             msgtype, store = connection.msgtype, _typestore(connection, is_ros1=self.is_ros1)
             self._types[topic] = (msgtype, store)
         return msgtype, store
-
-
-def _reason(error: Exception) -> str:
-    """What a library says, without the path and its brackets, as part of a sentence."""
-    known = next((ours for theirs, ours in _PLAINLY.items() if theirs in str(error)), None)
-    if known is not None:
-        return known
-    said = re.sub(r"Cannot open database [^:]*: |[()'\n]", "", str(error)).strip(" .,")
-    said = said if len(said) <= _LONGEST_REASON else said[:_LONGEST_REASON] + " ..."
-    return said or type(error).__name__
-
-
-def is_rosbag(path: Path) -> bool:
-    """Whether ``path`` is a bag, or a folder that holds one."""
-    if path.is_dir():
-        if (path / _METADATA).is_file():
-            return "rosbag2_bagfile_information" in (path / _METADATA).read_text(encoding="utf-8", errors="replace")
-        return bool(_storage_files(path) or list(path.glob("*.bag")))
-    return path.suffix in {".bag", *_ROS2_SUFFIXES}
-
-
-def _bag_in(path: Path) -> Path:
-    """The bag at ``path``: itself, or the only ROS 1 bag in the folder.
-
-    Raises:
-        DatasetError: several bags.
-    """
-    if not path.is_dir() or (path / _METADATA).is_file() or _storage_files(path):
-        return path
-    bags = sorted(path.glob("*.bag"))
-    if len(bags) != 1:
-        named = listing(bag.name for bag in bags)
-        raise DatasetError(f"{path} holds {len(bags)} bags ({named}); give the path of one of them")
-    return bags[0]
-
-
-def _storage_files(folder: Path) -> list[Path]:
-    """The data files of a ROS 2 bag in the order in which they were recorded (``_0``, ``_1``, ... ``_10``)."""
-    files = [file for file in folder.iterdir() if file.suffix in _ROS2_SUFFIXES]
-    return sorted(files, key=lambda file: (len(file.name), file.name))
-
-
-def _sound_or_cut(file: Path) -> _Storage:
-    sound = Ros2Reader(file)
-    try:
-        if file.suffix == ".db3":
-            check_length(file)
-        sound.open()
-    except Exception:
-        return CutMcapReader(file) if file.suffix == ".mcap" else CutSqliteReader(file)
-    sound.close()
-    return sound
 
 
 def _typestore(connection: Connection, *, is_ros1: bool) -> Typestore:
