@@ -35,7 +35,7 @@ class Swing:
     @property
     def duration_s(self) -> float:
         """Until the expected touch-down, s."""
-        return max(self.planned_s, self._rise_s + 0.7 * self._fall_s + _LEVEL_S)
+        return max(self.planned_s, self._rise_s + max(self._fall_s, 0.7 * self._fall_s + _LEVEL_S))
 
     def position(self, elapsed_s: float) -> Array:
         """Where the foot should be so long after lift-off, m, (3,)."""
