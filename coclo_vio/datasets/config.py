@@ -29,4 +29,6 @@ class DatasetConfig(StageConfig):
             "joints that are missing, samples whose stamps go back; the report tells of it"
         ),
     ] = False
-    gap_s: Annotated[float, Field(gt=0, description="a longer pause is counted as a gap, s")] = 0.1
+    gap_s: Annotated[
+        float, Field(gt=0, description="a longer pause is counted as a gap, if it is 2.5 usual steps too, s")
+    ] = 0.1

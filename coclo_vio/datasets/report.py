@@ -17,6 +17,8 @@ from coclo_vio.measurements import (
 )
 
 _NS_PER_S = 1_000_000_000
+_STEPS_TO_KNOW_IT = 32  # after so many steps the usual one is known
+_GAP_STEPS = 2.5  # a pause of fewer usual steps is no gap, however slow the sensor
 STREAM_NAMES: Mapping[type, str] = {
     FootForceSample: "foot_force",
     ImuSample: "imu",
@@ -36,7 +38,7 @@ class StreamReport:
         rate_hz: samples a second outside the gaps; 0 for fewer than two.
         start_ns: the earliest stamp.
         end_ns: the latest stamp.
-        gaps: how many pauses were longer than ``DatasetConfig.gap_s``.
+        gaps: how many pauses were longer than ``DatasetConfig.gap_s`` and than 2.5 of the stream's usual steps.
         longest_gap_s: the longest pause between two samples, s.
         longest_gap_start_ns: the stamp before it.
         repeated_stamps: samples with the stamp of the one before.
@@ -85,7 +87,10 @@ class ReadReport:
 
 @dataclass(slots=True)
 class StreamTally:
-    """Counts one sensor's stamps as they pass, in constant memory."""
+    """Counts one sensor's stamps as they pass, in constant memory.
+
+    What its usual step is, and so what a gap is, is told by its first steps.
+    """
 
     gap_ns: int
     samples: int = 0
@@ -100,6 +105,8 @@ class StreamTally:
     with_nan: int = 0
     _steady_ns: int = 0
     _steady_steps: int = 0
+    _first_steps_ns: list[int] = field(default_factory=list)
+    _longest_steady_ns: float | None = None
 
     def add(self, stamp_ns: int, *, has_nan: bool) -> None:
         """Count one sample."""
@@ -120,7 +127,25 @@ class StreamTally:
             self.repeated += 1
         elif step_ns < 0:
             self.backward += 1
-        elif step_ns > self.gap_ns:
+        elif self._longest_steady_ns is not None:
+            self._tell_gap(step_ns, self._longest_steady_ns)
+        else:
+            self._first_steps_ns.append(step_ns)
+            if len(self._first_steps_ns) == _STEPS_TO_KNOW_IT:
+                self._settle()
+
+    def _settle(self) -> None:
+        """Tell from the first steps what a gap is, and which of them are gaps."""
+        if self._longest_steady_ns is not None or not self._first_steps_ns:
+            return
+        usual_ns = sorted(self._first_steps_ns)[(len(self._first_steps_ns) - 1) // 2]
+        self._longest_steady_ns = max(self.gap_ns, _GAP_STEPS * usual_ns)
+        for step_ns in self._first_steps_ns:
+            self._tell_gap(step_ns, self._longest_steady_ns)
+        self._first_steps_ns.clear()
+
+    def _tell_gap(self, step_ns: int, longest_steady_ns: float) -> None:
+        if step_ns > longest_steady_ns:
             self.gaps += 1
         else:
             self._steady_ns += step_ns
@@ -128,6 +153,7 @@ class StreamTally:
 
     def report(self, name: str) -> StreamReport:
         """The counts as a value."""
+        self._settle()
         rate_hz = self._steady_steps * _NS_PER_S / self._steady_ns if self._steady_ns else 0.0
         return StreamReport(
             name,
