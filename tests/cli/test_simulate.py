@@ -133,7 +133,7 @@ def test_an_interrupt_leaves_nothing(coclo: Coclo, tmp_path: Path, monkeypatch: 
 
 
 def test_a_robot_that_falls_is_status_1(coclo: Coclo, tmp_path: Path) -> None:
-    answer = coclo("simulate", "flat", "-o", "walk", "--no-images", "--set", "trial.body.spring_nm_per_rad=[5, 5, 5]")
+    answer = coclo("simulate", "flat", "-o", "walk", "--no-images", "--set", "trial.body.spring_nm_per_rad=[1, 1, 1]")
     assert answer.status == 1
     assert "the robot fell after " in answer.err
     assert is_one_sentence(answer)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from coclo_vio.arrays import Array
 from coclo_vio.simulation.trial.swing import Swing
 
-STEP_S = 0.002
+STEP_S = 0.004
 START = np.array([0.1, 0.3, 0.02])
 
 
@@ -44,7 +44,7 @@ def test_it_never_jumps_and_keeps_its_speed(swing) -> None:
     _, places = sampled(swing, swing.duration_s + 0.3)
     assert np.abs(np.diff(places[:, 2])).max() / STEP_S < 1.02 * swing.vertical_speed_mps
     reach = float(np.linalg.norm((swing.goal - swing.start)[:2]))
-    assert np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1).max() < 0.1 * reach + 1e-12
+    assert np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1).max() < 0.15 * reach + 1e-12
 
 
 @given(swings())
