@@ -22,7 +22,7 @@ _CONFIGURED = "named in dataset.rosbag.topics"
 _NONE_ASKED = "left out in dataset.rosbag.topics"
 _CAMERA = re.compile(r"camera|(?<![a-z])cam\d*(?![a-z])|realsense|d4[0-9]5|t265|infra|(?<![a-z])(zed|oak|mynt)")
 _HALF_IMU = re.compile(r"/(accel|gyro)/(sample|imu_info)")
-_NO_STEREO = re.compile(r"depth|colou?r|rgb|mask|disparity|theora|confidence")
+_NO_STEREO = re.compile(r"depth(?!_?cam)|colou?r|rgb|mask|disparity|theora|confidence")
 _TRUTH = re.compile(r"vicon|mocap|optitrack|qualisys|vrpn|natnet|ground_?truth|(?<![a-z])gt(?![a-z])|leica|phasespace")
 _SIDES = (
     ("infra1", "infra2"),
@@ -89,7 +89,9 @@ class TopicGuess:
             ("camera_imu", of_camera, "a camera's by its name or frame", "none has a camera's name or frame"),
         ):
             choice = self._configured(role, getattr(self._given, role), (glance.IMU,))
-            if choice is None:
+            if choice is None and not there:
+                choice = self._chosen(role, [], there, "no topic is of type Imu")
+            elif choice is None:
                 free = sorted((t for t in candidates if t not in taken), key=self._imu_rank)
                 choice = self._chosen(role, free[:1], there, yes if free else no)
             choices.append(choice)
@@ -101,7 +103,7 @@ class TopicGuess:
         Raises:
             TopicNotFound: a configured topic is not there.
         """
-        there = self._seen.of_type(*IMAGES)
+        there = [topic for topic in self._seen.of_type(*IMAGES) if not _NO_STEREO.search(topic.lower())]
         left = self._configured("left_image", self._given.left_image, IMAGES)
         right = self._configured("right_image", self._given.right_image, IMAGES)
         pairs = [
@@ -229,7 +231,6 @@ class TopicGuess:
         return [
             (topic, other)
             for topic in there
-            if not _NO_STEREO.search(topic.lower())
             for left, right in _SIDES
             if left in topic and (other := topic.replace(left, right)) in there
             if self._seen.types[topic] == self._seen.types[other]
