@@ -12,28 +12,33 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.datasets.columns import Header
 from coclo_vio.datasets.config import DatasetConfig
-from coclo_vio.datasets.dataset import FORMATS, Dataset, guess_robot, open_dataset
+from coclo_vio.datasets.dataset import Dataset, RobotFit, guess_robot, open_dataset, robot_fit
 from coclo_vio.datasets.report import ReadReport, StreamReport
 from coclo_vio.errors import CocloError, ConfigError, DatasetError, TopicNotFound, listing
+from coclo_vio.evaluation.metrics import travelled_m
 from coclo_vio.measurements import ALL_SENSORS, JointSample, StereoFrame
-from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
+from coclo_vio.robot.description import RobotDescription, robot_names
 from coclo_vio.run_config import RunConfig, resolve
 from coclo_vio.trajectory import GroundTruth
 
 MODES = ("coclo", "vins", "stereo", "combined")
 
 _NS_PER_S = 1_000_000_000
+_PATH_SPACING_S = 0.1
+_TOLD_APART_DEG, _MOST_APART_DEG = 5.0, 45.0
 _T = TypeVar("_T")
 
 
 @runtime_checkable
 class HasTopics(Protocol):
-    """A dataset whose sensors come from topics."""
+    """A dataset whose sensors come from topics, and whose joints may be mapped to those of the robot."""
+
+    def matched_joints(self) -> tuple[str, ...]:
+        """The robot's joints that it has, by the robot's names."""
 
     def topics(self) -> Sequence[Any]:
-        """The choices: objects with ``role``, ``topics``, ``msgtype`` and ``reason``."""
+        """The choices: objects with ``role``, ``topics``, ``msgtype``, ``reason`` and ``others``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +50,14 @@ class Topic:
         topics: the topics chosen, none where there is none.
         msgtype: their type.
         reason: why these.
+        others: further topics of a type that fits, which play no role.
     """
 
     role: str
     topics: tuple[str, ...]
     msgtype: str
     reason: str
+    others: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +66,18 @@ class Joints:
 
     Attributes:
         matched: joints of the robot that the recording has.
-        missing: joints of the robot that it has not.
+        missing: joints of the robot, or where none is named of the nearest, that it has not.
+        there: all joints of the recording, by its own names.
         fitting: the known robots all of whose joints it has.
+        nearest: where none fits, the known robot most of whose joints it has, or None.
         has_effort: whether any torque is measured.
     """
 
     matched: tuple[str, ...]
     missing: tuple[str, ...]
+    there: tuple[str, ...]
     fitting: tuple[str, ...]
+    nearest: str | None
     has_effort: bool
 
 
@@ -79,7 +90,7 @@ class Truth:
         has_stamps: whether its poses have stamps.
         poses: how many.
         duration_s: from the first to the last, s; None without stamps.
-        path_length_m: sum of its steps, m.
+        path_length_m: what was travelled, m; positions are averaged over 0.1 s first where they have stamps.
     """
 
     source: str
@@ -171,26 +182,29 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         if robot is None:
             raise
         problems.append(str(error))
-        dataset = open_dataset(path, None, config)
+        dataset = _opened_in_part(path, robot, config)
     has_effort, broken = _read_through(dataset)
-    report = dataset.report()
-    joints = _joints(path, robot, config, has_effort=has_effort, is_whole=not problems and broken is None)
+    if broken is not None and not has_effort:
+        has_effort, _ = _read_through(_opened_in_part(path, robot, config), is_for_effort=True)
     problems += [] if broken is None else [str(broken)]
     lenses = _tried(dataset.stereo_calibration, problems)
+    calibrations = {
+        "imu": _imu_sentence(_tried(dataset.imu_calibration, problems)),
+        "camera_imu": _imu_sentence(_tried(dataset.camera_imu_calibration, problems)),
+        "cameras": _stereo_sentence(lenses),
+    }
+    joints = _joints(robot_fit(path, config), robot, dataset, has_effort=has_effort)
+    report = dataset.report()  # what was assumed of a calibration is told too
     seen = Inspection(
         name=dataset.name,
         robot=None if robot is None else robot.name,
         report=report,
         topics=_topics(dataset),
         joints=joints,
-        calibrations={
-            "imu": _imu_sentence(_tried(dataset.imu_calibration, problems)),
-            "camera_imu": _imu_sentence(_tried(dataset.camera_imu_calibration, problems)),
-            "cameras": _stereo_sentence(lenses),
-        },
+        calibrations=calibrations,
         ground_truth=_truth(_tried(dataset.ground_truth, problems)),
         problems=tuple(dict.fromkeys(problems)),
-        missing=_missing(robot, report, joints, has_lenses=lenses is not None, takes_part=config.allow_partial),
+        missing=_missing(robot, report, joints, lenses, takes_part=config.allow_partial),
     )
     if broken is None or isinstance(broken, TopicNotFound):
         return seen
@@ -198,13 +212,23 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
     return replace(seen, missing={mode: stopped + lacks for mode, lacks in seen.missing.items()})
 
 
-def _read_through(dataset: Dataset) -> tuple[bool, DatasetError | None]:
+def _opened_in_part(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Dataset:
+    """The recording with what joints of the robot it has; without them where its format does not know that."""
+    try:
+        return open_dataset(path, robot, config.model_copy(update={"allow_partial": True}))
+    except TopicNotFound:
+        return open_dataset(path, None, config)
+
+
+def _read_through(dataset: Dataset, *, is_for_effort: bool = False) -> tuple[bool, DatasetError | None]:
     """Read all but the images; whether any joint torque was measured, and what stopped the reading."""
     has_effort = False
     try:
         for sample in dataset.measurements(ALL_SENSORS - {StereoFrame}):
             if not has_effort and isinstance(sample, JointSample):
                 has_effort = bool(np.isfinite(sample.effort).any())
+                if has_effort and is_for_effort:
+                    break
     except DatasetError as error:
         return has_effort, error
     return has_effort, None
@@ -222,26 +246,21 @@ def _tried(read: Callable[[], _T | None], problems: list[str]) -> _T | None:
 def _topics(dataset: Dataset) -> tuple[Topic, ...]:
     if not isinstance(dataset, HasTopics):
         return ()
-    return tuple(Topic(one.role, tuple(one.topics), one.msgtype, one.reason) for one in dataset.topics())
+    choices = dataset.topics()
+    taken = {topic for choice in choices for topic in choice.topics}
+    return tuple(
+        Topic(one.role, tuple(one.topics), one.msgtype, one.reason, tuple(t for t in one.others if t not in taken))
+        for one in choices
+    )
 
 
-def _joints(
-    path: Path, robot: RobotDescription | None, config: DatasetConfig, *, has_effort: bool, is_whole: bool
-) -> Joints:
-    """``is_whole``: everything was read with the robot's joints, so they are all there, by whatever name."""
-    kind = next(candidate for candidate in FORMATS if candidate.matches(path))
-    file, names = kind.joint_header(path, config.columns)
-    header = Header(file, names, config.columns)
-    found = {name: header.find_joints(load_robot(name)) for name in robot_names()}
-    fitting = tuple(name for name, columns in found.items() if None not in columns)
+def _joints(fit: RobotFit, robot: RobotDescription | None, dataset: Dataset, *, has_effort: bool) -> Joints:
     if robot is None:
-        return Joints((), (), fitting, has_effort)
-    if is_whole and not config.allow_partial and names:
-        return Joints(robot.joint_names, (), fitting, has_effort)
-    columns = header.find_joints(robot)
-    matched = tuple(joint for joint, column in zip(robot.joint_names, columns, strict=True) if column is not None)
+        missing = () if fit.nearest is None else fit.absent[fit.nearest]
+        return Joints((), missing, fit.joints, fit.fitting, fit.nearest, has_effort)
+    matched = dataset.matched_joints() if isinstance(dataset, HasTopics) else fit.matched(robot)
     missing = tuple(joint for joint in robot.joint_names if joint not in matched)
-    return Joints(matched, missing, fitting, has_effort)
+    return Joints(matched, missing, fit.joints, fit.fitting, fit.nearest, has_effort)
 
 
 def _imu_sentence(imu: ImuCalibration | None) -> str | None:
@@ -257,9 +276,17 @@ def _stereo_sentence(stereo: StereoCalibration | None) -> str | None:
         return None
     left = stereo.left
     lens = "no distortion" if left.distortion == "none" else f"{left.distortion} distortion"
+    apart = f", axes {_apart_deg(stereo):.0f} deg apart" if _apart_deg(stereo) > _TOLD_APART_DEG else ""
     return (
-        f"{left.width_px} x {left.height_px}, f {left.focal_px[0]:.1f} px, {lens}, baseline {stereo.baseline_m:.4f} m"
+        f"{left.width_px} x {left.height_px}, f {left.focal_px[0]:.1f} px, {lens}, "
+        f"baseline {stereo.baseline_m:.4f} m{apart}"
     )
+
+
+def _apart_deg(stereo: StereoCalibration) -> float:
+    """The angle between the axes along which the two cameras look, deg."""
+    left, right = stereo.T_body_left_camera[:3, 2], stereo.T_body_right_camera[:3, 2]
+    return float(np.rad2deg(np.arccos(np.clip(left @ right, -1.0, 1.0))))
 
 
 def _truth(truth: GroundTruth | None) -> Truth | None:
@@ -267,16 +294,27 @@ def _truth(truth: GroundTruth | None) -> Truth | None:
         return None
     trajectory = truth.trajectory
     duration_s = trajectory.duration_s if truth.has_stamps else None
-    return Truth(truth.source, truth.has_stamps, len(trajectory), duration_s, trajectory.path_length_m())
+    is_paced = truth.has_stamps and len(trajectory) > 1
+    path_m = float(travelled_m(trajectory, _PATH_SPACING_S)[-1]) if is_paced else trajectory.path_length_m()
+    return Truth(truth.source, truth.has_stamps, len(trajectory), duration_s, path_m)
 
 
 def _missing(
-    robot: RobotDescription | None, report: ReadReport, joints: Joints, *, has_lenses: bool, takes_part: bool
+    robot: RobotDescription | None,
+    report: ReadReport,
+    joints: Joints,
+    lenses: StereoCalibration | None,
+    *,
+    takes_part: bool,
 ) -> dict[str, tuple[str, ...]]:
     """What each mode lacks of what it cannot do without; ``takes_part``: legs whose joints are missing are left out."""
     streams = {stream.name: stream for stream in report.streams}
     legs = tuple(_missing_legs(robot, streams, joints, takes_part=takes_part))
-    wanted = (("stereo images", "stereo" in streams), ("calibration of the cameras", has_lenses))
+    wanted = (
+        ("stereo images", "stereo" in streams),
+        ("calibration of the cameras", lenses is not None),
+        ("cameras that look the same way", lenses is None or _apart_deg(lenses) < _MOST_APART_DEG),
+    )
     eyes = tuple(what for what, is_there in wanted if not is_there)
     inertial = () if {"imu", "camera_imu"} & set(streams) else ("an IMU",)
     eye_imu = "camera_imu" if "camera_imu" in streams else "imu"
@@ -292,8 +330,11 @@ def _missing_legs(
     robot: RobotDescription | None, streams: dict[str, StreamReport], joints: Joints, *, takes_part: bool
 ) -> Iterator[str]:
     if robot is None:
-        several = f" (its joints fit {listing(joints.fitting)}; name one with --robot)" if joints.fitting else ""
-        yield f"a known robot{several}" if several else "joints of a known robot"
+        if joints.nearest is not None:
+            yield f"{len(joints.missing)} of {joints.nearest}'s joints, or another robot (--robot)"
+        else:
+            fits = f"fit {listing(joints.fitting)}" if joints.fitting else "are those of no known one"
+            yield f"a robot (the joints {fits}; name one with --robot)" if joints.there else "joints"
     elif joints.missing and not (takes_part and joints.matched):
         yield f"{len(joints.missing)} of {robot.name}'s {len(robot.joint_names)} joints"
     elif "joints" not in streams:

@@ -10,12 +10,13 @@ from rich.text import Text
 
 from coclo_vio.datasets.report import StreamReport
 from coclo_vio.errors import listing
-from coclo_vio.inspection import Inspection, Topic, Truth
+from coclo_vio.inspection import Inspection, Joints, Topic, Truth
 
 _NS_PER_S = 1_000_000_000
 _COLUMNS = ("samples", "rate\nHz", "start\ns", "length\ns", "gaps", "longest\npause s", "at\ns")
 _WIDEST_LABEL = 24
 _READY = "ready"
+_MOST_OTHERS = 8
 
 Section = tuple[str, list[tuple[str, str]]]  # title, and rows of label and text
 
@@ -60,7 +61,7 @@ def _sections(seen: Inspection) -> list[Section]:
         ("ground truth", [_truth_row(seen.ground_truth)]),
         ("problems", [("-", problem) for problem in seen.problems]),
         ("left out", [(str(count), reason) for reason, count in seen.report.dropped.items()]),
-        ("notes", [("-", note) for note in seen.report.notes]),
+        ("notes", [("-", note) for note in seen.report.notes if note not in " ".join(seen.problems)]),
         ("modes", [(mode, f"needs {'; '.join(lacks)}" if lacks else _READY) for mode, lacks in seen.missing.items()]),
     ]
     return [(title, rows) for title, rows in all_sections if rows]
@@ -78,22 +79,32 @@ def _doubts(stream: StreamReport) -> str:
 
 def _robot_rows(seen: Inspection) -> list[tuple[str, str]]:
     joints = seen.joints
-    if seen.robot is None:
-        fits = f"the joints fit {listing(joints.fitting)}; name one with --robot" if joints.fitting else ""
-        return [("none", fits or "no joints of a known robot; name yours with --robot")]
     total = len(joints.matched) + len(joints.missing)
+    if seen.robot is None:
+        return [("none", f"{_fit(joints)}; name yours with --robot" if joints.there else "there are no joints")]
     if joints.missing:
-        other = f"; the joints fit {listing(joints.fitting)}" if joints.fitting else ""
-        found = f"{len(joints.matched)} of {total} joints found, not {listing(joints.missing)}{other}"
-        return [(seen.robot, found)]
+        return [
+            (
+                seen.robot,
+                f"{len(joints.matched)} of {total} joints found, not {listing(joints.missing)}; {_fit(joints)}",
+            )
+        ]
     return [(seen.robot, f"all {total} joints found, {'with' if joints.has_effort else 'without'} torques")]
 
 
+def _fit(joints: Joints) -> str:
+    """What the recording's own joints say of whose they are."""
+    if joints.fitting:
+        return f"the joints fit {listing(joints.fitting)}"
+    if joints.nearest is not None:
+        return f"the joints fit {joints.nearest} but for {listing(joints.missing)}; there are {listing(joints.there)}"
+    return f"the joints {listing(joints.there)} are those of no known robot" if joints.there else "there are no joints"
+
+
 def _topic_sentence(topic: Topic) -> str:
-    if not topic.topics:
-        return f"none: {topic.reason}"
     kind = topic.msgtype.rpartition("/")[2]
-    return f"{', '.join(topic.topics)} ({kind}): {topic.reason}"
+    chosen = f"{', '.join(topic.topics)} ({kind}): {topic.reason}" if topic.topics else f"none: {topic.reason}"
+    return f"{chosen}; could be {listing(topic.others, _MOST_OTHERS)}" if topic.others else chosen
 
 
 def _truth_row(truth: Truth | None) -> tuple[str, str]:

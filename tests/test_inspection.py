@@ -23,6 +23,7 @@ from coclo_vio.inspection import Inspection, inspect_recording, resolve_if_known
 from coclo_vio.inspection_view import drawn
 from coclo_vio.measurements import CameraImuSample, EncodedStereoFrame, ImuSample, JointSample, Measurement
 from coclo_vio.robot.description import RobotDescription, load_robot
+from coclo_vio.trajectory import GroundTruth, Trajectory
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -272,8 +273,8 @@ def test_the_truth_about_the_go1(shared_data: Path) -> None:
 def test_topics_of_a_bag_are_shown_with_their_reason(tmp_path: Path, daisy: RobotDescription) -> None:
     write_leg_log(tmp_path, daisy, walk(daisy))
     plain = inspected(tmp_path, daisy)
-    chosen = inspection.Topic("imu", ("/imu",), "sensor_msgs/msg/Imu", "the only one")
-    none = inspection.Topic("camera_imu", (), "", "none has a camera's name")
+    chosen = inspection.Topic("imu", ("/imu",), "sensor_msgs/msg/Imu", "the plainest name", ("/imu/raw", "/imu/old"))
+    none = inspection.Topic("camera_imu", (), "", "none has a camera's name", ())
     seen = Inspection(
         plain.name,
         plain.robot,
@@ -286,6 +287,54 @@ def test_topics_of_a_bag_are_shown_with_their_reason(tmp_path: Path, daisy: Robo
         plain.missing,
     )
     text = " ".join(shown(seen, width=200).split())
-    assert "topics imu /imu (Imu): the only one" in text
-    assert "camera_imu none: none has a camera's name" in text
+    assert "topics imu /imu (Imu): the plainest name; could be /imu/old, /imu/raw camera_imu none" in text
+    assert "camera_imu none: none has a camera's name calibration" in text
     assert seen.to_json()["topics"][0]["topics"] == ("/imu",)
+
+
+def test_what_cannot_be_read_through_has_its_torques_all_the_same(tmp_path: Path, daisy: RobotDescription) -> None:
+    joints = [sample for sample in walk(daisy) if isinstance(sample, JointSample)]
+    received_ns = [sample.stamp_ns for sample in joints]
+    joints[21], joints[22] = joints[22], joints[21]
+    with new_bag(tmp_path / "swapped.mcap") as bag:
+        for came_ns, sample in zip(received_ns, joints, strict=True):
+            message = BagMessages(bag).joints("", daisy.joint_names, sample, with_velocity=True, with_effort=True)
+            bag.write("/joint_states", came_ns, message)
+    seen = inspected(tmp_path / "swapped.mcap", daisy)
+    assert "goes back" in seen.problems[0]
+    assert seen.joints.has_effort
+    assert seen.missing["coclo"] == ("a recording that can be read through (see problems)", "the body's IMU")
+
+
+def test_a_wrong_joint_name_is_told_though_no_robot_is_named(tmp_path: Path, daisy: RobotDescription) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    log = tmp_path / "leg_log.csv"
+    log.write_text(log.read_text(encoding="ascii").replace(daisy.joint_names[4], "knie"), encoding="ascii")
+    seen = inspected(tmp_path, None)
+    assert (seen.joints.nearest, seen.joints.missing) == ("daisy", (daisy.joint_names[4],))
+    assert seen.missing["coclo"] == ("1 of daisy's joints, or another robot (--robot)",)
+    assert f"the joints fit daisy but for {daisy.joint_names[4]}; there are knie" in " ".join(shown(seen, 200).split())
+
+
+def test_cameras_that_look_apart_are_no_stereo_pair(tmp_path: Path, daisy: RobotDescription) -> None:
+    pair = cameras()
+    T_body_behind = se3.transform(np.diag([-1.0, 1.0, -1.0]), np.array([0.3, 0.0, 0.0]))
+    pair = pair.model_copy(update={"body_right_camera": matrix4(T_body_behind)})
+    write_euroc_folder(tmp_path, RecordingContents(daisy, walk(daisy), stereo=pair, frames=pictures()))
+    seen = inspected(tmp_path, daisy)
+    assert (seen.calibrations["cameras"] or "").endswith("baseline 0.3000 m, axes 180 deg apart")
+    assert seen.missing["stereo"] == ("cameras that look the same way",)
+
+
+def test_the_noise_of_a_tracker_adds_nothing_to_the_path(tmp_path: Path, daisy: RobotDescription) -> None:
+    rng = np.random.default_rng(9)
+    seconds = np.arange(0.0, 10.0, 0.01)
+    position = np.column_stack((0.1 * seconds, 0.0 * seconds, 0.0 * seconds)) + rng.normal(0.0, 0.001, (1000, 3))
+    stamps_ns = START_NS + np.rint(seconds * 1e9).astype(np.int64)
+    trajectory = Trajectory(stamps_ns, se3.transform(np.tile(np.eye(3), (1000, 1, 1)), position))
+    truth = GroundTruth(trajectory, has_stamps=True, source="tracker")
+    write_leg_log(tmp_path, daisy, walk(daisy), truth)
+    seen = inspected(tmp_path, daisy)
+    assert seen.ground_truth is not None
+    assert seen.ground_truth.path_length_m == pytest.approx(1.0, rel=0.02)
+    assert trajectory.path_length_m() > 2.0

@@ -20,6 +20,7 @@ from coclo_vio.cli.options import (
 from coclo_vio.cli.results import print_table, progress_bar, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.dataset import robot_fit
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
@@ -68,6 +69,8 @@ def run(
     if bag is not None and told["estimators"][mode]["estimates"]:
         write_run_bag(bag, output, list(told["estimators"]), evaluations)
         give(f"bag: {bag}")
+    if failure and not told["estimators"][mode]["estimates"]:
+        raise DatasetError(f"no estimate came out: {failure}")
     if failure:
         raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
     if not told["estimators"][mode]["estimates"]:
@@ -116,7 +119,9 @@ def evaluate(
 
 def _resolve_for(dataset: Path, robot: str | None, config: Path | None, settings: Sequence[str]) -> RunConfig:
     resolved, known = resolve_if_known(dataset, robot, config, settings)
-    return resolved if known is not None else resolve(robot, config, settings)  # says that no robot is named
+    if known is None:
+        raise robot_fit(dataset, resolved.dataset).why_unknown(dataset)
+    return resolved
 
 
 def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Which columns of a log hold what: name patterns as configuration, found in a header for a robot's joints and legs."""
 
+import re
 import string
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -180,6 +181,12 @@ class Header:
             f"{self._path} has no IMU column among {listing(self._names)}; name yours in "
             "dataset.columns.gyroscope and accelerometer, or name the robot to read its joints"
         )
+
+    def joint_names(self) -> tuple[str, ...]:
+        """The names of all joints whose angles have a column, whatever robot's they are."""
+        patterns = [re.escape(pattern).replace(r"\{joint\}", "(.+)") for pattern in self._patterns.position]
+        found = (re.fullmatch(pattern, name) for name in self._names for pattern in patterns)
+        return tuple(dict.fromkeys(match[1] for match in found if match))
 
     def find_joints(self, robot: RobotDescription) -> tuple[int | None, ...]:
         """The column of every joint's angle, None where there is none."""

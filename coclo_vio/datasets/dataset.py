@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The door to recordings: the protocol every reader fulfils, the registry of formats, and which robot a log fits.
+"""The door to recordings: the protocol every reader fulfils, the registry of formats, which robot it can be of.
 
 A further format is one file, and one row in ``FORMATS``.
 """
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +11,14 @@ from typing import Protocol
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets import euroc_folder, leg_log
-from coclo_vio.datasets.columns import ColumnNames, Header
+from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.report import ReadReport, StreamReport
+from coclo_vio.datasets.robot_fit import RobotFit, fit_of
 from coclo_vio.datasets.rosbag import reader as rosbag
 from coclo_vio.errors import DatasetError
 from coclo_vio.measurements import LEG_SENSORS, Measurement
-from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
+from coclo_vio.robot.description import RobotDescription
 from coclo_vio.trajectory import GroundTruth
 
 __all__ = [
@@ -27,9 +27,11 @@ __all__ = [
     "DatasetConfig",
     "Format",
     "ReadReport",
+    "RobotFit",
     "StreamReport",
     "guess_robot",
     "open_dataset",
+    "robot_fit",
 ]
 
 
@@ -92,14 +94,14 @@ class Format:
         looks_for: what makes a path a recording of this kind, for the error message.
         matches: whether a path is one.
         open: makes the reader.
-        joint_header: the file that holds the joints, and its column names.
+        joint_names: the file that holds the joints, and their names.
     """
 
     name: str
     looks_for: str
     matches: Callable[[Path], bool]
     open: Callable[[Path, RobotDescription | None, DatasetConfig], Dataset]
-    joint_header: Callable[[Path, ColumnNames], tuple[Path, tuple[str, ...]]]
+    joint_names: Callable[[Path, ColumnNames], tuple[Path, tuple[str, ...]]]
 
 
 FORMATS: tuple[Format, ...] = (
@@ -108,10 +110,10 @@ FORMATS: tuple[Format, ...] = (
         euroc_folder.LOOKS_FOR,
         euroc_folder.is_euroc_folder,
         euroc_folder.EurocFolder,
-        euroc_folder.joint_header,
+        euroc_folder.joint_names,
     ),
-    Format(rosbag.RosBag.format_name, rosbag.LOOKS_FOR, rosbag.is_rosbag, rosbag.RosBag, rosbag.joint_header),
-    Format(leg_log.LegLog.format_name, leg_log.LOOKS_FOR, leg_log.is_leg_log, leg_log.LegLog, leg_log.joint_header),
+    Format(rosbag.RosBag.format_name, rosbag.LOOKS_FOR, rosbag.is_rosbag, rosbag.RosBag, rosbag.joint_names),
+    Format(leg_log.LegLog.format_name, leg_log.LOOKS_FOR, leg_log.is_leg_log, leg_log.LegLog, leg_log.joint_names),
 )
 
 
@@ -133,25 +135,29 @@ def guess_robot(path: Path, config: DatasetConfig | None = None) -> str | None:
     """The name of the known robot whose joints all have a column in the recording at ``path``.
 
     Among several, those with the most joints are kept, then the one whose name occurs in the name of the folder or
-    file; None where none fits, or where several do and no name decides.
+    file; None where none fits, or where several do and no name decides. Where partial reading is allowed a robot fits
+    that lacks some joints.
 
     Raises:
         DatasetError: no such path, or no known format.
     """
-    columns = (config or DatasetConfig()).columns
-    file, names = _format_of(path).joint_header(path, columns)
-    header = Header(file, names, columns)
-    fitting: dict[str, int] = {}
-    for name in robot_names():
-        found = header.find_joints(load_robot(name))
-        if all(index is not None for index in found):
-            fitting[name] = len(found)
-    best = [name for name, joints in fitting.items() if joints == max(fitting.values())]
-    if len(best) <= 1:
-        return best[0] if best else None
-    spoken = f"{path.resolve().name} {file.name}".lower()
-    named = [name for name in best if re.search(rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])", spoken)]
-    return named[0] if len(named) == 1 else None
+    config = config or DatasetConfig()
+    file, fit = _joints_of(path, config)
+    return fit.guess(f"{path.resolve().name} {file.name}", takes_nearest=config.allow_partial)
+
+
+def robot_fit(path: Path, config: DatasetConfig | None = None) -> RobotFit:
+    """How far the joints in the recording at ``path`` are those of the known robots.
+
+    Raises:
+        DatasetError: no such path, or no known format.
+    """
+    return _joints_of(path, config or DatasetConfig())[1]
+
+
+def _joints_of(path: Path, config: DatasetConfig) -> tuple[Path, RobotFit]:
+    file, names = _format_of(path).joint_names(path, config.columns)
+    return file, fit_of(names)
 
 
 def _format_of(path: Path) -> Format:

@@ -152,10 +152,10 @@ def is_euroc_folder(path: Path) -> bool:
     return mav0.resolve().name == "mav0" and any((mav0 / sensor / "data.csv").is_file() for sensor in sensors)
 
 
-def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
-    """The file that holds the joints, and its column names; no names where it is absent."""
+def joint_names(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
+    """The file that holds the joints, and their names; no names where it is absent."""
     joints = _mav0(path) / "joints0" / "data.csv"
-    return joints, CsvTable.open(joints).header if joints.is_file() else ()
+    return joints, Header(joints, CsvTable.open(joints).header, columns).joint_names() if joints.is_file() else ()
 
 
 def _mav0(path: Path) -> Path:

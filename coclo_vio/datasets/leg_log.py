@@ -104,10 +104,10 @@ def find_log(path: Path, columns: ColumnNames) -> Path:
     return logs[0]
 
 
-def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
-    """The file that holds the joints, and its column names."""
+def joint_names(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
+    """The file that holds the joints, and their names."""
     log = find_log(path, columns)
-    return log, CsvTable.open(log).header
+    return log, Header(log, CsvTable.open(log).header, columns).joint_names()
 
 
 def _csv_files(folder: Path) -> list[Path]:

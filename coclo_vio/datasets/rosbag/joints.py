@@ -2,7 +2,7 @@
 """JointState messages and wrenches to readings of all joints and all feet, whatever their order and however spread."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -62,6 +62,11 @@ class JointEntries:
         there = set(names)
         return np.array([any(name in there for name in self._spellings[joint]) for joint in self.joint_names])
 
+    def strangers(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of ``names`` that are no joint's."""
+        known = {spelling for spellings in self._spellings.values() for spelling in spellings}
+        return tuple(name for name in names if name not in known)
+
     def read(self, message: Any) -> tuple[Array, BoolArray]:
         """Angle, velocity and torque of the joints in a message (3, joints), and which joints it speaks of (joints,).
 
@@ -111,8 +116,10 @@ def complaint_of_joints(entries: JointEntries, has: BoolArray, seen: Glance, the
     if not names:
         return f"the messages on {listing(there)} name no joints; name them in order in dataset.rosbag.joint_entries"
     missing = [name for name, is_there in zip(entries.joint_names, has, strict=True) if not is_there]
+    others = entries.strangers(names)
     return (
-        f"no joint is called {listing(missing)}: the bag has {listing(names)} on {listing(there)}; "
+        f"no joint is called {listing(missing)}: the {'other ' if has.any() else ''}names on {listing(there)} are "
+        f"{listing(others)}; "
         "map the names in dataset.rosbag.joint_names, or name another robot"
     )
 

@@ -31,7 +31,7 @@ from coclo_vio.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measur
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.trajectory import GroundTruth
 
-__all__ = ["LOOKS_FOR", "RosBag", "TopicChoice", "is_rosbag", "joint_header"]
+__all__ = ["LOOKS_FOR", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 
 _ROLES = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
 
@@ -73,6 +73,15 @@ class RosBag:
         """Which topic plays which role, why, and which others of its type there are."""
         return self._roles.choices
 
+    def matched_joints(self) -> tuple[str, ...]:
+        """The robot's joints that the bag has, by the robot's names."""
+        joints = self._roles.joints
+        if joints is None:
+            return ()
+        return tuple(
+            name for name, is_there in zip(joints.entries.joint_names, joints.is_there, strict=True) if is_there
+        )
+
     def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
         """All samples of ``sensors`` in time order, streamed; only their topics are opened.
 
@@ -92,7 +101,7 @@ class RosBag:
             if sample is not None:
                 yield sample
         self._keep(sensors, tally)
-        if sensors >= LEG_SENSORS and not tally.report().streams:
+        if sensors >= LEG_SENSORS and not self._roles.kinds - sensors and not tally.report().streams:
             raise self._nothing(tally)
 
     def ground_truth(self) -> GroundTruth | None:
@@ -245,16 +254,15 @@ class RosBag:
         return ReadTally(self.format_name, self._config.gap_s)
 
 
-def joint_header(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
-    """The bag, and the names of all joints in it, written as the columns of a leg log are.
+def joint_names(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
+    """The bag, and the names of all joints in it; those of messages without names are not known.
 
     Raises:
         DatasetError: the bag is damaged.
     """
     bag = BagFile(path, allow_partial=True)
     seen = glance_at(bag, {})
-    names = {name for topic in seen.of_type(JOINT_STATE) for name in seen.entries.get(topic, ())}
-    return path, tuple(columns.position[0].replace("{joint}", name) for name in sorted(names))
+    return path, tuple(sorted({name for topic in seen.of_type(JOINT_STATE) for name in seen.entries.get(topic, ())}))
 
 
 def _count(item: Item, tally: ReadTally) -> None:
