@@ -23,13 +23,13 @@ from coclo_vio.simulation.trial.sensors import EPOCH_NS
 from coclo_vio.simulation.trial.trial import Trial, simulate
 
 SEED = 7
-SHOWN_S = (40.0, 52.0)
+SHOWN_S = (40.0, 48.0)
 IMUS = (("body IMU, 100 Hz", ImuSample), ("camera IMU, 200 Hz", CameraImuSample))
 AXIS_COLOURS = ("tab:blue", "tab:orange", "tab:green")
 
 
 def draw(trial: Trial) -> Figure:
-    """Twelve seconds on the stairs, an IMU a panel."""
+    """Eight seconds on the stairs, an IMU a panel."""
     figure = Figure(figsize=(8.0, 5.2), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     landed = touch_downs(trial)
@@ -57,4 +57,4 @@ def draw(trial: Trial) -> Figure:
 if __name__ == "__main__":
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/accelerometer_shocks.png")
     figure = draw(simulate("stairs", load_robot(SIMULATED_ROBOT), simulation_config("stairs").trial, SEED))
-    FigureCanvasAgg(figure).print_figure(path, dpi=110, metadata={"Software": None})
+    FigureCanvasAgg(figure).print_figure(path, dpi=100, metadata={"Software": None})
