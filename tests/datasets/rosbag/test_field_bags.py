@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Bags as the field records them, through the eyes of ``inspect``: what is taken, what could be, what is missing."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tiny_bags import START_NS, STEP_NS, TinyBag
@@ -8,9 +11,12 @@ from tiny_bags import START_NS, STEP_NS, TinyBag
 from coclo_vio.config import parse_settings
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import open_dataset
+from coclo_vio.datasets.kalibr import KalibrConfig
+from coclo_vio.datasets.rosbag.config import RosbagConfig, RosbagTopics
 from coclo_vio.inspection import inspect_recording
-from coclo_vio.measurements import FootForceSample, JointSample
+from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.run_config import resolve
 
 GREY = np.zeros((4, 6), dtype=np.uint8)
 CERBERUS_LEGS = ("FL", "FR", "RL", "RR")
@@ -131,3 +137,30 @@ def test_a_spot_without_imu_is_read_for_what_it_has(tmp_path):
     assert seen.joints.there == ("front_left_hip_x", "front_left_knee")
     assert seen.missing["stereo"] == ("calibration of the cameras",)
     assert seen.missing["coclo"][0].startswith("a robot (the joints are those of no known one")
+
+
+def test_the_page_on_recordings_reads_cerberus(cerberus, tmp_path):
+    page = (Path(__file__).resolve().parents[3] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
+    file = tmp_path / "a1.yaml"
+    file.write_text(example, encoding="utf-8")
+    resolved = resolve(file=file)
+    rosbag = resolved.dataset.rosbag
+    assert rosbag.kalibr.camchain == Path("camchain-imucam.yaml")
+    bare = rosbag.model_copy(update={"kalibr": KalibrConfig()})
+    dataset = open_dataset(cerberus, resolved.robot, resolved.dataset.model_copy(update={"rosbag": bare}))
+    assert {type(sample) for sample in dataset.measurements()} == {FootForceSample, ImuSample, JointSample}
+    truth = dataset.ground_truth()
+    assert truth is not None
+    np.testing.assert_allclose(truth.trajectory.T_world_body[0, :3, 3], [0.0, 0.0, -0.1])
+
+
+def test_every_role_and_setting_of_the_page_on_recordings_exists():
+    page = (Path(__file__).resolve().parents[3] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    roles = page.partition("| role |")[2].partition("\n\n")[0]
+    named = {name for row in roles.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert named == set(RosbagTopics.model_fields) - {"tf_static"}
+    settings = page.partition("| the recording |")[2].partition("\n\n")[0]
+    assert {re.split(r"[`:]", row.split("|")[2])[1] for row in settings.splitlines()[2:]} <= set(
+        RosbagConfig.model_fields
+    )
