@@ -4,7 +4,7 @@
 Solid boxes carry the feet, rectangles show them to the cameras, a height line tells the planner where to step.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -198,13 +198,3 @@ def _level_surface(x_from: float, x_to: float, z: float, kind: Literal["floor", 
 def _about_y(angle: float) -> Array:
     cos, sin = float(np.cos(angle)), float(np.sin(angle))
     return np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-
-
-def stretches(way: Sequence[Stretch]) -> list[tuple[Stretch, Array, float]]:
-    """Each piece of the way with the place (2,) and the heading at its beginning."""
-    place, heading, pieces = np.zeros(2), 0.0, []
-    for stretch in way:
-        pieces.append((stretch, place.copy(), heading))
-        place = place + stretch.advance_m * np.array([np.cos(heading), np.sin(heading)])
-        heading += stretch.turn_rad
-    return pieces
