@@ -9,7 +9,6 @@ import pytest
 from tiny_bags import JOINTS, KINDS, START_NS, STEP_NS, TinyBag, angle_of
 
 from coclo_vio.config import parse_settings
-from coclo_vio.datasets import images
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.errors import DatasetError, TimestampError
@@ -329,75 +328,3 @@ def _forget_definitions(path):
     with sqlite3.connect(path) as database:
         database.execute("DELETE FROM message_definitions")
     database.close()
-
-
-def test_images_in_several_encodings_become_the_same_grey(mcap, biped):
-    grey = np.random.default_rng(5).integers(0, 256, (6, 8), dtype=np.uint8)
-    colour = np.repeat(grey[:, :, None], 3, axis=2)
-    padded = np.hstack((grey, np.full((6, 4), 77, dtype=np.uint8)))
-    for i, (pixels, encoding, width) in enumerate(
-        [(grey, "mono8", 8), (grey, "8UC1", 8), (colour, "bgr8", 8), (colour, "rgb8", 8), (padded, "mono8", 8)]
-    ):
-        for side in ("left", "right"):
-            mcap.add_image(START_NS + i * STEP_NS, f"/cam/{side}/image", pixels, encoding, width=width)
-    frames = samples_of(open_dataset(mcap.write(), biped), StereoFrame, frozenset({StereoFrame}))
-    assert len(frames) == 5
-    for frame in frames:
-        np.testing.assert_array_equal(frame.left, grey)
-        np.testing.assert_array_equal(frame.right, grey)
-
-
-def test_colours_are_weighed_as_their_encoding_says(mcap, biped):
-    red = np.zeros((2, 2, 3), dtype=np.uint8)
-    red[..., 0] = 255
-    mcap.add_image(START_NS, "/left/image", red, "rgb8")
-    mcap.add_image(START_NS, "/right/image", red, "bgr8")
-    (frame,) = samples_of(open_dataset(mcap.write(), biped), StereoFrame, frozenset({StereoFrame}))
-    assert (frame.left[0, 0], frame.right[0, 0]) == (76, 29)  # 0.299 of red, 0.114 of blue
-
-
-@pytest.mark.parametrize("encoding", ["mono16", "16UC1", "bayer_rggb8", "32FC1"])
-def test_other_encodings_are_refused_with_those_that_are_read(bag, biped, encoding):
-    for side in ("left", "right"):
-        bag.add_image(START_NS, f"/{side}/image", np.zeros((2, 2), dtype=np.uint16), encoding)
-    with pytest.raises(DatasetError, match=rf"/left/image .*{encoding}.*read are mono8, 8UC1, bgr8, rgb8"):
-        samples_of(open_dataset(bag.write(), biped), StereoFrame, frozenset({StereoFrame}))
-
-
-def test_compressed_images_are_decoded_and_16_bits_refused(mcap, biped):
-    grey = np.random.default_rng(6).integers(0, 256, (6, 8), dtype=np.uint8)
-    kind = "sensor_msgs/msg/CompressedImage"
-    for i, pixels in enumerate((grey, grey.astype(np.uint16))):
-        data = np.frombuffer(images.encoded(pixels, "png"), dtype=np.uint8)
-        for side in ("left", "right"):
-            mcap.add(f"/{side}/image/compressed", kind, START_NS + i * STEP_NS, format="png", data=data)
-    stream = open_dataset(mcap.write(), biped).measurements(frozenset({StereoFrame}))
-    np.testing.assert_array_equal(next(stream).left, grey)
-    with pytest.raises(DatasetError, match=r"/left/image/compressed.*uint16"):
-        next(stream)
-
-
-def test_images_are_paired_by_stamp_and_the_others_counted(bag, biped):
-    grey = np.zeros((2, 2), dtype=np.uint8)
-    for i in range(6):
-        stamp_ns = START_NS + i * 40_000_000
-        if i != 2:
-            bag.add_image(stamp_ns, "/left/image_raw", grey)
-        if i != 4:
-            bag.add_image(stamp_ns + 100_000, "/right/image_raw", grey)
-    dataset = open_dataset(bag.write(), biped)
-    frames = samples_of(dataset, StereoFrame, frozenset({StereoFrame}))
-    assert [(frame.stamp_ns - START_NS) // 40_000_000 for frame in frames] == [0, 1, 3, 5]
-    assert sum(dataset.report().dropped.values()) == 2
-    strict = open_dataset(bag.path, biped, configured("pair_tolerance_s=0"))
-    assert samples_of(strict, StereoFrame, frozenset({StereoFrame})) == []
-
-
-def test_a_side_that_falls_silent_does_not_make_the_other_wait_for_ever(mcap, biped):
-    grey = np.zeros((2, 2), dtype=np.uint8)
-    for i in range(200):
-        mcap.add_image(START_NS + i * STEP_NS, "/left/image_raw", grey)
-    mcap.add_image(START_NS + 199 * STEP_NS, "/right/image_raw", grey)
-    report = open_dataset(mcap.write(), biped).report()
-    assert report.stream("stereo").samples == 1
-    assert report.dropped == {"/left/image_raw: no image of the other camera at that stamp": 199}
