@@ -122,7 +122,7 @@ def _started(
         None,
         moving_force=reading.specific_force,
         foot_noise_m=steps.foot_sigma_m(reading),
-        leg_scale=steps.leg_scale_sigma,
+        legs=steps.leg_sigmas,
         is_wide=steps.is_wide,
     )
     steps.start(reading)

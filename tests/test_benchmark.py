@@ -38,7 +38,7 @@ def test_filterpy_runs_the_same_models() -> None:
         None,
         moving_force=readings[0].specific_force,
         foot_noise_m=profile.foot_sigma_m(readings[0]),
-        leg_scale=profile.leg_scale_sigma,
+        legs=profile.leg_sigmas,
         is_wide=profile.is_wide,
     )
     rival = FilterpyRival(robot, config, core.mean, core.factor @ core.factor.T)

@@ -41,7 +41,7 @@ class RobustConfig(StageConfig):
     ] = 1.0
     foothold_creep: Annotated[
         float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
-    ] = 0.005
+    ] = 0.002
     foot_position_noise_m: Annotated[
         float, Field(gt=0, description="one sigma of a foot position beyond its encoders (bending), m")
     ] = 0.0005
@@ -52,10 +52,13 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, description="white velocity of any foot while no foot carries the body, m/s/sqrt(Hz)")
     ] = 0.2
     gravity_noise_mps2: Annotated[
-        float, Field(gt=0, description="one sigma of the specific force against gravity, all feet down, m/s^2")
-    ] = 0.3
+        float, Field(gt=0, description="one sigma of a window's specific force less the body's acceleration, m/s^2")
+    ] = 0.1
     gravity_dwell_s: Annotated[
-        float, Field(ge=0, description="all feet must have stood this long before gravity is measured, s")
+        float, Field(ge=0, description="all feet must have stood this long before gravity is listened to, s")
+    ] = 0.03
+    gravity_window_s: Annotated[
+        float, Field(gt=0, le=2, description="gravity is the mean over windows of this length, s")
     ] = 0.1
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
     estimates_leg_scale: Annotated[
@@ -65,6 +68,13 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, lt=0.5, description="relative error of the effective leg length at the start")
     ] = 0.05
     leg_scale_walk: Annotated[float, Field(ge=0, description="its random walk, 1/sqrt(s)")] = 0.001
+    estimates_leg_give: Annotated[
+        bool, Field(description="whether it is estimated how far a leg gives under load, from legs against each other")
+    ] = True
+    leg_give_sigma_m: Annotated[
+        float, Field(gt=0, lt=0.1, description="how far a leg may give under the load from which it stands, m")
+    ] = 0.002
+    leg_give_walk_m: Annotated[float, Field(ge=0, description="its random walk, m/sqrt(s)")] = 1e-5
     gate_probability: Annotated[
         float, Field(gt=0.5, lt=1, description="share of good leg measurements that pass the innovation gate")
     ] = 0.997

@@ -50,7 +50,7 @@ class SquareRootFilter:
         """
         for start in (ROTATION.start, self.mean.layout.clone_rotation.start):
             rows = slice(start, start + 3)
-            sigmas = np.sqrt(np.einsum("ij,ij->i", self.factor[rows], self.factor[rows]))
+            sigmas = np.sqrt(self.variance(rows))
             if sigmas.max() > MOST_ROTATION_SIGMA_RAD:
                 self.factor[rows] *= np.minimum(1.0, MOST_ROTATION_SIGMA_RAD / sigmas)[:, None]
 
@@ -67,6 +67,10 @@ class SquareRootFilter:
         self.factor = correction.factor
         self.mean = self.mean.corrected(correction.step)
         return correction
+
+    def variance(self, errors: slice) -> Array:
+        """Variances of some errors, (k,)."""
+        return np.asarray(np.einsum("ij,ij->i", self.factor[errors], self.factor[errors]))
 
     def clone(self) -> None:
         """Remember the present pose as the cloned one, with all its correlations; the last clone is forgotten."""

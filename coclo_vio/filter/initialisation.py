@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The filter's first state: from rest where the robot stands still, from the last readings where it never does."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from coclo_vio.arrays import Array
@@ -11,6 +13,7 @@ from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
+    LEG_GIVE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -27,6 +30,19 @@ _WEIGHTLESS_MPS2 = 1.0  # a mean specific force smaller than this shows no direc
 _TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start
 
 
+@dataclass(frozen=True, slots=True)
+class LegSigmas:
+    """One sigma of what is not known of the legs; 0 where it is not estimated.
+
+    Attributes:
+        scale: relative error of the effective leg length.
+        give_m: how far a leg gives under the load from which it stands, m.
+    """
+
+    scale: float
+    give_m: float
+
+
 def initial_filter(
     layout: StateLayout,
     config: InitialConfig,
@@ -35,7 +51,7 @@ def initial_filter(
     *,
     moving_force: Array | None,
     foot_noise_m: float,
-    leg_scale: float,
+    legs: LegSigmas,
     is_wide: bool,
 ) -> SquareRootFilter:
     """The filter at its first reading: position and yaw zero, level by gravity, gyroscope bias from rest.
@@ -47,7 +63,7 @@ def initial_filter(
         rest: mean readings at rest, None to start on the move.
         moving_force: mean specific force for a start on the move, body frame, m/s^2, (3,); None: level.
         foot_noise_m: one sigma of a foot position in the body frame, m.
-        leg_scale: one sigma of the relative leg length, 0 where it is not estimated.
+        legs: how unsure the legs' own parameters are.
         is_wide: see ``SquareRootFilter``.
     """
     force = moving_force if rest is None else rest.specific_force
@@ -60,22 +76,21 @@ def initial_filter(
     if rest is not None:
         vector[GYROSCOPE_BIAS] = rest.angular_velocity
     mean = State(layout, rotation, vector, np.eye(3))
-    core = SquareRootFilter(
-        mean, _sigmas(layout, config, foot_noise_m, leg_scale, is_moving=rest is None), is_wide=is_wide
-    )
+    core = SquareRootFilter(mean, _sigmas(layout, config, foot_noise_m, legs, is_moving=rest is None), is_wide=is_wide)
     if rest is not None:
         _see_rest(core, config, rest)
     return core
 
 
 def _sigmas(
-    layout: StateLayout, config: InitialConfig, foot_noise_m: float, leg_scale: float, *, is_moving: bool
+    layout: StateLayout, config: InitialConfig, foot_noise_m: float, legs: LegSigmas, *, is_moving: bool
 ) -> Array:
     """Sigmas (L,) of the errors; tilt and yaw are errors about world axes, as all rotation errors are."""
     tilt = config.moving_tilt_rad if is_moving else config.tilt_rad
     sigmas = np.full(layout.dimension, _TIED)
     sigmas[ROTATION] = (tilt, tilt, _TIED)
-    sigmas[LEG_SCALE] = leg_scale
+    sigmas[LEG_SCALE] = legs.scale
+    sigmas[LEG_GIVE] = legs.give_m
     sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
     sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
     sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2

@@ -16,12 +16,21 @@ from coclo_vio.arrays import Array, IntArray
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.process import UP, lengthened
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, LEG_SCALE, POSITION, RATE, VELOCITY, State
+from coclo_vio.filter.state import (
+    ACCELEROMETER_BIAS,
+    GYROSCOPE_BIAS,
+    LEG_GIVE,
+    LEG_SCALE,
+    POSITION,
+    RATE,
+    VELOCITY,
+    State,
+)
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.foot_load import GRAVITY_MPS2
 
-NO_LEG, GRAVITY = -1, -2
+NO_LEG = -1
 CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them
 
 
@@ -33,8 +42,7 @@ class Block:
         measured: (3 k,).
         model: from a stack of states to predicted measurements (points, 3 k).
         noise: lower factors of the noise covariance of each three rows, (k, 3, 3).
-        legs: the leg that each three rows come from, (k,); ``GRAVITY`` for the accelerometer,
-            ``NO_LEG`` for what else is no leg's.
+        legs: the leg that each three rows come from, (k,); ``NO_LEG`` for what is no leg's.
     """
 
     measured: Array
@@ -60,12 +68,13 @@ def _rest(stack: State) -> Array:
     return np.concatenate((stack.vector[:, VELOCITY], stack.vector[:, RATE]), axis=1)
 
 
-def _velocity_of(levers: Array, rolling: Array) -> Callable[[State], Array]:
+def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[State], Array]:
     """Velocities ``R^T v + w x lever`` of the body points at contacts, body frame, as legs of nominal length see them.
 
     Args:
         levers: from the body origin to each contact, m, body frame, (k, 3).
         rolling: the part of the velocity that the turning foot link makes, m/s, body frame, (k, 3): not scaled.
+        giving: upward direction times the rate at which each leg is pressed, 1/s, body frame, (k, 3).
     """
     cross = np.concatenate(list(so3.hat(levers)), axis=1)
 
@@ -74,17 +83,26 @@ def _velocity_of(levers: Array, rolling: Array) -> Callable[[State], Array]:
         velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
+        velocity += stack.vector[:, LEG_GIVE, None] * giving
         return np.asarray(velocity.reshape(count, -1))
 
     return model
 
 
-def _position_of(legs: IntArray, positions_body: Array, hips_body: Array) -> Callable[[State], Array]:
-    """Positions ``R^T (p - r)`` of foot centres in the body frame, (k, 3), as legs of nominal length see them."""
+def _position_of(legs: IntArray, positions_body: Array, hips_body: Array, given: Array) -> Callable[[State], Array]:
+    """Positions ``R^T (p - r)`` of foot centres in the body frame, (k, 3), as rigid legs of nominal length see them.
+
+    Args:
+        legs: which, (k,).
+        positions_body: where the joints say the feet are, m, body frame, (k, 3).
+        hips_body: where each leg begins, m, body frame, (k, 3).
+        given: upward direction times how hard each leg is pressed, body frame, (k, 3).
+    """
 
     def model(stack: State) -> Array:
         relative = stack.feet[:, legs] - stack.vector[:, None, POSITION]
         position = relative @ stack.rotation - lengthened(stack.vector[:, LEG_SCALE], positions_body, hips_body)
+        position -= stack.vector[:, LEG_GIVE, None] * given
         return np.asarray(position.reshape(len(position), -1))
 
     return model
@@ -102,7 +120,6 @@ def blocks(
     config: RobustConfig,
     gyroscope_noise_radps: float,
     dt_s: float,
-    sees_gravity: bool,
 ) -> list[Block]:
     """The measurements of one joint sample.
 
@@ -117,15 +134,11 @@ def blocks(
         config: parameters.
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
         dt_s: time since the last joint sample, s.
-        sees_gravity: whether all feet have stood long enough for the accelerometer to show gravity.
     """
     result: list[Block] = []
     if reading.angular_velocity is not None:
         result.append(_imu_block(reading.angular_velocity, gyroscope, gyroscope_noise_radps))
     stance = reading.is_stance
-    if reading.specific_force is not None and sees_gravity:
-        force, sigma = reading.specific_force, config.gravity_noise_mps2
-        result.append(_imu_block(force, specific_force_at_rest, sigma, owner=GRAVITY))
     if reading.is_stationary:
         sigmas = (config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps)
         result.append(_imu_block(np.zeros(6), _rest, *sigmas))
@@ -143,13 +156,13 @@ def blocks(
     squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
     rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
     measured = rolling - feet.velocity_body[legs]
-    model = _velocity_of(feet.position_body[legs] - arms, rolling)
+    model = _velocity_of(feet.position_body[legs] - arms, rolling, motion.press_rate[legs, None] * up_body)
     noise = np.asarray(np.linalg.cholesky(squared + slip**2 * np.eye(3)))
     result.append(Block(measured.ravel(), model, noise, legs))
     held = legs[motion.holds[legs]]
     if len(held):
         centres = feet.position_body[held]
-        model = _position_of(held, centres, hips_body[held])
+        model = _position_of(held, centres, hips_body[held], motion.press[held, None] * up_body)
         result.append(Block(centres.ravel(), model, foot_noise[held], held))
     return result
 

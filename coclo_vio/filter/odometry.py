@@ -162,7 +162,7 @@ class LegOdometryFilter:
             rest,
             moving_force=self._intake.mean_force,
             foot_noise_m=profile.foot_sigma_m(reading),
-            leg_scale=profile.leg_scale_sigma,
+            legs=profile.leg_sigmas,
             is_wide=profile.is_wide,
         )
         profile.start(reading)

@@ -22,6 +22,7 @@ import numpy as np
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.filter.config import PaperConfig
 from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.initialisation import LegSigmas
 from coclo_vio.filter.observation import specific_force_at_rest
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
@@ -46,7 +47,7 @@ class PaperProfile:
     def __init__(self, robot: RobotModel, config: PaperConfig, counts: Counter[str]) -> None:
         self.layout = StateLayout(len(robot.leg_names), has_contacts=True)
         self.is_wide = True
-        self.leg_scale_sigma = 0.0
+        self.leg_sigmas = LegSigmas(scale=0.0, give_m=0.0)
         self._config = config
         self._counts = counts
         self._imu = robot.description.imu

@@ -19,6 +19,7 @@ from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
+    LEG_GIVE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -65,6 +66,7 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_
     rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
     legs = motion.position_body + lengthened(vector[:, LEG_SCALE], motion.position_body, hips_body)
     carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
+    carried[..., 2] += vector[:, LEG_GIVE] * motion.press
     feet = np.where(motion.holds[:, None], rolled, carried)
     vector[:, stack.layout.feet] = feet.reshape(len(vector), -1)
     return replace(stack, rotation=rotation, vector=vector)
@@ -80,7 +82,11 @@ def noise_rows(
     config: RobustConfig,
     imu: ImuCalibration,
 ) -> Array:
-    """Rows ``N``, (19 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
+    """Rows ``N``, (14 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
+
+    Rate and velocity change by white accelerations and run straight from one sample to the next: what is measured at
+    both ends of a step fixes what was turned and travelled between them. A rate that wandered between samples (white
+    acceleration in continuous time) would make tilt as unsure as 9e-4 rad a step, many times what a gyroscope leaves.
 
     Args:
         mean: the predicted mean.
@@ -93,31 +99,28 @@ def noise_rows(
     """
     layout = mean.layout
     legs = layout.legs
-    rows = np.zeros((19 + 3 * legs, layout.dimension))
-    position_step = np.sqrt(dt_s**3 / 3.0)
-    rate_with_position = np.sqrt(0.75 * dt_s)
-    rate_alone = np.sqrt(0.25 * dt_s)
+    rows = np.zeros((14 + 3 * legs, layout.dimension))
+    root = np.sqrt(dt_s)
     identity = np.eye(3)
-    turn_rows, move_rows = rows[0:3], rows[6:9]
-    turn_rows[:, ROTATION] = config.angular_acceleration_density * position_step * mean.rotation.T
-    turn_rows[:, RATE] = config.angular_acceleration_density * rate_with_position * identity
-    rows[3:6, RATE] = config.angular_acceleration_density * rate_alone * identity
-    move_rows[:, POSITION] = config.acceleration_density * position_step * identity
-    move_rows[:, VELOCITY] = config.acceleration_density * rate_with_position * identity
-    rows[9:12, VELOCITY] = config.acceleration_density * rate_alone * identity
-    rows[12:15, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * np.sqrt(dt_s) * identity
-    rows[15:18, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * np.sqrt(dt_s) * identity
-    rows[18, LEG_SCALE] = config.leg_scale_walk * np.sqrt(dt_s) * config.estimates_leg_scale
+    turn_rows, move_rows = rows[0:3], rows[3:6]
+    turn_rows[:, ROTATION] = config.angular_acceleration_density * root * 0.5 * dt_s * mean.rotation.T
+    turn_rows[:, RATE] = config.angular_acceleration_density * root * identity
+    move_rows[:, POSITION] = config.acceleration_density * root * 0.5 * dt_s * identity
+    move_rows[:, VELOCITY] = config.acceleration_density * root * identity
+    rows[6:9, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * root * identity
+    rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
+    rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
+    rows[13, LEG_GIVE] = config.leg_give_walk_m * root * config.estimates_leg_give
     world_turn = turn_rows[:, ROTATION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), legs, 3)  # a copy: written back below
     feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
-    feet[6:9, ~motion.holds] = move_rows[:, None, POSITION]
+    feet[3:6, ~motion.holds] = move_rows[:, None, POSITION]
     carried = np.where(motion.is_known[:, None, None], foot_noise, _LOST_LEG_NOISE_M * identity)
-    creep = config.foothold_creep * np.sqrt(dt_s) * identity
+    creep = config.foothold_creep * root * identity
     own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
     each = np.arange(legs)
-    feet[19:].reshape(legs, 3, legs, 3)[each, :, each] = own
+    feet[14:].reshape(legs, 3, legs, 3)[each, :, each] = own
     rows[:, layout.feet] = feet.reshape(len(rows), -1)
     world = mean.vector[layout.world].reshape(-1, 3)
     turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)

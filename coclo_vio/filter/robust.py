@@ -10,9 +10,11 @@ from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.observation import GRAVITY, NO_LEG, Block
+from coclo_vio.filter.gravity import GravityWindow
+from coclo_vio.filter.initialisation import LegSigmas
+from coclo_vio.filter.observation import NO_LEG, Block
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
-from coclo_vio.filter.state import State, StateLayout
+from coclo_vio.filter.state import RATE, VELOCITY, State, StateLayout
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
 
@@ -23,7 +25,9 @@ class RobustProfile:
     def __init__(self, robot: RobotModel, config: RobustConfig, counts: Counter[str]) -> None:
         self.layout = StateLayout(len(robot.leg_names), has_contacts=False)
         self.is_wide = False
-        self.leg_scale_sigma = config.leg_scale_sigma * config.estimates_leg_scale
+        self.leg_sigmas = LegSigmas(
+            config.leg_scale_sigma * config.estimates_leg_scale, config.leg_give_sigma_m * config.estimates_leg_give
+        )
         self._robot: RobotDescription = robot.description
         self._config = config
         self._counts = counts
@@ -32,11 +36,11 @@ class RobustProfile:
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
         self._footholds: Footholds | None = None
         self._without_legs_s = 0.0
-        self._all_stand_s = 0.0
+        self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
 
     def start(self, reading: Reading) -> None:
         """Take the first reading; feet that stand in it are footholds."""
-        self._footholds = Footholds(reading)
+        self._footholds = Footholds(reading, self._robot.contact.on_force)
         self._without_legs_s = 0.0
 
     def foot_sigma_m(self, reading: Reading) -> float:
@@ -57,8 +61,6 @@ class RobustProfile:
         config = self._config
         motion = self._footholds.advance(reading, is_gap=is_gap)
         foot_noise = self._foot_noise(reading)
-        known_stand = bool(reading.is_known.any() and reading.is_stance[reading.is_known].all())
-        self._all_stand_s = self._all_stand_s + dt_s if known_stand else 0.0
         self._counts["no_contact"] += not reading.is_stance.any()
         self._predict(core, motion, dt_s, foot_noise)
         blocks = observation.blocks(
@@ -72,12 +74,14 @@ class RobustProfile:
             config=config,
             gyroscope_noise_radps=gyroscope_noise_radps,
             dt_s=dt_s,
-            sees_gravity=self._all_stand_s >= config.gravity_dwell_s,
         )
         if not blocks:
             self._counts["step_without_measurement"] += 1
+            self._gravity.close()
             return np.zeros(self.layout.legs, dtype=np.bool_)
-        return self._update(core, self._footholds, reading, blocks, dt_s)
+        stance = self._update(core, self._footholds, reading, blocks, dt_s)
+        self._see_gravity(core, reading, is_gap=is_gap)
+        return stance
 
     def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
         """One step on the gyroscope alone, body frame, rad/s, (3,): the joints say nothing."""
@@ -113,7 +117,7 @@ class RobustProfile:
         noise = _noise_rows(blocks)
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
         covariance = rows.T @ rows + noise.T @ noise
-        keep = ~self._shaken(covariance, innovation, owner)
+        keep = np.ones(len(owner), dtype=np.bool_)
         rejected = self._rejected(covariance, innovation, owner)
         stance = reading.is_stance & ~rejected
         is_refusing = bool(reading.is_stance.any() and not stance.any())
@@ -133,23 +137,36 @@ class RobustProfile:
             core.update(rows, noise, innovation)
         return stance
 
-    def _shaken(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
-        """The gravity rows, where the accelerometer shows more than gravity (chi-square gate), (m,)."""
-        is_gravity: BoolArray = np.asarray(owner == GRAVITY)
-        if not is_gravity.any():
-            return is_gravity
-        own = innovation[is_gravity]
-        squared = own @ np.linalg.solve(covariance[np.ix_(is_gravity, is_gravity)], own)
-        if squared <= self._gate[3]:
-            return np.zeros(len(owner), dtype=np.bool_)
-        self._counts["gravity_rejected"] += 1
-        return is_gravity
+    def _see_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
+        """Listen to the accelerometer while all feet stand, and update where a window of it is complete."""
+        mean = core.mean
+        if is_gap:
+            self._gravity.close()
+            return
+        stands = reading.is_known.any() and reading.is_stance[reading.is_known].all()
+        if reading.specific_force is None or not stands:
+            gravity = self._gravity.close()
+        else:
+            lever = np.array(self._robot.imu.position_body_m)
+            velocity = mean.vector[VELOCITY] + mean.rotation @ np.cross(mean.vector[RATE], lever)
+            gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
+        if gravity is None:
+            return
+        predicted, rows = core.observe(observation.specific_force_at_rest, observation.CURVED_COLUMNS)
+        innovation = mean.rotation.T @ gravity.force_world - predicted
+        velocity_variance = float(core.variance(VELOCITY).mean())
+        sigma = np.hypot(self._config.gravity_noise_mps2, np.sqrt(2.0 * velocity_variance) / gravity.duration_s)
+        covariance = rows.T @ rows + sigma**2 * np.eye(3)
+        if innovation @ np.linalg.solve(covariance, innovation) > self._gate[3]:
+            self._counts["gravity_rejected"] += 1
+            return
+        core.update(rows, sigma * np.eye(3), innovation)
 
     def _rejected(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
         """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
         rejected = np.zeros(self.layout.legs, dtype=np.bool_)
         counts = np.bincount(owner[owner > NO_LEG], minlength=self.layout.legs)
-        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner <= NO_LEG) :]
+        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner == NO_LEG) :]
         ends = np.cumsum(counts)
         for size, limit in self._gate.items():
             legs = np.flatnonzero(counts == size)

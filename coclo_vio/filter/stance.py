@@ -10,6 +10,9 @@ from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import FeetKinematics
 
+_NS_PER_S = 1_000_000_000
+_MOST_PRESS = 20.0  # beyond it a load is a fault of its sensor
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
@@ -54,12 +57,16 @@ class FootMotion:
         turn_body: rotation of the foot link relative to the body, as a rotation vector in the body axes of the
             earlier time, (n, 3): ``exp(turn) = R_body_foot(now) R_body_foot(before)^T``.
         is_known: legs whose kinematics are known now, (n,).
+        press: load on each foot, in loads from which a foot stands, (n,); 0 where unknown.
+        press_rate: its rate of change, 1/s, (n,).
     """
 
     holds: BoolArray
     position_body: Array
     turn_body: Array
     is_known: BoolArray
+    press: Array
+    press_rate: Array
 
 
 class Footholds:
@@ -68,7 +75,11 @@ class Footholds:
     A foot that swings, slips or says nothing is carried along with the body until it stands again.
     """
 
-    def __init__(self, reading: Reading) -> None:
+    def __init__(self, reading: Reading, standing_load: float) -> None:
+        """Args: the first reading, and the load (N or counts) from which a foot stands."""
+        self._standing_load = standing_load
+        self._stamp_ns = reading.stamp_ns
+        self._press = self._press_of(reading)
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = np.nan_to_num(reading.feet.rotation_body_foot)
         self._position_body = np.nan_to_num(reading.feet.position_body)
@@ -83,14 +94,20 @@ class Footholds:
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = rotation
         self._position_body = position
-        return FootMotion(holds, position, so3.log_below_pi(relative), is_known)
+        press, dt_s = self._press_of(reading), (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        press_rate = (press - self._press) / dt_s
+        self._press, self._stamp_ns = press, reading.stamp_ns
+        return FootMotion(holds, position, so3.log_below_pi(relative), is_known, press, press_rate)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from where they were last known, while the joints say nothing."""
         legs = len(self._is_anchored)
         nothing = np.zeros(legs, dtype=np.bool_)
-        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing)
+        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing, np.zeros(legs), np.zeros(legs))
 
     def release(self, legs: BoolArray) -> None:
         """Stop trusting the footholds of these legs (n,): they slipped."""
         self._is_anchored = self._is_anchored & ~legs
+
+    def _press_of(self, reading: Reading) -> Array:
+        return np.clip(np.nan_to_num(reading.contact.load / self._standing_load), 0.0, _MOST_PRESS)

@@ -5,8 +5,8 @@ Paper section III-B lists position, velocity, quaternion, angular velocity, gyro
 contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
 here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
 ``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
-One state is not the paper's: the relative error of the effective leg length (``LEG_SCALE``), which stays zero and
-certain where it is not estimated.
+Two states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), and how far a leg gives
+under the load from which it stands (``LEG_GIVE``, m). They stay zero and certain where they are not estimated.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
 ``v = exp(e) (v_mean + e_v)`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
@@ -28,14 +28,15 @@ LEG_SCALE = slice(3, 4)
 RATE = slice(4, 7)
 GYROSCOPE_BIAS = slice(7, 10)
 ACCELEROMETER_BIAS = slice(10, 13)
-VELOCITY = slice(13, 16)
-POSITION = slice(16, 19)
-_BODY = 19
+LEG_GIVE = slice(13, 14)
+VELOCITY = slice(14, 17)
+POSITION = slice(17, 20)
+_BODY = 20
 
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Where the errors of feet, contacts and cloned pose stand behind the 19 of the body.
+    """Where the errors of feet, contacts and cloned pose stand behind the 20 of the body.
 
     Attributes:
         legs: number of legs.

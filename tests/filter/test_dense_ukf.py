@@ -17,7 +17,7 @@ from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.paper import PaperProfile
 from coclo_vio.filter.robust import RobustProfile
 from coclo_vio.filter.stance import Reading
-from coclo_vio.filter.state import LEG_SCALE, State
+from coclo_vio.filter.state import LEG_GIVE, LEG_SCALE, POSITION, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
@@ -64,6 +64,9 @@ class DenseFilter:
         self._rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         return mean, self._rows
 
+    def variance(self, errors: slice) -> np.ndarray:
+        return np.diag(self.covariance)[errors]
+
     def update(self, rows: np.ndarray, noise_rows: np.ndarray, innovation: np.ndarray) -> None:
         """``rows`` are columns of what ``observe`` gave; the places of these columns are found again."""
         kept = [int(np.flatnonzero((self._rows == column[:, None]).all(axis=0))[0]) for column in rows.T]
@@ -82,14 +85,15 @@ def start(profile: RobustProfile | PaperProfile, reading: Reading, truth: Analyt
     rotation = turn @ truth.body.rotation[FIRST] @ so3.exp(0.02 * random.normal(size=3))
     position = np.array([30.0, -20.0, 0.4])
     vector = np.zeros(layout.dimension)
-    vector[13:16] = turn @ truth.body.velocity[FIRST]
-    vector[16:19] = position
+    vector[VELOCITY] = turn @ truth.body.velocity[FIRST]
+    vector[POSITION] = position
     vector[layout.feet] = (position + reading.feet.position_body @ rotation.T).ravel()
     if layout.has_contacts:
         vector[layout.contacts] = reading.contact.probability
     vector[layout.clone_position] = position - 0.1
     sigmas = random.uniform(0.01, 0.05, layout.dimension)
     sigmas[LEG_SCALE] = 0.02
+    sigmas[LEG_GIVE] = 0.002
     return State(layout, rotation, vector, so3.exp(random.normal(size=3))), sigmas
 
 

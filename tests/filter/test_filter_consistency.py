@@ -23,6 +23,7 @@ BODY = BodyMotionConfig(rest_s=0.6, walk_s=4.4, stop_s=0.0, ramp_s=0.6, speed_mp
 MATCHED = FilterConfig(
     robust=RobustConfig(
         estimates_leg_scale=False,
+        estimates_leg_give=False,
         foothold_creep=2e-5,
         foot_position_noise_m=1e-5,
         foot_velocity_noise_mps=1e-3,

@@ -157,12 +157,14 @@ def test_noise_rows_against_finite_differences() -> None:
         random.normal(size=(LEGS, 3)),
         np.zeros((LEGS, 3)),
         np.array([True, True, False]),
+        np.zeros(LEGS),
+        np.zeros(LEGS),
     )
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
     config, imu = RobustConfig(estimates_leg_scale=True), ImuCalibration()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
     rows = process.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config, imu=imu)
-    density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 3.0), np.array([0.0, 0.0, 1.0])
+    density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0), np.array([0.0, 0.0, 1.0])
     for axis in range(3):
         turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, seen in the world
         moved = stack_of(mean)
@@ -184,10 +186,11 @@ def test_noise_rows_against_finite_differences() -> None:
     np.testing.assert_allclose(lost, position_noise + 0.1**2 * np.eye(3), atol=1e-12)
 
 
-def test_noise_of_the_body_is_that_of_white_acceleration() -> None:
+def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None:
+    """Rate and velocity run straight between samples: turn and travel are half a step of what they changed by."""
     layout = StateLayout(1, has_contacts=False)
     mean = State(layout, np.eye(3), np.zeros(layout.dimension), np.eye(3))
-    motion = FootMotion(np.array([True]), np.zeros((1, 3)), np.zeros((1, 3)), np.array([True]))
+    motion = FootMotion(np.array([True]), np.zeros((1, 3)), np.zeros((1, 3)), np.array([True]), np.zeros(1), np.zeros(1))
     config, dt_s = RobustConfig(), 0.02
     rows = process.noise_rows(
         mean, dt_s, motion, radii_m=np.zeros(1), foot_noise=np.zeros((1, 3, 3)), config=config, imu=ImuCalibration()
@@ -197,6 +200,6 @@ def test_noise_of_the_body_is_that_of_white_acceleration() -> None:
         (POSITION, VELOCITY, config.acceleration_density),
         (ROTATION, RATE, config.angular_acceleration_density),
     ):
-        np.testing.assert_allclose(Q[first, first], density**2 * dt_s**3 / 3.0 * np.eye(3), atol=1e-15)
+        np.testing.assert_allclose(Q[first, first], density**2 * dt_s**3 / 4.0 * np.eye(3), atol=1e-15)
         np.testing.assert_allclose(Q[first, second], density**2 * dt_s**2 / 2.0 * np.eye(3), atol=1e-15)
         np.testing.assert_allclose(Q[second, second], density**2 * dt_s * np.eye(3), atol=1e-15)

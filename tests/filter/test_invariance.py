@@ -52,7 +52,7 @@ def started(profile: RobustProfile | PaperProfile, reading: Reading) -> SquareRo
         None,
         moving_force=reading.specific_force,
         foot_noise_m=profile.foot_sigma_m(reading),
-        leg_scale=profile.leg_scale_sigma,
+        legs=profile.leg_sigmas,
         is_wide=profile.is_wide,
     )
 

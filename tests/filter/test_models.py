@@ -43,7 +43,7 @@ def foot_errors_m(robot: RobotModel, rate_hz: float) -> tuple[float, float]:
     body = BodyMotionConfig(rest_s=0.2, walk_s=1.6, stop_s=0.0, ramp_s=0.6, curvature_per_m=0.4)
     config = AnalyticTrialConfig(rate_hz=rate_hz, substeps=6, body=body, sensors=SensorNoiseConfig(noise_scale=0.0))
     trial = generate(config, robot, seed=3)
-    footholds, dt_s = Footholds(true_reading(robot, trial, 0)), 1.0 / rate_hz
+    footholds, dt_s = Footholds(true_reading(robot, trial, 0), robot.description.contact.on_force), 1.0 / rate_hz
     rolling, carried = [0.0], [0.0]
     for row in range(1, len(trial.truth)):
         motion = footholds.advance(true_reading(robot, trial, row), is_gap=False)
@@ -84,7 +84,7 @@ def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: St
 
 
 def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotModel, clean_walk: AnalyticTrial) -> None:
-    footholds = Footholds(true_reading(daisy, clean_walk, 0))
+    footholds = Footholds(true_reading(daisy, clean_walk, 0), daisy.description.contact.on_force)
     seen = set()
     for row in range(1, len(clean_walk.truth), 1):
         reading = true_reading(daisy, clean_walk, row)
@@ -108,7 +108,7 @@ def test_a_velocity_that_is_not_the_bodys_leaves_a_residual(daisy: RobotModel, c
     legs = np.flatnonzero(reading.is_stance)
     state = true_state(clean_walk, 200)
     state.vector[VELOCITY] += (0.1, 0.0, 0.0)
-    motion = Footholds(reading).advance(reading, is_gap=False)
+    motion = Footholds(reading, 20.0).advance(reading, is_gap=False)
     blocks = blocks_of(daisy, reading, motion, state)
     velocity = next(block for block in blocks if len(block.measured) == 3 * len(legs) and block.legs[0] >= 0)
     residual = (velocity.model(stack_of(state))[0] - velocity.measured).reshape(-1, 3)

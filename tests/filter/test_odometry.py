@@ -17,7 +17,7 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 
-NOMINAL = RobustConfig(estimates_leg_scale=False)
+NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_give=False)
 PROFILES = [FilterConfig(robust=NOMINAL), FilterConfig(profile="paper")]
 TICK_NS = 10_000_000
 

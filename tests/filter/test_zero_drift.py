@@ -26,6 +26,7 @@ CERTAIN = FilterConfig(
         gate_probability=1.0 - 1e-16,
         gravity_noise_mps2=1e6,
         estimates_leg_scale=False,
+        estimates_leg_give=False,
     ),
     initial=InitialConfig(
         gyroscope_bias_radps=TINY, accelerometer_bias_mps2=TINY, rest_force_noise_mps2=TINY, rest_rate_noise_radps=TINY

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gravity from the accelerometer while all feet stand, without what the body itself accelerates.
+
+A standing robot still sways and rings: half a m/s^2 tilts "up" by three degrees, and keeps the sign for many samples.
+The legs know how the velocity changed meanwhile; over a window the mean specific force less that change is gravity.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GravityReading:
+    """What the accelerometer says of gravity after one window.
+
+    Attributes:
+        force_world: mean specific force less the body's acceleration, world, m/s^2, (3,): up, and 9.81.
+        duration_s: length of the window, s.
+    """
+
+    force_world: Array
+    duration_s: float
+
+
+class GravityWindow:
+    """Collects specific force and velocity over windows that follow one another without overlap.
+
+    A gait leaves all feet on the ground for a tenth of a second at a time, so a window that a lifting foot cuts short
+    still counts if it lasted half its length.
+
+    Args:
+        dwell_s: all feet must have stood so long before a window opens, s.
+        length_s: of a window, s.
+    """
+
+    def __init__(self, dwell_s: float, length_s: float) -> None:
+        self._dwell_ns, self._length_ns = round(dwell_s * _NS_PER_S), round(length_s * _NS_PER_S)
+        self._clear()
+
+    def close(self) -> GravityReading | None:
+        """A foot has left the ground, or nobody knows: what was collected until then, if it was long enough."""
+        collected_ns = 0 if self._opened_ns is None else self._last_ns - self._opened_ns
+        reading = self._reading() if 2 * collected_ns >= self._length_ns else None
+        self._clear()
+        return reading
+
+    def add(self, stamp_ns: int, force_world: Array, velocity_world: Array) -> GravityReading | None:
+        """Take a sample of a moment in which all feet stand; a reading where it completes a window.
+
+        Args:
+            stamp_ns: time in nanoseconds.
+            force_world: specific force since the last sample, m/s^2, world, (3,).
+            velocity_world: of the accelerometer, m/s, (3,).
+        """
+        if self._stood_since_ns is None:
+            self._stood_since_ns = stamp_ns
+        if self._opened_ns is None:
+            if stamp_ns - self._stood_since_ns >= self._dwell_ns:
+                self._open(stamp_ns, velocity_world)
+            return None
+        self._impulse += force_world * ((stamp_ns - self._last_ns) / _NS_PER_S)
+        self._last_ns, self._velocity_now = stamp_ns, velocity_world
+        if stamp_ns - self._opened_ns < self._length_ns:
+            return None
+        reading = self._reading()
+        self._open(stamp_ns, velocity_world)
+        return reading
+
+    def _reading(self) -> GravityReading:
+        assert self._opened_ns is not None, "a window is open"
+        duration_s = (self._last_ns - self._opened_ns) / _NS_PER_S
+        return GravityReading((self._impulse - self._velocity_now + self._velocity_then) / duration_s, duration_s)
+
+    def _open(self, stamp_ns: int, velocity_world: Array) -> None:
+        self._opened_ns = self._last_ns = stamp_ns
+        self._velocity_then = self._velocity_now = velocity_world
+        self._impulse = np.zeros(3)
+
+    def _clear(self) -> None:
+        self._stood_since_ns: int | None = None
+        self._opened_ns: int | None = None
+        self._last_ns = 0
+        self._impulse: Array = np.zeros(3)
+        self._velocity_then: Array = np.zeros(3)
+        self._velocity_now: Array = np.zeros(3)
