@@ -40,10 +40,11 @@ def run_all(
     Raises:
         CocloError: the recording, the robot or the configuration is at fault.
     """
-    robot = RobotModel(config.robot)
     for mode in modes:
-        make_estimator(mode, robot, config)  # a misspelt mode is found before anything runs
+        make_estimator(mode, RobotModel(config.robot), config)  # a misspelt mode is found before anything runs
     dataset = open_dataset(path, config.robot, config.dataset)
+    config = config.on_recording(dataset.imu_calibration())
+    robot = RobotModel(config.robot)
     run_folder.prepare(folder)
     with run_folder.writing(folder):
         write_yaml(config, folder / "config.yaml")

@@ -3,11 +3,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
 from coclo_vio.backend.config import InvariantConfig
+from coclo_vio.calibration import ImuCalibration
 from coclo_vio.config import StageConfig, merged, parse_settings, read_yaml
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.errors import ConfigError, listing
@@ -24,6 +25,16 @@ class RunConfig(StageConfig):
     filter: Annotated[FilterConfig, Field(description="COCLO")] = FilterConfig()
     inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
+    imu_calibration: Annotated[
+        Literal["recording", "robot"],
+        Field(description="whose word counts on the IMU's mounting and noise, where the recording has one"),
+    ] = "recording"
+
+    def on_recording(self, imu: ImuCalibration | None) -> Self:
+        """The same run with the IMU's mounting and noise of a recording, if that is whose word counts."""
+        if imu is None or self.imu_calibration == "robot":
+            return self
+        return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": imu})})
 
 
 def resolve(
