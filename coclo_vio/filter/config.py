@@ -41,7 +41,7 @@ class RobustConfig(StageConfig):
     ] = 1.0
     foothold_creep: Annotated[
         float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
-    ] = 0.002
+    ] = 0.003
     foot_position_noise_m: Annotated[
         float, Field(gt=0, description="one sigma of a foot position beyond its encoders (bending), m")
     ] = 0.0005
