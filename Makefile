@@ -51,8 +51,8 @@ bench: setup ## latencies and rates as JSON in out/benchmark.json (OUT=... elsew
 	$(ONE_THREAD) $(BIN)/coclo-vio benchmark --json > $(OUT)/benchmark.json
 	@cat $(OUT)/benchmark.json
 
-sample: setup ## remake the bundled sample from its seed
-	$(ONE_THREAD) $(BIN)/python -m coclo_vio.sample coclo_vio/sample_data/daisy_walk
+sample: setup ## remake the bundled sample from its seed (needs OpenGL without a screen)
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.sample coclo_vio/sample_data/daisy_stairs.mcap
 
 clean: ## remove .venv, caches and results
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out demo_out

@@ -1,35 +1,42 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The recording that the package ships: ten seconds of an exact, noisy walk of a six-legged Daisy.
+"""The recording that the package ships: the first fifteen seconds of the stairs trial, as a bag.
 
-``python -m coclo_vio.sample FOLDER`` makes it anew; a test holds the shipped files to that.
+A Daisy stands, walks up to the stairs and sets its first feet on them. ``python -m coclo_vio.sample FILE`` makes it
+anew, as ``coclo-vio simulate stairs --seed 1 --duration 15 --image-encoding jpeg --set camera.jpeg_quality=75`` does; a
+test holds the shipped file to that.
 """
 
+import shutil
 import sys
+import tempfile
 from importlib import resources
 from pathlib import Path
 
-from coclo_vio.datasets.writer import write_leg_log
-from coclo_vio.robot.description import load_robot
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
-from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.trajectory import GroundTruth
-
 SEED = 1
-TRIAL = AnalyticTrialConfig(body=BodyMotionConfig(rest_s=1.5, walk_s=8.0, stop_s=0.5))
+DURATION_S = 15.0
+JPEG_QUALITY = 75
 
 
 def sample_path() -> Path:
-    """The folder of the shipped recording."""
-    return Path(str(resources.files("coclo_vio") / "sample_data" / "daisy_walk"))
+    """The shipped bag."""
+    return Path(str(resources.files("coclo_vio") / "sample_data" / "daisy_stairs.mcap"))
 
 
-def make_sample(folder: Path) -> Path:
-    """Write the recording: ``leg_log.csv`` and ``groundtruth.tum``; returns the path of the log."""
-    robot = load_robot("daisy")
-    trial = generate(TRIAL, RobotModel(robot), SEED)
-    truth = GroundTruth(trial.truth, has_stamps=True, source="analytic trial")
-    return write_leg_log(folder, robot, trial.measurements, truth)
+def make_sample(path: Path, *, images: bool = True) -> Path:
+    """Simulate the recording and write it to ``path``, without its truth; returns ``path``.
+
+    Raises:
+        DatasetError: the path is taken or cannot be written.
+        SimulationError: what draws off screen is missing.
+    """
+    from coclo_vio.simulated_recording import simulate_recording, simulation_config  # noqa: PLC0415 -- an extra
+
+    config = simulation_config("stairs", {"camera": {"encoding": "jpeg", "jpeg_quality": JPEG_QUALITY}})
+    with tempfile.TemporaryDirectory() as scratch:
+        made = Path(scratch) / path.name
+        simulate_recording(made, "stairs", config, SEED, until_s=DURATION_S, images=images)
+        shutil.move(made, path)
+    return path
 
 
 if __name__ == "__main__":
