@@ -40,7 +40,10 @@ class GravityWindow:
 
     def __init__(self, dwell_s: float, length_s: float) -> None:
         self._dwell_ns, self._length_ns = round(dwell_s * _NS_PER_S), round(length_s * _NS_PER_S)
-        self._clear()
+        self._stood_since_ns: int | None = None
+        self._opened_ns: int | None = None
+        self._last_ns = 0
+        self._impulse = self._velocity_then = self._velocity_now = np.zeros(3)
 
     def close(self) -> GravityReading | None:
         """A foot has left the ground, or nobody knows: what was collected until then, if it was long enough."""
@@ -63,7 +66,7 @@ class GravityWindow:
             if stamp_ns - self._stood_since_ns >= self._dwell_ns:
                 self._open(stamp_ns, velocity_world)
             return None
-        self._impulse += force_world * ((stamp_ns - self._last_ns) / _NS_PER_S)
+        self._impulse = self._impulse + force_world * ((stamp_ns - self._last_ns) / _NS_PER_S)
         self._last_ns, self._velocity_now = stamp_ns, velocity_world
         if stamp_ns - self._opened_ns < self._length_ns:
             return None
@@ -82,9 +85,4 @@ class GravityWindow:
         self._impulse = np.zeros(3)
 
     def _clear(self) -> None:
-        self._stood_since_ns: int | None = None
-        self._opened_ns: int | None = None
-        self._last_ns = 0
-        self._impulse: Array = np.zeros(3)
-        self._velocity_then: Array = np.zeros(3)
-        self._velocity_now: Array = np.zeros(3)
+        self._stood_since_ns = self._opened_ns = None
