@@ -121,8 +121,7 @@ def _started(
         reading,
         None,
         moving_force=reading.specific_force,
-        foot_noise_m=steps.foot_sigma_m(reading),
-        legs=steps.leg_sigmas,
+        unsure=steps.unsure_feet(reading),
         is_wide=steps.is_wide,
     )
     steps.start(reading)
@@ -134,7 +133,7 @@ def filterpy_cycles_per_s(robot: RobotModel, readings: Sequence[Reading]) -> flo
     if not has_filterpy():
         return None
     _, core = _started(robot, readings[0], "robust")
-    rival = FilterpyRival(robot, FilterConfig().robust, core.mean, core.factor @ core.factor.T)
+    rival = FilterpyRival(robot, FilterConfig().robust, core.mean, core.factor)
     taken_s = rival.run(readings, robot.description.imu.gyroscope_noise_density)
     return (len(readings) - 1) / taken_s
 

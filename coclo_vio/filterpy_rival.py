@@ -3,8 +3,8 @@
 
 The state is a plain vector of the same length in the same order, rotation as a rotation vector of ``R_world_body``;
 process and measurement take one sigma point at a time, as filterpy wants it, in as few NumPy calls as they allow. What
-does not depend on the state is worked out beforehand and not timed. No gate, no standstill. filterpy is a development
-tool, imported here only and only when asked for.
+does not depend on the state is worked out beforehand and not timed. A window of gravity is an update of its own, as it
+is in ours. No gate, no standstill. filterpy is a development tool, imported here only and only when asked for.
 """
 
 import math
@@ -19,10 +19,12 @@ import numpy as np
 from coclo_vio.arrays import Array, IntArray
 from coclo_vio.filter import process
 from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.gravity import GravityReading, GravityWindow
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
+    LEG_GIVE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -55,27 +57,30 @@ class _Inputs:
     motion: FootMotion
     foot_noise: Array
     legs: IntArray
-    sees_gravity: bool
     levers_cross: Array
     rolling: Array
+    giving: Array
+    given: Array
     measured: Array
     noise: Array
 
 
 class FilterpyRival:
-    """filterpy's filter with our models; ``start`` as ours starts, from a mean and a covariance of its errors."""
+    """filterpy's filter with our models; starts as ours does, from a mean and a factor of its errors' covariance."""
 
-    def __init__(self, robot: RobotModel, config: RobustConfig, mean: State, covariance: Array) -> None:
+    def __init__(self, robot: RobotModel, config: RobustConfig, mean: State, factor: Array) -> None:
         from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter  # noqa: PLC0415
 
         self._robot, self._config, self._mean = robot, config, mean
         self._radii_m, self._hips = robot.foot_radii_m, robot.hip_position_body
+        self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
         length = mean.layout.dimension
         points = JulierSigmaPoints(length, kappa=0.0)
         self.ukf: Any = UnscentedKalmanFilter(length, 3, 0.01, self._observe, self._move, points)
         self.ukf.x = mean.vector.copy()
         self.ukf.x[ROTATION] = so3.log(mean.rotation)
-        self.ukf.P = covariance + _LEAST_VARIANCE * np.eye(length)
+        rows = _plain(mean, factor.T.copy())
+        self.ukf.P = rows.T @ rows + _LEAST_VARIANCE * np.eye(length)
 
     @property
     def position(self) -> Array:
@@ -84,7 +89,7 @@ class FilterpyRival:
 
     def run(self, readings: Sequence[Reading], gyroscope_noise_density: float) -> float:
         """Take the readings after the first; returns the seconds of processor time in predict and update."""
-        footholds = Footholds(readings[0])
+        footholds = Footholds(readings[0], self._robot.description.contact.on_force)
         taken_s = 0.0
         for before, reading in pairwise(readings):
             dt_s = (reading.stamp_ns - before.stamp_ns) / _NS_PER_S
@@ -93,6 +98,7 @@ class FilterpyRival:
             started_s = process_time()
             self.ukf.predict(dt_s, inputs=inputs)
             self.ukf.update(inputs.measured, R=inputs.noise, inputs=inputs)
+            self._see_gravity(reading)
             taken_s += process_time() - started_s
         return taken_s
 
@@ -114,22 +120,39 @@ class FilterpyRival:
         legs = motion.position_body.copy()
         legs[:, :2] += x[LEG_SCALE] * (legs - self._hips)[:, :2]
         carried = position + legs @ rotated.T
+        carried[:, 2] += x[LEG_GIVE] * motion.press
         moved[self._mean.layout.feet] = np.where(motion.holds[:, None], rolled, carried).ravel()
         return moved
 
     def _observe(self, x: Array, inputs: _Inputs) -> Array:
         """The blocks of ``observation`` for one state."""
         rotation = _rotation(x[ROTATION])
-        scale, legs = x[LEG_SCALE], inputs.legs
+        scale, give, legs = x[LEG_SCALE], x[LEG_GIVE], inputs.legs
         velocity = x[VELOCITY] @ rotation + x[RATE] @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
+        velocity += give * inputs.giving
         held = legs[inputs.motion.holds[legs]]
         position = (x[self._mean.layout.feet].reshape(-1, 3)[held] - x[POSITION]) @ rotation
         position[:, :2] -= scale * (inputs.motion.position_body - self._hips)[held, :2]
-        rows = [x[RATE] + x[GYROSCOPE_BIAS], velocity.ravel(), position.ravel()]
-        if inputs.sees_gravity:
-            rows.append(GRAVITY_MPS2 * rotation[2] + x[ACCELEROMETER_BIAS])
-        return np.concatenate(rows)
+        position -= give * inputs.given
+        return np.concatenate((x[RATE] + x[GYROSCOPE_BIAS], velocity.ravel(), position.ravel()))
+
+    def _see_gravity(self, reading: Reading) -> None:
+        """The windows of ``RobustProfile``; the sigma points are drawn anew, as filterpy does in ``predict`` only."""
+        x, force = self.ukf.x, reading.specific_force
+        gravity: GravityReading | None
+        if force is None or not reading.is_stance.all():
+            gravity = self._gravity.close()
+        else:
+            rotation, lever = _rotation(x[ROTATION]), np.array(self._robot.description.imu.position_body_m)
+            velocity = x[VELOCITY] + rotation @ np.cross(x[RATE], lever)
+            gravity = self._gravity.add(reading.stamp_ns, rotation @ force, velocity)
+        if gravity is None:
+            return
+        velocity_variance = float(np.diag(self.ukf.P)[VELOCITY].mean())
+        variance = self._config.gravity_noise_mps2**2 + 2.0 * velocity_variance / gravity.duration_s**2
+        self.ukf.sigmas_f = self.ukf.points_fn.sigma_points(x, self.ukf.P)
+        self.ukf.update(_rotation(x[ROTATION]).T @ gravity.force_world, R=variance * np.eye(3), hx=_gravity_seen)
 
     def _inputs(self, reading: Reading, footholds: Footholds, dt_s: float, gyroscope_noise: float) -> _Inputs:
         config, robot = self._config, self._robot.description
@@ -137,21 +160,18 @@ class FilterpyRival:
         linear = feet.jacobian[:, 3:]
         encoders = linear @ np.swapaxes(linear, 1, 2) * robot.encoder_noise_rad**2
         position_noise = encoders + config.foot_position_noise_m**2 * np.eye(3)
-        arms = self._radii_m[:, None] * _rotation(self.ukf.x[ROTATION])[2]
+        up_body = _rotation(self.ukf.x[ROTATION])[2]
+        arms = self._radii_m[:, None] * up_body
         contact = linear + so3.hat(arms) @ feet.jacobian[:, :3]
         velocity_noise = contact @ np.swapaxes(contact, 1, 2) * robot.joint_velocity_noise_radps**2
         velocity_noise += config.foot_velocity_noise_mps**2 * np.eye(3)
         legs = np.flatnonzero(reading.is_stance)
         held = legs[motion.holds[legs]]
         rolling = np.cross(feet.angular_velocity_body, arms)[legs]
-        rate, force = reading.angular_velocity, reading.specific_force
+        rate = reading.angular_velocity
         assert rate is not None, "an analytic trial has a gyroscope reading at every joint sample"
-        sees_gravity = force is not None and bool(reading.is_stance.all())
         measured = [rate, (rolling - feet.velocity_body[legs]).ravel(), feet.position_body[held].ravel()]
         noises = [gyroscope_noise**2 * np.eye(3), *velocity_noise[legs], *position_noise[held]]
-        if force is not None and sees_gravity:
-            measured.append(force)
-            noises.append(config.gravity_noise_mps2**2 * np.eye(3))
         noise = np.zeros((3 * len(noises), 3 * len(noises)))
         for number, block in enumerate(noises):
             noise[3 * number : 3 * number + 3, 3 * number : 3 * number + 3] = block
@@ -160,15 +180,16 @@ class FilterpyRival:
             motion,
             np.asarray(np.linalg.cholesky(position_noise)),
             legs,
-            sees_gravity,
             so3.hat((feet.position_body - arms)[legs]),
             rolling,
+            motion.press_rate[legs, None] * up_body,
+            motion.press[held, None] * up_body,
             np.concatenate(measured),
             noise,
         )
 
     def _process_noise(self, inputs: _Inputs) -> Array:
-        """Q of ``process.noise_rows``, led from errors that turn the world to plain ones."""
+        """Q of ``process.noise_rows``."""
         mean = replace(self._mean, rotation=_rotation(self.ukf.x[ROTATION]), vector=self.ukf.x)
         rows = process.noise_rows(
             mean,
@@ -179,10 +200,22 @@ class FilterpyRival:
             config=self._config,
             imu=self._robot.description.imu,
         )
-        world = mean.layout.world
-        turned = np.einsum("nij,rj->rni", -so3.hat(mean.vector[world].reshape(-1, 3)), rows[:, ROTATION])
-        rows[:, world] += turned.reshape(len(rows), -1)
+        rows = _plain(mean, rows)
         return np.asarray(rows.T @ rows)
+
+
+def _plain(mean: State, rows: Array) -> Array:
+    """Rows of deviations (m, L) led from errors that turn the world with the body to plain differences."""
+    world = mean.layout.world
+    turned = np.einsum("nij,rj->rni", -so3.hat(mean.vector[world].reshape(-1, 3)), rows[:, ROTATION])
+    rows[:, world] += turned.reshape(len(rows), -1)
+    return rows
+
+
+def _gravity_seen(x: Array) -> Array:
+    """``observation.specific_force_at_rest`` for one state."""
+    force: Array = GRAVITY_MPS2 * _rotation(x[ROTATION])[2] + x[ACCELEROMETER_BIAS]
+    return force
 
 
 def _rotation(rotation_vector: Array) -> Array:

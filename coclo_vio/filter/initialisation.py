@@ -30,17 +30,21 @@ _WEIGHTLESS_MPS2 = 1.0  # a mean specific force smaller than this shows no direc
 _TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start
 
 
-@dataclass(frozen=True, slots=True)
-class LegSigmas:
-    """One sigma of what is not known of the legs; 0 where it is not estimated.
+@dataclass(frozen=True, slots=True, eq=False)
+class UnsureFeet:
+    """What is not known of where the feet are at the start; a sigma is 0 where its error is not estimated.
 
     Attributes:
-        scale: relative error of the effective leg length.
-        give_m: how far a leg gives under the load from which it stands, m.
+        noise_m: one sigma of a foot position in the body frame by itself, m.
+        scale: one sigma of the relative error of the effective leg length.
+        give_m: one sigma of how far a leg gives under the load from which it stands, m.
+        press: load on each foot, in loads from which a foot stands, (n,).
     """
 
+    noise_m: float
     scale: float
     give_m: float
+    press: Array
 
 
 def initial_filter(
@@ -50,8 +54,7 @@ def initial_filter(
     rest: Rest | None,
     *,
     moving_force: Array | None,
-    foot_noise_m: float,
-    legs: LegSigmas,
+    unsure: UnsureFeet,
     is_wide: bool,
 ) -> SquareRootFilter:
     """The filter at its first reading: position and yaw zero, level by gravity, gyroscope bias from rest.
@@ -62,8 +65,7 @@ def initial_filter(
         reading: the first reading; unknown legs start under the body.
         rest: mean readings at rest, None to start on the move.
         moving_force: mean specific force for a start on the move, body frame, m/s^2, (3,); None: level.
-        foot_noise_m: one sigma of a foot position in the body frame, m.
-        legs: how unsure the legs' own parameters are.
+        unsure: what is not known of the feet.
         is_wide: see ``SquareRootFilter``.
     """
     force = moving_force if rest is None else rest.specific_force
@@ -76,29 +78,37 @@ def initial_filter(
     if rest is not None:
         vector[GYROSCOPE_BIAS] = rest.angular_velocity
     mean = State(layout, rotation, vector, np.eye(3))
-    core = SquareRootFilter(mean, _sigmas(layout, config, foot_noise_m, legs, is_moving=rest is None), is_wide=is_wide)
+    core = SquareRootFilter(mean, _sigmas(layout, config, unsure, is_moving=rest is None), is_wide=is_wide)
+    _tie_feet(core, unsure)
     if rest is not None:
         _see_rest(core, config, rest)
     return core
 
 
-def _sigmas(
-    layout: StateLayout, config: InitialConfig, foot_noise_m: float, legs: LegSigmas, *, is_moving: bool
-) -> Array:
+def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, is_moving: bool) -> Array:
     """Sigmas (L,) of the errors; tilt and yaw are errors about world axes, as all rotation errors are."""
     tilt = config.moving_tilt_rad if is_moving else config.tilt_rad
     sigmas = np.full(layout.dimension, _TIED)
     sigmas[ROTATION] = (tilt, tilt, _TIED)
-    sigmas[LEG_SCALE] = legs.scale
-    sigmas[LEG_GIVE] = legs.give_m
+    sigmas[LEG_SCALE] = unsure.scale
+    sigmas[LEG_GIVE] = unsure.give_m
     sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
     sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
     sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2
     sigmas[VELOCITY] = config.moving_velocity_mps if is_moving else config.velocity_mps
     sigmas[POSITION] = _TIED
-    sigmas[layout.feet] = foot_noise_m
+    sigmas[layout.feet] = unsure.noise_m
     sigmas[layout.contacts] = 0.5
     return sigmas
+
+
+def _tie_feet(core: SquareRootFilter, unsure: UnsureFeet) -> None:
+    """The feet are where legs that do not give would have them: they share the error of that.
+
+    Without it the first footholds, seen from the very same joint angles, would say that no leg gives.
+    """
+    feet = core.mean.layout.feet
+    core.factor[feet.start + 2 : feet.stop : 3, LEG_GIVE] = unsure.give_m * unsure.press[:, None]
 
 
 def _see_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:

@@ -161,8 +161,7 @@ class LegOdometryFilter:
             reading,
             rest,
             moving_force=self._intake.mean_force,
-            foot_noise_m=profile.foot_sigma_m(reading),
-            legs=profile.leg_sigmas,
+            unsure=profile.unsure_feet(reading),
             is_wide=profile.is_wide,
         )
         profile.start(reading)

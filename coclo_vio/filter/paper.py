@@ -22,7 +22,7 @@ import numpy as np
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.filter.config import PaperConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.initialisation import LegSigmas
+from coclo_vio.filter.initialisation import UnsureFeet
 from coclo_vio.filter.observation import specific_force_at_rest
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
@@ -47,7 +47,6 @@ class PaperProfile:
     def __init__(self, robot: RobotModel, config: PaperConfig, counts: Counter[str]) -> None:
         self.layout = StateLayout(len(robot.leg_names), has_contacts=True)
         self.is_wide = True
-        self.leg_sigmas = LegSigmas(scale=0.0, give_m=0.0)
         self._config = config
         self._counts = counts
         self._imu = robot.description.imu
@@ -55,9 +54,9 @@ class PaperProfile:
     def start(self, reading: Reading) -> None:
         """Nothing is remembered outside the state."""
 
-    def foot_sigma_m(self, reading: Reading) -> float:
-        """One sigma of a foot position at the start, m."""
-        return self._config.foot_noise_m
+    def unsure_feet(self, reading: Reading) -> UnsureFeet:
+        """What is not known of the feet at the start."""
+        return UnsureFeet(self._config.foot_noise_m, scale=0.0, give_m=0.0, press=np.zeros(self.layout.legs))
 
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool

@@ -11,9 +11,9 @@ from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.gravity import GravityWindow
-from coclo_vio.filter.initialisation import LegSigmas
+from coclo_vio.filter.initialisation import UnsureFeet
 from coclo_vio.filter.observation import NO_LEG, Block
-from coclo_vio.filter.stance import Footholds, FootMotion, Reading
+from coclo_vio.filter.stance import Footholds, FootMotion, Reading, press_of
 from coclo_vio.filter.state import RATE, VELOCITY, State, StateLayout
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
@@ -25,9 +25,6 @@ class RobustProfile:
     def __init__(self, robot: RobotModel, config: RobustConfig, counts: Counter[str]) -> None:
         self.layout = StateLayout(len(robot.leg_names), has_contacts=False)
         self.is_wide = False
-        self.leg_sigmas = LegSigmas(
-            config.leg_scale_sigma * config.estimates_leg_scale, config.leg_give_sigma_m * config.estimates_leg_give
-        )
         self._robot: RobotDescription = robot.description
         self._config = config
         self._counts = counts
@@ -43,9 +40,15 @@ class RobustProfile:
         self._footholds = Footholds(reading, self._robot.contact.on_force)
         self._without_legs_s = 0.0
 
-    def foot_sigma_m(self, reading: Reading) -> float:
-        """One sigma of a foot position at the start, m: the largest of any foot."""
-        return float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0))
+    def unsure_feet(self, reading: Reading) -> UnsureFeet:
+        """What is not known of the feet at the start; as noise the largest of any foot."""
+        config = self._config
+        return UnsureFeet(
+            noise_m=float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
+            scale=config.leg_scale_sigma * config.estimates_leg_scale,
+            give_m=config.leg_give_sigma_m * config.estimates_leg_give,
+            press=press_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
+        )
 
     def _foot_noise(self, reading: Reading) -> Array:
         """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; identity where unknown."""

@@ -57,8 +57,8 @@ class FootMotion:
         turn_body: rotation of the foot link relative to the body, as a rotation vector in the body axes of the
             earlier time, (n, 3): ``exp(turn) = R_body_foot(now) R_body_foot(before)^T``.
         is_known: legs whose kinematics are known now, (n,).
-        press: load on each foot, in loads from which a foot stands, (n,); 0 where unknown.
-        press_rate: its rate of change, 1/s, (n,).
+        press: load on each foot, in loads from which a foot stands, (n,); where unknown the last known one, 0 before.
+        press_rate: its rate of change, 1/s, (n,); 0 where unknown.
     """
 
     holds: BoolArray
@@ -67,6 +67,12 @@ class FootMotion:
     is_known: BoolArray
     press: Array
     press_rate: Array
+
+
+def press_of(reading: Reading, standing_load: float, before: Array) -> Array:
+    """Load on each foot in loads from which a foot stands, (n,): unit-free; ``before`` (n,) where it is unknown."""
+    load = reading.contact.load
+    return np.where(np.isfinite(load), np.clip(load / standing_load, 0.0, _MOST_PRESS), before)
 
 
 class Footholds:
@@ -79,7 +85,8 @@ class Footholds:
         """Args: the first reading, and the load (N or counts) from which a foot stands."""
         self._standing_load = standing_load
         self._stamp_ns = reading.stamp_ns
-        self._press = self._press_of(reading)
+        self._press = press_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
+        self._is_loaded = np.isfinite(reading.contact.load)
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = np.nan_to_num(reading.feet.rotation_body_foot)
         self._position_body = np.nan_to_num(reading.feet.position_body)
@@ -94,20 +101,18 @@ class Footholds:
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = rotation
         self._position_body = position
-        press, dt_s = self._press_of(reading), (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
-        press_rate = (press - self._press) / dt_s
-        self._press, self._stamp_ns = press, reading.stamp_ns
+        press = press_of(reading, self._standing_load, before=self._press)
+        is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        press_rate = np.where(is_loaded & self._is_loaded, press - self._press, 0.0) / dt_s
+        self._press, self._is_loaded, self._stamp_ns = press, is_loaded, reading.stamp_ns
         return FootMotion(holds, position, so3.log_below_pi(relative), is_known, press, press_rate)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from where they were last known, while the joints say nothing."""
         legs = len(self._is_anchored)
         nothing = np.zeros(legs, dtype=np.bool_)
-        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing, np.zeros(legs), np.zeros(legs))
+        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing, self._press, np.zeros(legs))
 
     def release(self, legs: BoolArray) -> None:
         """Stop trusting the footholds of these legs (n,): they slipped."""
         self._is_anchored = self._is_anchored & ~legs
-
-    def _press_of(self, reading: Reading) -> Array:
-        return np.clip(np.nan_to_num(reading.contact.load / self._standing_load), 0.0, _MOST_PRESS)

@@ -51,8 +51,7 @@ def started(profile: RobustProfile | PaperProfile, reading: Reading) -> SquareRo
         reading,
         None,
         moving_force=reading.specific_force,
-        foot_noise_m=profile.foot_sigma_m(reading),
-        legs=profile.leg_sigmas,
+        unsure=profile.unsure_feet(reading),
         is_wide=profile.is_wide,
     )
 
