@@ -190,7 +190,8 @@ def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None
     """Rate and velocity run straight between samples: turn and travel are half a step of what they changed by."""
     layout = StateLayout(1, has_contacts=False)
     mean = State(layout, np.eye(3), np.zeros(layout.dimension), np.eye(3))
-    motion = FootMotion(np.array([True]), np.zeros((1, 3)), np.zeros((1, 3)), np.array([True]), np.zeros(1), np.zeros(1))
+    held = np.array([True])
+    motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1))
     config, dt_s = RobustConfig(), 0.02
     rows = process.noise_rows(
         mean, dt_s, motion, radii_m=np.zeros(1), foot_noise=np.zeros((1, 3, 3)), config=config, imu=ImuCalibration()

@@ -126,12 +126,14 @@ def test_a_shifted_world_gives_the_shifted_trajectory(make: Make, readings: list
             assert difference_m(so3.about_z(-1.0), shift, one, other) < 5e-4 * np.linalg.norm(shift)
 
 
-def test_yaw_is_never_observed_however_unsure_it_is(daisy: RobotModel, readings: list[Reading]) -> None:
+@pytest.mark.parametrize("added", [0.05, 0.4])
+def test_yaw_is_never_observed_however_unsure_it_is(added: float, daisy: RobotModel, readings: list[Reading]) -> None:
     """A large uncertainty of yaw at the start is there at the end and changes nothing else.
 
-    Not so in the paper's profile, which measures the velocity in the world with the mean's own heading.
+    The variance keeps the same share however large it is: an observation would take more of a larger one. What is left
+    is of third order: the mean's shift in ``mean_and_deviations`` turns the tilt a little against the yaw. Not so in
+    the paper's profile, which measures the velocity in the world with the mean's own heading.
     """
-    added = 0.4
 
     def make() -> RobustProfile:
         return RobustProfile(daisy, RobustConfig(), Counter())
@@ -141,12 +143,13 @@ def test_yaw_is_never_observed_however_unsure_it_is(daisy: RobotModel, readings:
 
     plain, wide = walk(make, readings, unchanged), walk(make, readings, unsure)
     for (one, P), (other, P_wide) in zip(plain, wide, strict=True):
-        np.testing.assert_allclose(one.rotation, other.rotation, rtol=0, atol=1e-7)
-        np.testing.assert_allclose(one.vector, other.vector, rtol=0, atol=1e-7)
+        third_order = 4e-6 * added**2
+        np.testing.assert_allclose(one.rotation, other.rotation, rtol=0, atol=third_order)
+        np.testing.assert_allclose(one.vector, other.vector, rtol=0, atol=third_order)
         gained = P_wide - P
-        assert gained[2, 2] == pytest.approx(added**2, rel=1e-6)
+        assert gained[2, 2] == pytest.approx(added**2, rel=2e-8)
         gained[2, 2] = 0.0
-        np.testing.assert_allclose(gained, 0.0, atol=1e-7)
+        np.testing.assert_allclose(gained, 0.0, atol=third_order)
 
 
 def test_yaw_gets_less_sure_with_time(make: Make, readings: list[Reading]) -> None:

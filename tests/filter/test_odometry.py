@@ -189,8 +189,9 @@ def test_a_minute_of_standing_does_not_drift(daisy: RobotModel) -> None:
     body = BodyMotionConfig(rest_s=61.0, walk_s=0.0, stop_s=0.0)
     trial = generate(AnalyticTrialConfig(rate_hz=25.0, substeps=1, body=body), daisy, seed=4)
     estimates, odometry = run(daisy, trial.measurements)
-    moved = np.array([position(estimate) for estimate in estimates])
-    assert np.linalg.norm(moved[-1] - moved[0]) < 1e-3
+    moved = np.linalg.norm([position(estimate) for estimate in estimates], axis=1)
+    assert moved.max() < 3e-3  # noise of the joints, as far as feet may creep: 0.003 m/sqrt(s) each
+    assert moved[-1] < 0.5 * position_sigma_m(estimates[-1])
     assert odometry.counts["standstill"] > 1450
     yaw = so3.yaw(np.array([estimate.nav.T_world_body[:3, :3] for estimate in estimates]))
     assert abs(yaw[-1]) < 2e-3
@@ -343,18 +344,21 @@ def test_a_turn_that_begins_while_the_joints_are_silent_is_not_lost(daisy: Robot
     assert turned[-1] - turned[0] == pytest.approx(true_turn, abs=np.radians(0.2))
 
 
-def test_an_imu_that_falls_silent_shows_no_gravity(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
-    """Its last reading is no reading: tilt grows uncertain again instead of being measured for ever."""
-    odometry = LegOdometryFilter(daisy)
-    tilt_sigma: list[float] = []
-    for sample in noisy_walk.measurements:
-        if isinstance(sample, ImuSample) and sample.stamp_ns > 2_000_000_000:
-            continue
-        estimate = odometry.push(sample)
-        if estimate is not None:
-            tilt_sigma.append(float(np.sqrt(estimate.covariance[0, 0])))
-    assert odometry.counts["imu_missing"] > 100
-    assert tilt_sigma[-1] > 2.0 * min(tilt_sigma)
+def test_an_imu_that_falls_silent_shows_no_gravity(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
+) -> None:
+    """Its last reading is no reading: tilt grows uncertain by the legs alone instead of being measured for ever."""
+    silent_ns = 2_000_000_000
+    heard = [one for one in noisy_walk.measurements if not isinstance(one, ImuSample) or one.stamp_ns <= silent_ns]
+    estimates, odometry = run(daisy, heard)
+    assert odometry.counts["imu_missing"] == 250
+
+    def gained(path: list[StateEstimate]) -> float:
+        before = next(one for one in path if one.stamp_ns >= silent_ns)
+        return float(path[-1].covariance[0, 0] - before.covariance[0, 0])
+
+    unbroken, _ = clean_runs["robust"]
+    assert gained(estimates) > 5.0 * gained(unbroken) > 0.0
 
 
 def test_torques_that_are_missing_are_counted(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
