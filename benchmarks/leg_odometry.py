@@ -27,7 +27,7 @@ from coclo_vio.evaluation.evaluate import evaluate
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.run_config import resolve
-from coclo_vio.simulated_recording import IDEAL_ROBOT, SIMULATED_ROBOT, simulation_config
+from coclo_vio.simulated_recording import IDEAL_ROBOT, SIMULATED_ROBOT, simulation_config, walked_m
 from coclo_vio.simulation.trial.terrain import TERRAINS, TerrainName
 from coclo_vio.simulation.trial.trial import Trial, simulate
 from coclo_vio.trajectory import Trajectory
@@ -49,7 +49,15 @@ def compare(name: TerrainName, seed: int, modes: tuple[str, ...], *, ideal: bool
     """One trial, every mode."""
     changes = (IDEAL_ROBOT,) if ideal else ()
     trial = simulate(name, load_robot(SIMULATED_ROBOT), simulation_config(name, *changes).trial, seed)
-    return {"trial": name, "seed": seed, "ideal": ideal, "modes": {mode: _figures(trial, mode) for mode in modes}}
+    truth = trial.truth
+    walk = {
+        "path_length_ratio": walked_m(truth.trajectory) / trial.terrain.path_length_m,
+        "legs_touching_each_other": truth.self_contacts,
+        "legs_touching_the_ground": truth.ground_contacts,
+        "deepest_mm": 1e3 * truth.deepest_m,
+    }
+    figures = {mode: _figures(trial, mode) for mode in modes}
+    return {"trial": name, "seed": seed, "ideal": ideal, "walk": walk, "modes": figures}
 
 
 def _figures(trial: Trial, mode: str) -> Row:

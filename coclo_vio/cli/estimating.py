@@ -37,7 +37,7 @@ _COMPARED = "coclo,coclo_paper,inekf,naive"
 
 
 def demo(output: OutOption = Path("demo_out")) -> None:
-    """Compare the estimators on the bundled walk of a six-legged Daisy: table, plots, report."""
+    """Compare the estimators on the bundled bag of a Daisy at the stairs: table, plots, report."""
     _compare([sample_path()], _COMPARED, resolve(robot="daisy"), output)
 
 
