@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.calibration import ImuCalibration
+from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.errors import ConfigError
 
 _ANGLES = st.floats(-3.2, 3.2)
@@ -37,3 +37,31 @@ def test_an_imu_turned_left_by_a_quarter_sees_body_forward_on_its_right() -> Non
 def test_noise_out_of_bounds_is_refused(key: str, value: float) -> None:
     with pytest.raises(ConfigError, match=rf"sensor.yaml: {key} = "):
         ImuCalibration.parse({key: value}, "sensor.yaml")
+
+
+LENS = {"width_px": 640, "height_px": 480, "focal_px": (380.0, 381.0), "principal_point_px": (319.5, 239.5)}
+
+
+def test_a_lens_takes_as_many_coefficients_as_its_model_has() -> None:
+    assert CameraCalibration.parse(LENS, "here").camera_matrix.tolist() == [[380, 0, 319.5], [0, 381, 239.5], [0, 0, 1]]
+    for count in (4, 5, 8):
+        CameraCalibration.parse(LENS | {"distortion": "radtan", "distortion_coefficients": [0.0] * count}, "here")
+    with pytest.raises(ConfigError, match="equidistant distortion takes 4 coefficients, got 5"):
+        CameraCalibration.parse(LENS | {"distortion": "equidistant", "distortion_coefficients": [0.0] * 5}, "here")
+    with pytest.raises(ConfigError, match="must be positive"):
+        CameraCalibration.parse(LENS | {"focal_px": (380.0, -1.0)}, "here")
+
+
+def test_cameras_are_mounted_by_rigid_transforms() -> None:
+    lens, left, right = CameraCalibration.parse(LENS, "here"), np.eye(4), np.eye(4)
+    right[0, 3] = 0.05
+    stereo = StereoCalibration(left=lens, right=lens, body_left_camera=matrix4(left), body_right_camera=matrix4(right))
+    assert stereo.baseline_m == 0.05
+    np.testing.assert_array_equal(stereo.T_body_right_camera, right)
+    sheared = left.copy()
+    sheared[0, 1] = 0.1
+    with pytest.raises(ConfigError, match="body_left_camera is no rigid transform"):
+        StereoCalibration.parse(
+            {"left": lens, "right": lens, "body_left_camera": sheared.tolist(), "body_right_camera": right.tolist()},
+            "x",
+        )

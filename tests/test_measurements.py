@@ -4,7 +4,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
+from coclo_vio.measurements import (
+    ALL_SENSORS,
+    LEG_SENSORS,
+    VISION_SENSORS,
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    StereoFrame,
+)
 
 _NONE = np.full(3, np.nan)
 
@@ -48,3 +57,27 @@ def test_samples_cannot_be_changed_nor_changed_through_the_array_they_were_made_
 def test_readings_become_float64() -> None:
     sample = JointSample(0, [1, 2], np.array([1, 2], dtype=np.float32), [0, 0])  # type: ignore[arg-type]
     assert {sample.position.dtype, sample.velocity.dtype, sample.effort.dtype} == {np.dtype(np.float64)}
+
+
+def test_the_cameras_imu_is_not_taken_for_the_bodys() -> None:
+    camera_imu = CameraImuSample(0, np.zeros(3), np.zeros(3))
+    assert not isinstance(camera_imu, ImuSample)
+    with pytest.raises(ValueError, match=r"CameraImuSample.specific_force must have shape \(3,\)"):
+        CameraImuSample(0, np.zeros(3), np.zeros(2))
+    assert LEG_SENSORS.isdisjoint(VISION_SENSORS)
+    assert LEG_SENSORS | VISION_SENSORS == ALL_SENSORS
+
+
+def test_a_stereo_frame_is_two_grey_images_of_one_size() -> None:
+    grey = np.arange(6, dtype=np.uint8).reshape(2, 3)
+    frame = StereoFrame(5, grey, grey)
+    with pytest.raises(ValueError, match="read-only"):
+        frame.left[0, 0] = 1
+    grey[0, 0] = 9  # images are not copied
+    assert frame.right[0, 0] == 9
+    with pytest.raises(ValueError, match=r"StereoFrame.right must be \(rows, columns\) of uint8, got \(2, 3, 3\)"):
+        StereoFrame(5, grey, np.zeros((2, 3, 3), dtype=np.uint8))
+    with pytest.raises(ValueError, match=r"StereoFrame.left must be .* uint16"):
+        StereoFrame(5, grey.astype(np.uint16), grey)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"\(2, 3\), the right one \(3, 2\); they must agree"):
+        StereoFrame(5, grey, grey.T)

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from coclo_vio.calibration import ImuCalibration
 from coclo_vio.config import write_yaml
 from coclo_vio.errors import ConfigError
 from coclo_vio.robot.description import load_robot
@@ -118,3 +119,12 @@ def test_an_unknown_robot_lists_the_known_ones() -> None:
 def test_a_wrong_key_in_a_file_names_the_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"config\.yaml: there is no evaluation\.algnment; .*alignment"):
         resolve("daisy", _file(tmp_path, {"evaluation": {"algnment": "se3"}}))
+
+
+def test_a_recordings_word_on_its_imu_counts_unless_the_robots_is_asked_for() -> None:
+    recorded = ImuCalibration(position_body_m=(0.1, 0.2, 0.3), gyroscope_noise_density=1e-3)
+    config = resolve("go1")
+    assert config.on_recording(recorded).robot.imu == recorded
+    assert config.on_recording(None) == config
+    own = resolve("go1", settings=["imu_calibration=robot"])
+    assert own.on_recording(recorded).robot.imu == load_robot("go1").imu

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
+from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
 
 
 def force_at(stamp_ns):
@@ -59,3 +59,11 @@ def test_a_sample_out_of_order_is_passed_on_not_lost():
     stamps = [sample.stamp_ns for sample in merge_streams([[imu_at(5), imu_at(1), imu_at(6)], [joints_at(4)]])]
     assert sorted(stamps) == [1, 4, 5, 6]
     assert stamps.index(5) < stamps.index(1)
+
+
+def test_at_one_stamp_the_frame_comes_after_the_step_that_it_asks_for():
+    image = np.zeros((2, 2), dtype=np.uint8)
+    frame, camera_imu = StereoFrame(7, image, image), CameraImuSample(7, np.zeros(3), np.zeros(3))
+    samples = [frame, camera_imu, joints_at(7), imu_at(7), force_at(7)]
+    kinds = [type(sample) for sample in merge_streams([sample] for sample in samples)]
+    assert kinds == [FootForceSample, ImuSample, JointSample, CameraImuSample, StereoFrame]
