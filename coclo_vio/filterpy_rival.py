@@ -130,7 +130,7 @@ class FilterpyRival:
         scale, give, legs = x[LEG_SCALE], x[LEG_GIVE], inputs.legs
         velocity = x[VELOCITY] @ rotation + x[RATE] @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
-        velocity += give * inputs.giving
+        velocity += inputs.giving
         held = legs[inputs.motion.holds[legs]]
         position = (x[self._mean.layout.feet].reshape(-1, 3)[held] - x[POSITION]) @ rotation
         position[:, :2] -= scale * (inputs.motion.position_body - self._hips)[held, :2]
@@ -182,7 +182,7 @@ class FilterpyRival:
             legs,
             so3.hat((feet.position_body - arms)[legs]),
             rolling,
-            motion.press_rate[legs, None] * up_body,
+            self.ukf.x[LEG_GIVE] * motion.press_rate[legs, None] * up_body,
             motion.press[held, None] * up_body,
             np.concatenate(measured),
             noise,

@@ -74,7 +74,8 @@ def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[Stat
     Args:
         levers: from the body origin to each contact, m, body frame, (k, 3).
         rolling: the part of the velocity that the turning foot link makes, m/s, body frame, (k, 3): not scaled.
-        giving: upward direction times the rate at which each leg is pressed, 1/s, body frame, (k, 3).
+        giving: velocity at which each leg gives way, m/s, body frame, (k, 3), as far as is known: nothing is learned
+            from it, for the rate of a noisy load is mostly noise, and what varies with noise seems not to give at all.
     """
     cross = np.concatenate(list(so3.hat(levers)), axis=1)
 
@@ -83,7 +84,7 @@ def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[Stat
         velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
-        velocity += stack.vector[:, LEG_GIVE, None] * giving
+        velocity += giving
         return np.asarray(velocity.reshape(count, -1))
 
     return model
@@ -156,7 +157,8 @@ def blocks(
     squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
     rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
     measured = rolling - feet.velocity_body[legs]
-    model = _velocity_of(feet.position_body[legs] - arms, rolling, motion.press_rate[legs, None] * up_body)
+    giving = mean.vector[LEG_GIVE] * motion.press_rate[legs, None] * up_body
+    model = _velocity_of(feet.position_body[legs] - arms, rolling, giving)
     noise = np.asarray(np.linalg.cholesky(squared + slip**2 * np.eye(3)))
     result.append(Block(measured.ravel(), model, noise, legs))
     held = legs[motion.holds[legs]]
