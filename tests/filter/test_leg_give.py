@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Legs that give under load: how far is found from legs against each other, in metres whatever loads are read in.
+
+An analytic walk whose joint angles are those of legs that give: a foot under load F stands by ``give F / on_force``
+higher under the hip than the joints say.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coclo_vio.filter import observation, process
+from coclo_vio.filter.config import FilterConfig, RobustConfig
+from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.stance import Footholds, FootMotion, Reading
+from coclo_vio.filter.state import LEG_GIVE, POSITION, State, StateLayout
+from coclo_vio.geometry import so3
+from coclo_vio.measurements import FootForceSample, JointSample, Measurement
+from coclo_vio.robot.contact import ContactState
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+
+GIVE_M = 0.0016
+RIGID = FilterConfig(robust=RobustConfig(estimates_leg_give=False))
+
+
+@pytest.fixture(scope="module")
+def walk(daisy: RobotModel) -> AnalyticTrial:
+    body = BodyMotionConfig(rest_s=1.0, walk_s=6.0, stop_s=0.0)
+    sensors = SensorNoiseConfig(force_noise_n=0.2, accelerometer_bias_mps2=0.0)
+    return generate(AnalyticTrialConfig(body=body, sensors=sensors), daisy, seed=1)
+
+
+def with_foot_sensors(daisy: RobotModel, per_newton: float = 1.0) -> RobotModel:
+    """The robot with sensors in its feet that read so many counts a newton."""
+    contact = daisy.description.contact
+    forces = {"on_force": contact.on_force * per_newton, "off_force": contact.off_force * per_newton}
+    contact = contact.model_copy(update={"source": "force_sensor", **forces})
+    return RobotModel(daisy.description.model_copy(update={"contact": contact}))
+
+
+def giving(robot: RobotModel, trial: AnalyticTrial, give_m: float, per_newton: float = 1.0) -> list[Measurement]:
+    """The trial's measurements as legs that give by ``give_m`` under 20 N would have made them."""
+    angles = trial.joint_position.copy()
+    for row, (position, load_n) in enumerate(zip(trial.joint_position, trial.load_n, strict=True)):
+        down = -give_m * load_n[:, None] / 20.0 * trial.body.rotation[row, 2]
+        wanted = robot.feet(position, np.zeros_like(position)).position_body + down
+        for _ in range(3):
+            feet = robot.feet(angles[row], np.zeros_like(position))
+            jacobian = feet.jacobian[:, 3:].reshape(18, 18)
+            angles[row] += np.linalg.solve(jacobian, (wanted - feet.position_body).ravel())
+    bent = angles - trial.joint_position
+    bending = np.gradient(bent, trial.truth.stamps_ns * 1e-9, axis=0)
+    row_of = {int(stamp_ns): row for row, stamp_ns in enumerate(trial.truth.stamps_ns)}
+    return [_read(sample, bent, bending, row_of, per_newton) for sample in trial.measurements]
+
+
+def _read(
+    sample: Measurement, bent: np.ndarray, bending: np.ndarray, row_of: dict[int, int], per_newton: float
+) -> Measurement:
+    row = row_of[sample.stamp_ns]
+    if isinstance(sample, JointSample):
+        return replace(sample, position=sample.position + bent[row], velocity=sample.velocity + bending[row])
+    if isinstance(sample, FootForceSample):
+        return replace(sample, force=sample.force * per_newton)
+    return sample
+
+
+def run(robot: RobotModel, measurements: Iterable[Measurement], config: FilterConfig) -> tuple[State, float]:
+    """The last state, and one sigma of the give in m."""
+    odometry = LegOdometryFilter(robot, config)
+    for measurement in measurements:
+        odometry.push(measurement)
+    core = odometry._core
+    assert core is not None
+    return core.mean, float(np.sqrt(core.variance(LEG_GIVE)[0]))
+
+
+def height_error_m(state: State, walk: AnalyticTrial) -> float:
+    return float(state.vector[POSITION][2] - walk.truth.positions[-1, 2] + walk.truth.positions[0, 2])
+
+
+def test_the_estimate_is_what_the_legs_give_and_the_height_stays(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    robot = with_foot_sensors(daisy)
+    measurements = giving(robot, walk, GIVE_M)
+    found, sigma_m = run(robot, measurements, FilterConfig())
+    assert found.vector[LEG_GIVE][0] == pytest.approx(GIVE_M, abs=2.0e-4)
+    assert sigma_m < 1.2e-4
+    assert abs(height_error_m(found, walk)) < 1e-3
+    rigid, sigma_m = run(robot, measurements, RIGID)
+    assert rigid.vector[LEG_GIVE][0] == 0.0
+    assert sigma_m == 0.0
+    assert height_error_m(rigid, walk) < -4e-3, "five millimetres in a metre and a half of walk"
+
+
+def test_loads_in_counts_give_the_same_metres(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    in_newtons, in_counts = (
+        run(with_foot_sensors(daisy, counts), giving(daisy, walk, GIVE_M, counts), FilterConfig())[0]
+        for counts in (1.0, 7.0)
+    )
+    np.testing.assert_allclose(in_counts.vector, in_newtons.vector, rtol=0, atol=1e-9)
+
+
+def test_legs_that_do_not_give_are_found_rigid(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    found, _ = run(with_foot_sensors(daisy), walk.measurements, FilterConfig())
+    assert abs(found.vector[LEG_GIVE][0]) < 1e-4
+    assert abs(height_error_m(found, walk)) < 1e-3
+
+
+def test_a_robot_that_only_stands_learns_nothing(daisy: RobotModel) -> None:
+    """The load never changes: legs that give look like legs that do not, from the first foothold on."""
+    body = BodyMotionConfig(rest_s=1.5, walk_s=0.0, stop_s=0.0)
+    sensors = SensorNoiseConfig(noise_scale=0.0)
+    trial = generate(AnalyticTrialConfig(body=body, sensors=sensors), daisy, seed=1)
+    found, sigma_m = run(with_foot_sensors(daisy), trial.measurements, FilterConfig())
+    assert found.vector[LEG_GIVE][0] == pytest.approx(0.0, abs=1e-6)
+    assert sigma_m == pytest.approx(RobustConfig().leg_give_sigma_m, rel=1e-3)
+
+
+def pressed(daisy: RobotModel, walk: AnalyticTrial, *loads: np.ndarray) -> FootMotion:
+    """The motion of standing feet at the last of so many readings 10 ms apart, with these loads in N."""
+    readings = [standing(daisy, walk, row, load) for row, load in enumerate(loads)]
+    footholds = Footholds(readings[0], standing_load=20.0)
+    for reading in readings[1:]:
+        motion = footholds.advance(reading, is_gap=False)
+    return motion
+
+
+def standing(daisy: RobotModel, walk: AnalyticTrial, row: int, load: np.ndarray) -> Reading:
+    """All feet stand, as the joints of this row of the walk say."""
+    feet = daisy.feet(walk.joint_position[row], walk.joint_velocity[row])
+    contact = ContactState(np.ones(6), np.ones(6, dtype=np.bool_), load)
+    return Reading(10_000_000 * row, feet, contact, np.zeros(3), (), None, False)
+
+
+def test_press_is_the_load_in_loads_of_a_standing_foot_and_its_rate(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    motion = pressed(daisy, walk, np.full(6, 20.0), np.array([20.0, 30.0, 0.0, -5.0, 10.0, 1e9]))
+    np.testing.assert_allclose(motion.press, [1.0, 1.5, 0.0, 0.0, 0.5, 20.0])
+    np.testing.assert_allclose(motion.press_rate, (motion.press - 1.0) / 0.01)
+
+
+def test_an_unknown_load_stays_the_last_known_and_does_not_change(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    """Going and coming it is no sudden relief or blow, at which a leg would seem to move by decimetres a second."""
+    known, unknown = np.full(6, 30.0), np.where(np.arange(6) == 2, np.nan, 30.0)
+    gone = pressed(daisy, walk, known, unknown)
+    back = pressed(daisy, walk, known, unknown, np.full(6, 36.0))
+    never = pressed(daisy, walk, unknown, unknown)
+    np.testing.assert_allclose(gone.press, 1.5)
+    np.testing.assert_array_equal(gone.press_rate, 0.0)
+    assert back.press[2] == pytest.approx(1.8)
+    assert back.press_rate[2] == 0.0
+    assert back.press_rate[1] == pytest.approx(30.0)
+    assert never.press[2] == 0.0
+
+
+def spread_in_give(state: State, gives_m: np.ndarray) -> State:
+    """A stack of this state with other gives."""
+    vector = np.tile(state.vector, (len(gives_m), 1))
+    vector[:, LEG_GIVE] = gives_m[:, None]
+    return replace(state, rotation=np.tile(state.rotation, (len(gives_m), 1, 1)), vector=vector)
+
+
+def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[observation.Block]:
+    """Gyroscope, velocities, positions."""
+    return observation.blocks(
+        reading,
+        motion,
+        mean,
+        radii_m=robot.foot_radii_m,
+        hips_body=robot.hip_position_body,
+        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
+        robot=robot.description,
+        config=RobustConfig(),
+        gyroscope_noise_radps=1e-3,
+        dt_s=0.01,
+    )
+
+
+def test_give_lowers_a_loaded_foot_in_what_joints_say_and_leaves_an_unloaded_one(
+    daisy: RobotModel, walk: AnalyticTrial
+) -> None:
+    """The derivative of each position row is minus press times up, exactly, at any step; of each velocity row zero."""
+    layout = StateLayout(6, has_contacts=False)
+    vector = np.random.default_rng(1).normal(size=layout.dimension)
+    state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), vector, np.eye(3))
+    loads = np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0])
+    motion = pressed(daisy, walk, np.full(6, 20.0), loads)
+    blocks = blocks_of(daisy, standing(daisy, walk, 1, loads), motion, state)
+    gives_m = np.array([0.0, 1e-3, 0.5])
+    _, velocity, position = (block.model(spread_in_give(state, gives_m)) for block in blocks)
+    slope = np.diff(position, axis=0) / np.diff(gives_m)[:, None]
+    expected = -(loads / 20.0)[:, None] * state.rotation[2]
+    np.testing.assert_allclose(slope.reshape(2, 6, 3), np.stack((expected, expected)), atol=1e-10)
+    np.testing.assert_array_equal(velocity, velocity[:1].repeat(3, axis=0))
+
+
+def test_velocity_at_which_a_leg_gives_way_is_taken_out(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    """A leg pressed harder by 10 loads a second, and giving 2 mm each, yields by 2 cm/s while the body stands."""
+    layout = StateLayout(6, has_contacts=False)
+    vector = np.zeros(layout.dimension)
+    vector[LEG_GIVE] = 2e-3
+    state = State(layout, np.eye(3), vector, np.eye(3))
+    motion = pressed(daisy, walk, np.full(6, 20.0), np.array([20.0, 22.0, 20.0, 20.0, 18.0, 20.0]))
+    blocks = blocks_of(daisy, standing(daisy, walk, 1, np.full(6, 20.0)), motion, state)
+    seen = blocks[1].model(spread_in_give(state, np.array([2e-3]))).reshape(6, 3)
+    np.testing.assert_allclose(seen[:, 2], [0.0, 0.02, 0.0, 0.0, -0.02, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(seen[:, :2], 0.0)
+
+
+def test_a_carried_foot_is_higher_by_what_its_leg_gives(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    layout = StateLayout(6, has_contacts=False)
+    state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), np.zeros(layout.dimension), np.eye(3))
+    motion = pressed(daisy, walk, np.full(6, 20.0), np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0]))
+    swings = replace(motion, holds=np.zeros(6, dtype=np.bool_))
+    stack = spread_in_give(state, np.array([0.0, 1e-3]))
+    feet = process.predict(stack, 0.01, swings, daisy.foot_radii_m, daisy.hip_position_body).feet
+    raised = feet[1] - feet[0]
+    np.testing.assert_allclose(raised[:, 2], 1e-3 * motion.press, atol=1e-15)
+    np.testing.assert_allclose(raised[:, :2], 0.0, atol=1e-15)
+    held = process.predict(stack, 0.01, motion, daisy.foot_radii_m, daisy.hip_position_body).feet
+    np.testing.assert_array_equal(held[0], held[1])
