@@ -93,7 +93,7 @@ def test_the_estimate_is_what_the_legs_give_and_the_height_stays(daisy: RobotMod
     rigid, sigma_m = run(robot, measurements, RIGID)
     assert rigid.vector[LEG_GIVE][0] == 0.0
     assert sigma_m == 0.0
-    assert height_error_m(rigid, walk) < -4e-3, "five millimetres in a metre and a half of walk"
+    assert height_error_m(rigid, walk) < -4e-3, "five millimetres in 0.9 m of walk"
 
 
 def test_loads_in_counts_give_the_same_metres(daisy: RobotModel, walk: AnalyticTrial) -> None:
