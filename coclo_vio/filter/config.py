@@ -86,7 +86,7 @@ class RobustConfig(StageConfig):
     ] = 0.02
     standstill_rate_noise_radps: Annotated[
         float, Field(gt=0, description="one sigma of the body rate at standstill, rad/s")
-    ] = 0.005
+    ] = 0.002
 
 
 class PaperConfig(StageConfig):

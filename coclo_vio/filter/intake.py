@@ -19,6 +19,8 @@ from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import Rest, StandstillDetector
 
+_MOST_FORCES = 200  # accelerometer readings that are kept while no joint sample comes
+
 
 class Intake:
     """Collects measurements until a joint sample completes a reading.
@@ -38,7 +40,7 @@ class Intake:
         self._force_sum: Array = np.zeros(3)
         self._force_count = 0
         self._rates: list[tuple[int, Array]] = []  # stamp and rate of each reading since the last joint sample
-        self._forces_body: list[Array] = []  # the last two
+        self._forces_body: list[Array] = []  # since the last joint sample, and the one before
         self._load = FootLoad(robot, contact, config.force_timeout_s)
         self._joint_ns: int | None = None
 
@@ -63,7 +65,10 @@ class Intake:
 
     @property
     def specific_force(self) -> Array | None:
-        """The last two accelerometer readings averaged (section III-D), body frame, m/s^2, (3,)."""
+        """Mean of the accelerometer since the last joint sample, the reading before it too, body frame, m/s^2, (3,).
+
+        With one reading a joint sample it is the mean of two of section III-D.
+        """
         if not self._forces_body:
             return None
         return np.asarray(np.mean(self._forces_body, axis=0))
@@ -97,7 +102,7 @@ class Intake:
         self._rates.append((sample.stamp_ns, self._rotation_body_imu @ sample.angular_velocity))
         self._force_sum += self._rotation_body_imu @ sample.specific_force
         self._force_count += 1
-        self._forces_body = [*self._forces_body[-1:], self._rotation_body_imu @ sample.specific_force]
+        self._forces_body = [*self._forces_body[-_MOST_FORCES:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:
         self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
@@ -123,6 +128,7 @@ class Intake:
         if rate is None:
             self._counts["imu_missing"] += 1
         self._rates = []
+        self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
         reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._standstill.is_stationary)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))

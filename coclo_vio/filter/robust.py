@@ -48,6 +48,7 @@ class RobustProfile:
             scale=config.leg_scale_sigma * config.estimates_leg_scale,
             give_m=config.leg_give_sigma_m * config.estimates_leg_give,
             press=press_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
+            reach_m=np.nan_to_num(reading.feet.position_body) - self._hips_body,
         )
 
     def _foot_noise(self, reading: Reading) -> Array:
@@ -147,8 +148,10 @@ class RobustProfile:
             self._gravity.close()
             return
         stands = reading.is_known.any() and reading.is_stance[reading.is_known].all()
-        if reading.specific_force is None or not stands:
+        if not stands:
             gravity = self._gravity.close()
+        elif reading.specific_force is None:  # an accelerometer slower than the joints
+            return
         else:
             lever = np.array(self._robot.imu.position_body_m)
             velocity = mean.vector[VELOCITY] + mean.rotation @ np.cross(mean.vector[RATE], lever)

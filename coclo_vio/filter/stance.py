@@ -24,7 +24,7 @@ class Reading:
         contact: probability and decision for each leg.
         angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
         gyroscope: each reading behind that mean with its stamp in nanoseconds, oldest first.
-        specific_force: accelerometer, last two readings averaged (section III-D), body frame, m/s^2, (3,).
+        specific_force: accelerometer mean since the last joint sample and the reading before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
     """
 
