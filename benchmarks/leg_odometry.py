@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leg odometry on the simulated trials over many seeds, against noisy Vicon and against true contacts.
 
-``python benchmarks/leg_odometry.py --seeds 10 --workers 2 -o benchmarks/results/leg_odometry.json`` (about a minute and
+``python benchmarks/leg_odometry.py --first-seed 11 --workers 2 -o out/leg_odometry.json`` (about a minute and
 a half a trial and core). Finished trials are kept: a run that was stopped goes on where it was. ``--ideal`` takes a
 robot that is as its description says.
 """
@@ -91,19 +91,31 @@ def _contact_right(trial: Trial, estimates: list[StateEstimate]) -> float:
 
 
 def summary(rows: list[Row]) -> dict[str, Row]:
-    """Mean over seeds of every figure, by trial and mode; the largest drift and RPE beside it."""
+    """Mean over seeds of every figure, by robot, trial and mode; the largest drift and RPE beside it."""
     told: dict[str, Row] = {}
-    for name in TERRAINS:
-        of_name = [row for row in rows if row["trial"] == name]
-        modes = dict.fromkeys(mode for row in of_name for mode in row["modes"])
-        told[name] = {mode: _means([row["modes"][mode] for row in of_name if mode in row["modes"]]) for mode in modes}
+    for kind, ideal in (("imperfect", False), ("ideal", True)):
+        for name in TERRAINS:
+            of_name = [row for row in rows if row["trial"] == name and row["ideal"] == ideal]
+            modes = dict.fromkeys(mode for row in of_name for mode in row["modes"])
+            if of_name:
+                told[f"{kind} {name}"] = {
+                    mode: _means([row["modes"][mode] for row in of_name if mode in row["modes"]]) for mode in modes
+                }
     return told
 
 
 def _means(figures: list[Row]) -> Row:
-    means = {key: float(np.mean([one[key] for one in figures if one[key] is not None])) for key in FIGURES}
-    worst = {f"worst_{key}": max(one[key] for one in figures) for key in ("drift_percent", "rpe_1m_percent")}
-    return {"seeds": len(figures), **means, **worst}
+    def known(key: str) -> list[float]:
+        return [one[key] for one in figures if one[key] is not None]
+
+    means = {key: float(np.mean(known(key))) if known(key) else None for key in FIGURES}
+    worst = {f"worst_{key}": max(known(key), default=None) for key in ("drift_percent", "rpe_1m_percent")}
+    failed = sum(one["failure"] is not None for one in figures)
+    return {"seeds": len(figures), "failed": failed, "least_coverage": min(known("coverage")), **means, **worst}
+
+
+def _key(row: Row) -> tuple[bool, int, int]:
+    return row["ideal"], TERRAINS.index(row["trial"]), row["seed"]
 
 
 def main() -> None:
@@ -118,16 +130,18 @@ def main() -> None:
     given = parser.parse_args()
     given.output.parent.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = json.loads(given.output.read_text())["trials"] if given.output.is_file() else []
-    done = {(row["trial"], row["seed"]) for row in rows if row["ideal"] == given.ideal}
     modes = tuple(given.modes.split(","))
+    done = {
+        (row["trial"], row["seed"]) for row in rows if row["ideal"] == given.ideal and set(modes) <= {*row["modes"]}
+    }
     with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
         seeds = range(given.first_seed, given.first_seed + given.seeds)
         wanted = [(name, seed) for seed in seeds for name in TERRAINS if (name, seed) not in done]
         jobs = [pool.submit(compare, name, seed, modes, ideal=given.ideal) for name, seed in wanted]
         for job in as_completed(jobs):
             row = job.result()
-            rows.append(row)
-            rows.sort(key=lambda row: (TERRAINS.index(row["trial"]), row["seed"]))
+            rows = [one for one in rows if _key(one) != _key(row)] + [row]
+            rows.sort(key=_key)
             text = {"summary": summary(rows), "trials": rows}
             given.output.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
             first = row["modes"][modes[0]]
