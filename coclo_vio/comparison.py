@@ -43,12 +43,12 @@ def run_all(
     for mode in modes:
         make_estimator(mode, RobotModel(config.robot), config)  # a misspelt mode is found before anything runs
     dataset = open_dataset(path, config.robot, config.dataset)
-    config = config.on_recording(dataset.imu_calibration())
+    asked, config = config, config.on_recording(dataset.imu_calibration())
     robot = RobotModel(config.robot)
     run_folder.prepare(folder)
     with run_folder.writing(folder):
         write_yaml(config, folder / "config.yaml")
-        run = _described(path, dataset, config, folder)
+        run = _described(path, dataset, asked, config, folder)
         for mode in modes:
             summary = _run_one(mode, dataset, robot, config, folder, progress)
             run["recording_ns"] = _union(run["recording_ns"], summary.recording_ns)
@@ -66,7 +66,7 @@ def run_all(
     return run
 
 
-def _described(path: Path, dataset: Dataset, config: RunConfig, folder: Path) -> dict[str, Any]:
+def _described(path: Path, dataset: Dataset, asked: RunConfig, config: RunConfig, folder: Path) -> dict[str, Any]:
     """``run.json`` before any estimator has run; the ground truth goes to its own file."""
     truth = dataset.ground_truth()
     if truth is not None:
@@ -75,6 +75,7 @@ def _described(path: Path, dataset: Dataset, config: RunConfig, folder: Path) ->
         "version": __version__,
         "dataset": str(path),
         "robot": config.robot.name,
+        "imu_calibration": "robot" if config.robot == asked.robot else "recording",
         "ground_truth": None if truth is None else {"has_stamps": truth.has_stamps, "source": truth.source},
         "recording_ns": None,
         "estimators": {},

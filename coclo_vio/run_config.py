@@ -66,6 +66,8 @@ def resolve(
             raise ConfigError(
                 f"which robot is it? Give --robot NAME or a YAML file; known robots are: {listing(robot_names())}"
             )
+    if "imu" in changes:  # whoever says how the IMU is mounted means it, whatever the recording says
+        values = {"imu_calibration": "robot", **values}
     described = merged(load_robot(preset).model_dump() if preset else {}, changes)
     own, asked = described.get("filter"), values.get("filter", {})
     if isinstance(own, Mapping) and isinstance(asked, Mapping):  # otherwise the check below says what is wrong

@@ -23,10 +23,10 @@ def sample_path() -> Path:
 
 
 def make_sample(path: Path, *, images: bool = True) -> Path:
-    """Simulate the recording and write it to ``path``, without its truth; returns ``path``.
+    """Simulate the recording and write it to ``path``, over what is there, without its truth; returns ``path``.
 
     Raises:
-        DatasetError: the path is taken or cannot be written.
+        DatasetError: it cannot be written.
         SimulationError: what draws off screen is missing.
     """
     from coclo_vio.simulated_recording import simulate_recording, simulation_config  # noqa: PLC0415 -- an extra

@@ -53,8 +53,12 @@ class RecordingFormat(Enum):
         """The wanted one if it may have such a path, or by the suffix: none is an EuRoC-style folder.
 
         Raises:
-            DatasetError: a suffix that no format has, or that the wanted one does not have.
+            DatasetError: no name, a suffix that no format has, or one that the wanted format does not have.
         """
+        if not path.name:
+            raise DatasetError(
+                f"{path} is no name for a recording; give that of a new file or folder, such as flat.mcap"
+            )
         fitting = [kind for kind, suffixes in _SUFFIXES.items() if path.suffix in suffixes]
         if not fitting:
             raise DatasetError(
@@ -143,7 +147,7 @@ def simulate_recording(
         path: of the recording; must not exist, nor the folder of its truth.
         name: the terrain.
         config: the simulation.
-        seed: decides everything random; the same seed makes the same bytes.
+        seed: decides everything random; on one machine the same seed makes the same bytes.
         kind: how to store it; by the suffix of ``path`` if None.
         images: whether the cameras record.
         until_s: cut the trial short after so many seconds.

@@ -128,3 +128,11 @@ def test_a_recordings_word_on_its_imu_counts_unless_the_robots_is_asked_for() ->
     assert config.on_recording(None) == config
     own = resolve("go1", settings=["imu_calibration=robot"])
     assert own.on_recording(recorded).robot.imu == load_robot("go1").imu
+
+
+def test_who_says_how_the_imu_is_mounted_means_it() -> None:
+    recorded = ImuCalibration(gyroscope_noise_density=1e-3)
+    said = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5"])
+    assert said.on_recording(recorded).robot.imu.gyroscope_noise_density == 0.5
+    torn = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5", "imu_calibration=recording"])
+    assert torn.on_recording(recorded).robot.imu == recorded

@@ -85,6 +85,7 @@ def test_the_kept_configuration_and_the_seed_repeat_the_recording(coclo: Coclo, 
     [
         (["-o", "there.bag"], 1, "there.bag is there already; name another path, or remove it first"),
         (["-o", "old.mcap"], 1, "old_truth is there already"),
+        (["-o", "."], 1, "no name for a recording"),
         (["-o", "walk.zip"], 1, "walk.zip ends in .zip, which no format has; end it in .bag"),
         (["-o", "walk.bag", "--format", "mcap"], 1, "walk.bag cannot be written as mcap, which ends in .mcap"),
         (["-o", "there.bag/walk"], 1, "cannot write there.bag/walk: "),

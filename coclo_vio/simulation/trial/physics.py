@@ -49,9 +49,9 @@ class Motion:
         T_world_body: (N, 4, 4).
         velocity_world: of the trunk's origin, m/s, (N, 3).
         angular_velocity_body: of the trunk, rad/s, (N, 3).
-        self_contacts: steps in which a leg touched another leg.
-        ground_contacts: steps in which a leg (not a foot) or the trunk touched the ground.
-        deepest_m: the deepest that any body sank into another, m.
+        self_contacts: control periods at whose end a leg touched another leg.
+        ground_contacts: control periods at whose end a leg, not a foot, touched the ground; the trunk touches nothing.
+        deepest_m: the deepest that any body was in another then, m.
     """
 
     time_s: Array
@@ -199,7 +199,7 @@ class Laboratory:
         if lean < _FALLEN or sunk or not np.isfinite(place).all():
             raise SimulationError(
                 f"the robot fell after {data.time:.1f} s at x = {place[0]:.2f} m, y = {place[1]:.2f} m; "
-                "walk slower (gait.speed_mps, gait.period_s) or on rougher ground (body.friction)"
+                "walk slower (trial.gait.speed_mps, trial.gait.period_s) or on rougher ground (trial.body.friction)"
             )
         if data.time > limit_s:
             raise SimulationError(

@@ -79,7 +79,7 @@ class ImuTruth:
 
 
 def sample_times(duration_s: float, rate_hz: float) -> tuple[IntArray, IntArray]:
-    """Stamps (ns) of a sensor over a trial, and the physics' steps of 1 ms nearest to them."""
+    """Stamps (ns) of a sensor over a trial, and how long (ns) after its beginning they are."""
     count = int(duration_s * rate_hz) + 1
     offsets_ns = np.round(np.arange(count) * (_NS_PER_S / rate_hz)).astype(np.int64)
     return EPOCH_NS + offsets_ns, offsets_ns

@@ -89,7 +89,7 @@ class Truth:
         imperfection: how this robot differs from its description.
         vicon_offset_s: how far Vicon's clock is ahead of the robot's.
         self_contacts: control periods in which a leg touched another.
-        ground_contacts: control periods in which a leg or the trunk touched the ground.
+        ground_contacts: control periods in which a leg, not its foot, touched the ground.
         deepest_m: the deepest that any body sank into another, m.
     """
 
