@@ -81,6 +81,23 @@ def test_a_closed_window_dwells_again_and_knows_nothing_of_before() -> None:
     np.testing.assert_allclose(found[513].force_world, GRAVITY, atol=1e-12)
 
 
+def test_an_accelerometer_slower_than_the_joints_is_as_exact() -> None:
+    """Five samples a window instead of ten, each the mean force of its own time."""
+    window, found = GravityWindow(dwell_s=0.03, length_s=0.1), []
+    for tick in range(0, 100, 2):
+        force = 0.5 * (swaying(tick - 1)[0] + swaying(tick)[0])
+        reading = window.add(tick * TICK_NS, force, swaying(tick)[1])
+        found += [] if reading is None else [reading.force_world]
+    assert len(found) == 9
+    np.testing.assert_allclose(found, np.tile(GRAVITY, (9, 1)), atol=1e-12)
+
+
+def test_an_accelerometer_that_was_silent_for_long_missed_what_happened() -> None:
+    window = GravityWindow(dwell_s=0.03, length_s=0.1)
+    readings(window, range(8))
+    assert list(readings(window, range(20, 40))) == [33], "0.12 s later it dwells anew"
+
+
 def swaying_walk(robot: RobotModel, seed: int, rest_s: float) -> AnalyticTrial:
     """A walk whose body rolls and pitches by 3 degrees; the accelerometer has noise and no bias."""
     body = BodyMotionConfig(rest_s=rest_s, walk_s=8.0, stop_s=0.0, sway_roll_rad=0.06, sway_pitch_rad=0.05)
