@@ -39,14 +39,12 @@ class UnsureFeet:
         scale: one sigma of the relative error of the effective leg length.
         give_m: one sigma of how far a leg gives under the load from which it stands, m.
         press: load on each foot, in loads from which a foot stands, (n,).
-        reach_m: from where each leg begins to its foot, m, body frame, (n, 3).
     """
 
     noise_m: float
     scale: float
     give_m: float
     press: Array
-    reach_m: Array
 
 
 def initial_filter(
@@ -105,13 +103,11 @@ def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, i
 
 
 def _tie_feet(core: SquareRootFilter, unsure: UnsureFeet) -> None:
-    """The feet are where legs of nominal length that do not give would have them: they share the errors of that.
+    """The feet are where legs that do not give would have them: they share the error of that.
 
-    Without it the first footholds, seen from the very same joint angles, would say that no leg gives or is longer.
+    Without it the first footholds, seen from the very same joint angles, would say that no leg gives.
     """
     feet = core.mean.layout.feet
-    level = (unsure.reach_m * [1.0, 1.0, 0.0]) @ core.mean.rotation.T
-    core.factor[feet, LEG_SCALE] = unsure.scale * level.reshape(-1, 1)
     core.factor[feet.start + 2 : feet.stop : 3, LEG_GIVE] = unsure.give_m * unsure.press[:, None]
 
 

@@ -56,10 +56,7 @@ class PaperProfile:
 
     def unsure_feet(self, reading: Reading) -> UnsureFeet:
         """What is not known of the feet at the start."""
-        legs = self.layout.legs
-        return UnsureFeet(
-            self._config.foot_noise_m, scale=0.0, give_m=0.0, press=np.zeros(legs), reach_m=np.zeros((legs, 3))
-        )
+        return UnsureFeet(self._config.foot_noise_m, scale=0.0, give_m=0.0, press=np.zeros(self.layout.legs))
 
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool

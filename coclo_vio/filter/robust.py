@@ -48,7 +48,6 @@ class RobustProfile:
             scale=config.leg_scale_sigma * config.estimates_leg_scale,
             give_m=config.leg_give_sigma_m * config.estimates_leg_give,
             press=press_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
-            reach_m=np.nan_to_num(reading.feet.position_body) - self._hips_body,
         )
 
     def _foot_noise(self, reading: Reading) -> Array:
