@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is known of the sensors before a recording starts: IMUs (noise, mounting) and cameras (lenses, mounting)."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from coclo_vio.arrays import Array
+from coclo_vio.arrays import Array, checked, frozen
 from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
 
@@ -110,6 +111,45 @@ class StereoCalibration(StageConfig):
     def baseline_m(self) -> float:
         """Distance of the two cameras, m."""
         return float(np.linalg.norm(self.T_body_right_camera[:3, 3] - self.T_body_left_camera[:3, 3]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedStereo:
+    """Two cameras whose images have been rectified: parallel axes, one pinhole, and a baseline along x.
+
+    A point (x, y, z) of the left camera's frame is seen at column ``fx x / z + cx`` and row ``fy y / z + cy`` of the
+    left image and at column ``fx (x - baseline) / z + cx`` of the right one.
+
+    Attributes:
+        focal_px: fx, fy, px.
+        principal_point_px: cx, cy, px.
+        baseline_m: distance of the cameras, m.
+        T_body_camera: maps coordinates of the rectified left camera to body, (4, 4).
+
+    Raises:
+        ValueError: a length that is not positive, or a wrong shape.
+    """
+
+    focal_px: tuple[float, float]
+    principal_point_px: tuple[float, float]
+    baseline_m: float
+    T_body_camera: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "T_body_camera", checked("RectifiedStereo.T_body_camera", self.T_body_camera, (4, 4)))
+        if min(*self.focal_px, self.baseline_m) <= 0.0:
+            raise ValueError(f"focal_px = {self.focal_px} and baseline_m = {self.baseline_m} must be positive")
+
+    def points(self, left_px: Array, disparity_px: Array) -> Array:
+        """Points (N, 3), m, in the left camera's frame, of columns and rows (N, 2) and disparities (N,)."""
+        depth = self.focal_px[0] * self.baseline_m / disparity_px
+        sides = (left_px - np.array(self.principal_point_px)) / np.array(self.focal_px)
+        return np.column_stack((sides * depth[:, None], depth))
+
+    def pixels(self, points: Array) -> tuple[Array, Array]:
+        """Columns and rows (N, 2) in the left image, and disparities (N,), of points (N, 3) in front of it."""
+        left_px = points[:, :2] / points[:, 2:] * np.array(self.focal_px) + np.array(self.principal_point_px)
+        return left_px, self.focal_px[0] * self.baseline_m / points[:, 2]
 
 
 def matrix4(T: Array) -> Matrix4:  # noqa: N803

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the sensors say: frozen values, one class a sensor, stamped in integer nanoseconds.
 
-Readers make them, the filter takes them. Arrays are checked once, here, and are read-only from then on.
+Readers make them, filter, front end and smoother take them. Arrays are checked once, here, and are read-only from then
+on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
 from typing import Literal
 
 import numpy as np
 
-from coclo_vio.arrays import Array, ByteImage, checked, frozen, read_only
+from coclo_vio.arrays import Array, ByteImage, IntArray, checked, frozen, read_only
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,8 +143,84 @@ class EncodedStereoFrame:
     encoding: Literal["png", "jpeg"]
 
 
-Measurement = ImuSample | CameraImuSample | JointSample | FootForceSample | StereoFrame
+class Sight(Enum):
+    """How well the cameras see."""
+
+    HEALTHY = "healthy"
+    DEGRADED = "degraded"
+    BLIND = "blind"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoTracks:
+    """Where the same points are seen in both images of a frame, and that they are the ones of earlier frames.
+
+    Pixels are those of rectified images: rows agree, and left column less right column is the disparity.
+
+    Attributes:
+        stamp_ns: time of the frame, in nanoseconds.
+        track_ids: one a point, the same in every frame that sees it, never used again, (N,), int64.
+        left_px: columns and rows in the left image, (N, 2).
+        right_px: the same in the right image, (N, 2); NaN where the right camera did not find the point.
+        ages: frames so far that see the point, this one included, (N,), int64; ones if not given.
+        sight: how well the cameras see.
+        reason: why sight is not healthy; empty where it is.
+
+    Raises:
+        ValueError: a wrong shape, an identity twice, or a pixel that is not finite.
+    """
+
+    stamp_ns: int
+    track_ids: IntArray
+    left_px: Array
+    right_px: Array
+    ages: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    sight: Sight = Sight.HEALTHY
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        frozen(self, "left_px", checked("StereoTracks.left_px", self.left_px, (None, 2)))
+        count = len(self.left_px)
+        frozen(self, "right_px", checked("StereoTracks.right_px", self.right_px, (count, 2), allow_nan=True))
+        for name in ("track_ids", "ages"):
+            values = np.array(getattr(self, name), dtype=np.int64)
+            if name == "ages" and not len(values):
+                values = np.ones(count, dtype=np.int64)
+            if values.shape != (count,):
+                raise ValueError(f"StereoTracks.{name} must have shape {(count,)}, got {values.shape}")
+            values.flags.writeable = False
+            frozen(self, name, values)
+        if len(np.unique(self.track_ids)) != count:
+            raise ValueError(f"StereoTracks.track_ids names a point twice at {self.stamp_ns} ns")
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyTwistSample:
+    """How fast the body moves, as something outside this package measured it: wheels, a flow sensor, a controller.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        angular_velocity: rad/s, body frame, (3,).
+        velocity: of the body origin, m/s, body frame, (3,).
+
+    Raises:
+        ValueError: a wrong shape, or a reading that is not finite.
+    """
+
+    stamp_ns: int
+    angular_velocity: Array
+    velocity: Array
+
+    def __post_init__(self) -> None:
+        for name in ("angular_velocity", "velocity"):
+            frozen(self, name, checked(f"BodyTwistSample.{name}", getattr(self, name), (3,)))
+
+
+Measurement = ImuSample | CameraImuSample | JointSample | FootForceSample | StereoFrame | StereoTracks | BodyTwistSample
 
 LEG_SENSORS: frozenset[type] = frozenset({ImuSample, JointSample, FootForceSample})
-VISION_SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame})
+VISION_SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame, StereoTracks, BodyTwistSample})
 ALL_SENSORS = LEG_SENSORS | VISION_SENSORS

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.calibration import CameraCalibration, ImuCalibration, RectifiedStereo, StereoCalibration, matrix4
 from coclo_vio.errors import ConfigError
 
 _ANGLES = st.floats(-3.2, 3.2)
@@ -65,3 +65,16 @@ def test_cameras_are_mounted_by_rigid_transforms() -> None:
             {"left": lens, "right": lens, "body_left_camera": sheared.tolist(), "body_right_camera": right.tolist()},
             "x",
         )
+
+
+def test_points_of_a_rectified_pair_are_where_their_pixels_say() -> None:
+    rig = RectifiedStereo((400.0, 380.0), (320.0, 240.0), 0.05, np.eye(4))
+    left_px, disparity_px = rig.pixels(np.array([[0.5, -0.25, 2.0]]))
+    np.testing.assert_allclose(left_px, [[400.0 * 0.25 + 320.0, -380.0 * 0.125 + 240.0]])
+    np.testing.assert_allclose(disparity_px, [400.0 * 0.05 / 2.0])
+    np.testing.assert_allclose(rig.points(left_px, disparity_px), [[0.5, -0.25, 2.0]])
+
+
+def test_a_baseline_is_positive() -> None:
+    with pytest.raises(ValueError, match="baseline_m = 0.0 must be positive"):
+        RectifiedStereo((400.0, 400.0), (320.0, 240.0), 0.0, np.eye(4))

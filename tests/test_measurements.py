@@ -8,11 +8,13 @@ from coclo_vio.measurements import (
     ALL_SENSORS,
     LEG_SENSORS,
     VISION_SENSORS,
+    BodyTwistSample,
     CameraImuSample,
     FootForceSample,
     ImuSample,
     JointSample,
     StereoFrame,
+    StereoTracks,
 )
 
 _NONE = np.full(3, np.nan)
@@ -81,3 +83,29 @@ def test_a_stereo_frame_is_two_grey_images_of_one_size() -> None:
         StereoFrame(5, grey.astype(np.uint16), grey)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"\(2, 3\), the right one \(3, 2\); they must agree"):
         StereoFrame(5, grey, grey.T)
+
+
+def test_tracks_are_as_many_everywhere_and_each_once() -> None:
+    pixels = np.array([[10.0, 20.0], [30.0, 40.0]])
+    with pytest.raises(ValueError, match=r"StereoTracks.right_px must have shape \(2, 2\), got \(1, 2\)"):
+        StereoTracks(0, np.arange(2), pixels, pixels[:1])
+    with pytest.raises(ValueError, match=r"StereoTracks.track_ids must have shape \(2,\), got \(3,\)"):
+        StereoTracks(0, np.arange(3), pixels, pixels)
+    with pytest.raises(ValueError, match="names a point twice at 7 ns"):
+        StereoTracks(7, np.array([4, 4]), pixels, pixels)
+
+
+def test_a_point_may_be_missing_in_the_right_image_only() -> None:
+    pixels, missing = np.array([[10.0, 20.0]]), np.full((1, 2), np.nan)
+    assert np.isnan(StereoTracks(0, np.arange(1), pixels, missing).right_px).all()
+    with pytest.raises(ValueError, match=r"StereoTracks.left_px must be finite, got nan"):
+        StereoTracks(0, np.arange(1), missing, pixels)
+
+
+def test_tracks_of_unknown_age_are_new() -> None:
+    assert StereoTracks(0, np.arange(3), np.zeros((3, 2)), np.zeros((3, 2))).ages.tolist() == [1, 1, 1]
+
+
+def test_a_twist_must_be_finite() -> None:
+    with pytest.raises(ValueError, match=r"BodyTwistSample.velocity must be finite, got inf at index \(2,\)"):
+        BodyTwistSample(0, np.zeros(3), np.array([0.0, 0.0, np.inf]))

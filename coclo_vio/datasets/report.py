@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from coclo_vio.measurements import (
+    BodyTwistSample,
     CameraImuSample,
     FootForceSample,
     ImuSample,
     JointSample,
     Measurement,
     StereoFrame,
+    StereoTracks,
 )
 
 _NS_PER_S = 1_000_000_000
@@ -25,6 +27,8 @@ STREAM_NAMES: Mapping[type, str] = {
     JointSample: "joints",
     CameraImuSample: "camera_imu",
     StereoFrame: "stereo",
+    StereoTracks: "stereo_tracks",
+    BodyTwistSample: "body_twist",
 }
 
 

@@ -5,19 +5,29 @@ import heapq
 from collections.abc import Iterable, Iterator, Mapping
 
 from coclo_vio.measurements import (
+    BodyTwistSample,
     CameraImuSample,
     FootForceSample,
     ImuSample,
     JointSample,
     Measurement,
     StereoFrame,
+    StereoTracks,
 )
 
-_RANK: Mapping[type, int] = {FootForceSample: 0, ImuSample: 1, JointSample: 2, CameraImuSample: 3, StereoFrame: 4}
+_RANK: Mapping[type, int] = {
+    FootForceSample: 0,
+    ImuSample: 1,
+    JointSample: 2,
+    CameraImuSample: 3,
+    BodyTwistSample: 4,
+    StereoFrame: 5,
+    StereoTracks: 6,
+}
 
 
 def order_key(sample: Measurement) -> tuple[int, int]:
-    """What the merged stream is ordered by: stamp, then foot force, IMU, joints, camera IMU, stereo frame.
+    """What the merged stream is ordered by: stamp, then foot force, IMU, joints, camera IMU, twist, stereo frame.
 
     The joint sample completes a step of the filter, so what was measured at the same time has to come before it; a
     stereo frame asks for the filter's pose at its own stamp, so it comes after.
