@@ -117,3 +117,55 @@ class Estimator(Protocol):
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened: samples refused, legs left out, gaps, rejections, standstills."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something out of the ordinary that an estimator lived through.
+
+    Attributes:
+        stamp_ns: when, in nanoseconds.
+        kind: one word for its sort, such as ``blind`` or ``restart``.
+        detail: a sentence: what was seen, and what was done.
+    """
+
+    stamp_ns: int
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeHealth:
+    """How the smoother fared at one keyframe.
+
+    Attributes:
+        stamp_ns: of the keyframe, in nanoseconds.
+        keyframes: in the window.
+        tracks: points of the frame that were matched to landmarks.
+        landmarks: in the window.
+        factors: of the whole problem.
+        reprojection_px: root mean square of what is left of the window's stereo residuals, px.
+        iterations: of the solver.
+        compute_s: processor time of this keyframe, s.
+        condition: of the newest keyframe's pose covariance: longest by shortest axis, in the solver's units.
+    """
+
+    stamp_ns: int
+    keyframes: int
+    tracks: int
+    landmarks: int
+    factors: int
+    reprojection_px: float
+    iterations: int
+    compute_s: float
+    condition: float
+
+
+class SelfReporting(Protocol):
+    """An estimator that keeps a diary; what is taken from it is forgotten, so memory stays flat."""
+
+    def take_events(self) -> tuple[Event, ...]:
+        """What happened since the last call."""
+
+    def take_health(self) -> tuple[KeyframeHealth, ...]:
+        """The keyframes since the last call."""

@@ -76,5 +76,5 @@ def test_points_of_a_rectified_pair_are_where_their_pixels_say() -> None:
 
 
 def test_a_baseline_is_positive() -> None:
-    with pytest.raises(ValueError, match="baseline_m = 0.0 must be positive"):
+    with pytest.raises(ValueError, match=r"baseline_m = 0\.0 must be positive"):
         RectifiedStereo((400.0, 400.0), (320.0, 240.0), 0.0, np.eye(4))
