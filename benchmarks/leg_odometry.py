@@ -21,6 +21,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from coclo_vio import pipeline
+from coclo_vio.equipment import Equipment
 from coclo_vio.estimates import StateEstimate
 from coclo_vio.estimators import make_estimator
 from coclo_vio.evaluation.evaluate import evaluate
@@ -63,7 +64,9 @@ def compare(name: TerrainName, seed: int, modes: tuple[str, ...], *, ideal: bool
 def _figures(trial: Trial, mode: str) -> Row:
     config = resolve(SIMULATED_ROBOT).on_recording(trial.imu)
     estimates: list[StateEstimate] = []
-    summary = pipeline.run(make_estimator(mode, RobotModel(config.robot), config), trial.measurements, estimates.append)
+    summary = pipeline.run(
+        make_estimator(mode, Equipment(robot=RobotModel(config.robot)), config), trial.measurements, estimates.append
+    )
     trajectory = Trajectory(
         np.array([each.stamp_ns for each in estimates]),
         np.array([each.nav.T_world_body for each in estimates]),

@@ -2,20 +2,21 @@
 """A recording through several estimators into one run folder, and the folder's evaluation."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from coclo_vio import __version__, pipeline, run_folder
 from coclo_vio.config import write_yaml
-from coclo_vio.datasets.dataset import Dataset, open_dataset
+from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
+from coclo_vio.equipment import Equipment
 from coclo_vio.errors import CocloError, DatasetError, EvaluationError
-from coclo_vio.estimators import make_estimator
+from coclo_vio.estimates import Estimator
+from coclo_vio.estimators import EstimatorKind, estimator_kind
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.figures import plot_contacts, write_figures
 from coclo_vio.evaluation.report import write_report
-from coclo_vio.robot.model import RobotModel
 from coclo_vio.run_config import RunConfig
 from coclo_vio.run_folder import RecordedRun, StateWriter
 from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
@@ -28,7 +29,8 @@ def run_all(
 ) -> dict[str, Any]:
     """Run each mode on a recording; returns what ``run.json`` holds.
 
-    A mode that fails leaves its estimates up to there, and the others run.
+    A mode that fails leaves its estimates up to there, and the others run; so they do where the recording lacks what
+    one of them needs.
 
     Args:
         path: the recording.
@@ -38,19 +40,24 @@ def run_all(
         progress: called with estimator and stamp.
 
     Raises:
-        CocloError: the recording, the robot or the configuration is at fault.
+        CocloError: the recording, the robot or the configuration is at fault, or no mode has what it needs.
     """
-    for mode in modes:
-        make_estimator(mode, RobotModel(config.robot), config)  # a misspelt mode is found before anything runs
+    kinds = {mode: estimator_kind(mode) for mode in modes}  # a misspelt mode is found before anything runs
     dataset = open_dataset(path, config.robot, config.dataset)
     asked, config = config, config.on_recording(dataset.imu_calibration())
-    robot = RobotModel(config.robot)
+    prepared = {mode: _prepared(kind, path, dataset, config) for mode, kind in kinds.items()}
+    lacks = [one for one in prepared.values() if isinstance(one, CocloError)]
+    if len(lacks) == len(prepared) and lacks:
+        raise lacks[0]
     run_folder.prepare(folder)
     with run_folder.writing(folder):
         write_yaml(config, folder / "config.yaml")
         run = _described(path, dataset, asked, config, folder)
-        for mode in modes:
-            summary = _run_one(mode, dataset, robot, config, folder, progress)
+        for mode, one in prepared.items():
+            if isinstance(one, CocloError):
+                summary = pipeline.RunSummary(0, 0, None, 0.0, {}, str(one))
+            else:
+                summary = _run_one(mode, dataset, one, folder, progress)
             run["recording_ns"] = _union(run["recording_ns"], summary.recording_ns)
             run["estimators"][mode] = {
                 "measurements": summary.measurements,
@@ -66,16 +73,45 @@ def run_all(
     return run
 
 
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """A mode that can run.
+
+    Attributes:
+        estimator: a fresh one.
+        sensors: what it takes of the recording.
+        leg_names: of the robot whose legs it follows.
+    """
+
+    estimator: Estimator
+    sensors: frozenset[type]
+    leg_names: tuple[str, ...]
+
+
+def _prepared(kind: EstimatorKind, path: Path, dataset: Dataset, config: RunConfig) -> _Prepared | CocloError:
+    """A mode made ready, or what it lacks."""
+    if kind.has_legs and config.robot is None:
+        return robot_fit(path, config.dataset).why_unknown(path)
+    try:
+        equipment = Equipment.of(dataset, config, kind.sensors)
+        estimator = kind.make(equipment, config)
+    except CocloError as error:
+        return error
+    legs = () if equipment.robot is None else equipment.robot.leg_names
+    return _Prepared(estimator, kind.taken(equipment), legs)
+
+
 def _described(path: Path, dataset: Dataset, asked: RunConfig, config: RunConfig, folder: Path) -> dict[str, Any]:
     """``run.json`` before any estimator has run; the ground truth goes to its own file."""
     truth = dataset.ground_truth()
     if truth is not None:
         run_folder.write_ground_truth(folder, truth)
+    own = config.robot is not None and config.robot == asked.robot
     return {
         "version": __version__,
         "dataset": str(path),
-        "robot": config.robot.name,
-        "imu_calibration": "robot" if config.robot == asked.robot else "recording",
+        "robot": None if config.robot is None else config.robot.name,
+        "imu_calibration": "robot" if own else "recording",
         "ground_truth": None if truth is None else {"has_stamps": truth.has_stamps, "source": truth.source},
         "recording_ns": None,
         "estimators": {},
@@ -102,12 +138,11 @@ def _union(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[
 
 
 def _run_one(
-    mode: str, dataset: Dataset, robot: RobotModel, config: RunConfig, folder: Path, progress: Progress | None
+    mode: str, dataset: Dataset, prepared: _Prepared, folder: Path, progress: Progress | None
 ) -> pipeline.RunSummary:
-    estimator = make_estimator(mode, robot, config)
     told = None if progress is None else lambda stamp_ns: progress(mode, stamp_ns)
-    with StateWriter(folder, mode, robot.leg_names) as writer:
-        return pipeline.run(estimator, dataset.measurements(), writer.write, told)
+    with StateWriter(folder, mode, prepared.leg_names) as writer:
+        return pipeline.run(prepared.estimator, dataset.measurements(prepared.sensors), writer.write, told)
 
 
 def evaluate_run(

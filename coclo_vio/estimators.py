@@ -4,12 +4,23 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from coclo_vio.equipment import Equipment
 from coclo_vio.errors import ConfigError, listing
 from coclo_vio.estimates import Estimator
 from coclo_vio.filter.naive import NaiveLegOdometry
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.robot.model import RobotModel
+from coclo_vio.measurements import (
+    LEG_SENSORS,
+    CameraImuSample,
+    ImuSample,
+    JointSample,
+    StereoFrame,
+    StereoTracks,
+)
 from coclo_vio.run_config import RunConfig
+
+_EYES: frozenset[type] = frozenset({StereoFrame, StereoTracks})
+_IMUS: frozenset[type] = frozenset({ImuSample, CameraImuSample})
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,53 +29,74 @@ class EstimatorKind:
 
     Attributes:
         summary: what it is, in a line.
-        make: from a robot and a configuration to a fresh estimator.
+        sensors: what it takes of a recording; of two IMUs a visual mode takes the one that goes with the cameras.
+        make: from what a recording has and a configuration to a fresh estimator.
     """
 
     summary: str
-    make: Callable[[RobotModel, RunConfig], Estimator]
+    sensors: frozenset[type]
+    make: Callable[[Equipment, RunConfig], Estimator]
+
+    @property
+    def has_legs(self) -> bool:
+        """Whether it follows legs, so that it asks for a robot."""
+        return JointSample in self.sensors
+
+    def taken(self, equipment: Equipment) -> frozenset[type]:
+        """The sensors that it takes of this equipment."""
+        return self.sensors if self.has_legs else self.sensors - (_IMUS - {equipment.eye_imu})
 
 
-def _coclo(robot: RobotModel, config: RunConfig) -> Estimator:
-    return LegOdometryFilter(robot, config.filter)
+def _coclo(equipment: Equipment, config: RunConfig) -> Estimator:
+    return LegOdometryFilter(equipment.legs(), config.filter)
 
 
-def _coclo_leg_scale(robot: RobotModel, config: RunConfig) -> Estimator:
+def _coclo_leg_scale(equipment: Equipment, config: RunConfig) -> Estimator:
     robust = config.filter.robust.model_copy(update={"estimates_leg_scale": True})
-    return LegOdometryFilter(robot, config.filter.model_copy(update={"profile": "robust", "robust": robust}))
+    changed = config.filter.model_copy(update={"profile": "robust", "robust": robust})
+    return LegOdometryFilter(equipment.legs(), changed)
 
 
-def _coclo_paper(robot: RobotModel, config: RunConfig) -> Estimator:
-    return LegOdometryFilter(robot, config.filter.model_copy(update={"profile": "paper"}))
+def _coclo_paper(equipment: Equipment, config: RunConfig) -> Estimator:
+    return LegOdometryFilter(equipment.legs(), config.filter.model_copy(update={"profile": "paper"}))
 
 
-def _inekf(robot: RobotModel, config: RunConfig) -> Estimator:
+def _inekf(equipment: Equipment, config: RunConfig) -> Estimator:
     from coclo_vio.backend.inekf import InvariantLegOdometry  # noqa: PLC0415 -- loads GTSAM only where it is asked for
 
-    return InvariantLegOdometry(robot, config.inekf)
+    return InvariantLegOdometry(equipment.legs(), config.inekf)
 
 
-def _naive(*, rolls_feet: bool, weighs_load: bool) -> Callable[[RobotModel, RunConfig], Estimator]:
-    return lambda robot, config: NaiveLegOdometry(robot, config.filter, rolls_feet=rolls_feet, weighs_load=weighs_load)
+def _naive(*, rolls_feet: bool, weighs_load: bool) -> Callable[[Equipment, RunConfig], Estimator]:
+    def make(equipment: Equipment, config: RunConfig) -> Estimator:
+        return NaiveLegOdometry(equipment.legs(), config.filter, rolls_feet=rolls_feet, weighs_load=weighs_load)
+
+    return make
 
 
 ESTIMATORS: Mapping[str, EstimatorKind] = {
-    "coclo": EstimatorKind("contact-centric leg odometry, the configured profile (default: robust)", _coclo),
-    "coclo_leg_scale": EstimatorKind("the robust profile, estimating the effective leg length", _coclo_leg_scale),
-    "coclo_paper": EstimatorKind("the paper's profile, section III as printed", _coclo_paper),
-    "inekf": EstimatorKind("IMU-centric contact-aided filter of GTSAM, a baseline", _inekf),
-    "naive": EstimatorKind(
-        "stance feet averaged, foot centres at rest, gyroscope attitude", _naive(rolls_feet=False, weighs_load=False)
+    "coclo": EstimatorKind(
+        "contact-centric leg odometry, the configured profile (default: robust)", LEG_SENSORS, _coclo
     ),
-    "naive_rolling": EstimatorKind("naive with rolling feet", _naive(rolls_feet=True, weighs_load=False)),
+    "coclo_leg_scale": EstimatorKind(
+        "the robust profile, estimating the effective leg length", LEG_SENSORS, _coclo_leg_scale
+    ),
+    "coclo_paper": EstimatorKind("the paper's profile, section III as printed", LEG_SENSORS, _coclo_paper),
+    "inekf": EstimatorKind("IMU-centric contact-aided filter of GTSAM, a baseline", LEG_SENSORS, _inekf),
+    "naive": EstimatorKind(
+        "stance feet averaged, foot centres at rest, gyroscope attitude",
+        LEG_SENSORS,
+        _naive(rolls_feet=False, weighs_load=False),
+    ),
+    "naive_rolling": EstimatorKind("naive with rolling feet", LEG_SENSORS, _naive(rolls_feet=True, weighs_load=False)),
     "naive_weighted": EstimatorKind(
-        "naive with rolling feet weighed by load", _naive(rolls_feet=True, weighs_load=True)
+        "naive with rolling feet weighed by load", LEG_SENSORS, _naive(rolls_feet=True, weighs_load=True)
     ),
 }
 
 
-def make_estimator(name: str, robot: RobotModel, config: RunConfig) -> Estimator:
-    """A fresh estimator.
+def estimator_kind(name: str) -> EstimatorKind:
+    """The row of an estimator.
 
     Raises:
         ConfigError: no such name; lists those there are.
@@ -72,4 +104,14 @@ def make_estimator(name: str, robot: RobotModel, config: RunConfig) -> Estimator
     kind = ESTIMATORS.get(name)
     if kind is None:
         raise ConfigError(f"there is no mode {name!r}; the modes are: {listing(ESTIMATORS)}")
-    return kind.make(robot, config)
+    return kind
+
+
+def make_estimator(name: str, equipment: Equipment, config: RunConfig) -> Estimator:
+    """A fresh estimator.
+
+    Raises:
+        ConfigError: no such name, or legs without a robot.
+        CalibrationMissing: eyes without cameras, or an IMU that is asked for and not there.
+    """
+    return estimator_kind(name).make(equipment, config)

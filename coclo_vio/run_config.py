@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The whole configuration of a run: the robot and every stage, from preset, file and command line."""
+"""The whole configuration of a run: the robot, if there is one, and every stage; from preset, file, command line."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field
 
 from coclo_vio.backend.config import InvariantConfig
+from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.calibration import ImuCalibration
 from coclo_vio.config import StageConfig, merged, parse_settings, read_yaml
 from coclo_vio.datasets.config import DatasetConfig
@@ -20,10 +21,13 @@ from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_rob
 class RunConfig(StageConfig):
     """Everything a run depends on; ``config.yaml`` of a run folder repeats the run."""
 
-    robot: Annotated[RobotDescription, Field(description="the robot: legs, contact sensing, IMU")]
+    robot: Annotated[
+        RobotDescription | None, Field(description="the robot: legs, contact sensing, IMU; null where eyes alone see")
+    ] = None
     dataset: Annotated[DatasetConfig, Field(description="how recordings are read")] = DatasetConfig()
     filter: Annotated[FilterConfig, Field(description="COCLO")] = FilterConfig()
     inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
+    smoother: Annotated[SmootherConfig, Field(description="the sliding window of the visual modes")] = SmootherConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     imu_calibration: Annotated[
         Literal["recording", "robot"],
@@ -32,7 +36,7 @@ class RunConfig(StageConfig):
 
     def on_recording(self, imu: ImuCalibration | None) -> Self:
         """The same run with the IMU's mounting and noise of a recording, if that is whose word counts."""
-        if imu is None or self.imu_calibration == "robot":
+        if imu is None or self.robot is None or self.imu_calibration == "robot":
             return self
         return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": imu})})
 
@@ -42,7 +46,8 @@ def resolve(
 ) -> RunConfig:
     """The configuration of a run: the robot's preset, then the file, then the settings; the later wins.
 
-    A file may name its robot as ``robot: {preset: go1}`` with changes beside it, or describe it whole.
+    Where nobody names a robot there is none: the visual modes need none, a mode of the legs asks for it. A file may
+    name its robot as ``robot: {preset: go1}`` with changes beside it, or describe it whole.
 
     Args:
         robot: name or YAML file of the robot; wins over what the file says.
@@ -51,30 +56,33 @@ def resolve(
         guess: the robot to take where nobody names one.
 
     Raises:
-        ConfigError: an unknown robot or key, a value out of bounds, or no robot at all.
+        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that nobody names.
     """
     given = read_yaml(file) if file else {}
-    if file is not None and "robot" in given:
+    if file is not None and given.get("robot") is not None:
         given["robot"] = _robot_of_file(given["robot"], file, is_replaced=robot is not None)
     values = merged(given, parse_settings(settings))
-    changes = dict(_mapping(values.pop("robot", {})))
+    said = values.pop("robot", None)
+    changes = {} if said is None else dict(_mapping(said))
     preset = robot or changes.pop("preset", None)
     changes.pop("preset", None)
     if preset is None and "legs" not in changes:
         preset = guess
-        if preset is None:
+    source = " with ".join([*([str(file)] if file else []), *(["--set"] if settings else [])]) or "configuration"
+    if preset is None and "legs" not in changes:
+        if changes:
             raise ConfigError(
-                f"which robot is it? Give --robot NAME or a YAML file; known robots are: {listing(robot_names())}"
+                f"{source} changes robot.{min(changes)}, but of which robot? Give --robot NAME or a YAML file; known "
+                f"robots are: {listing(robot_names())}"
             )
+        return RunConfig.parse(values, source)
     if "imu" in changes:  # whoever says how the IMU is mounted means it, whatever the recording says
         values = {"imu_calibration": "robot", **values}
     described = merged(load_robot(preset).model_dump() if preset else {}, changes)
     own, asked = described.get("filter"), values.get("filter", {})
     if isinstance(own, Mapping) and isinstance(asked, Mapping):  # otherwise the check below says what is wrong
         values["filter"] = merged(own, asked)
-    sources = [str(file)] if file else []
-    sources += ["--set"] if settings else []
-    return RunConfig.parse({**values, "robot": described}, " with ".join(sources) or "configuration")
+    return RunConfig.parse({**values, "robot": described}, source)
 
 
 def _mapping(robot: Any) -> Mapping[str, Any]:

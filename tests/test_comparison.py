@@ -11,12 +11,13 @@ import yaml
 
 from coclo_vio import comparison, estimators, run_folder
 from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.equipment import Equipment
 from coclo_vio.errors import ConfigError, DatasetError, EvaluationError, FilterError
 from coclo_vio.estimates import Estimator, StateEstimate
 from coclo_vio.estimators import EstimatorKind
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.naive import NaiveLegOdometry
-from coclo_vio.measurements import Measurement
+from coclo_vio.measurements import LEG_SENSORS, Measurement
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.run_config import RunConfig, resolve
@@ -46,13 +47,13 @@ class Failing:
         return self._naive.push(measurement)
 
 
-def _failing(robot: RobotModel, config: RunConfig) -> Estimator:
-    return Failing(robot, config)
+def _failing(equipment: Equipment, config: RunConfig) -> Estimator:
+    return Failing(equipment.legs(), config)
 
 
 @pytest.fixture(autouse=True)
 def _failing_mode(monkeypatch: pytest.MonkeyPatch) -> None:
-    kinds = {**estimators.ESTIMATORS, "failing": EstimatorKind("fails half-way", _failing)}
+    kinds = {**estimators.ESTIMATORS, "failing": EstimatorKind("fails half-way", LEG_SENSORS, _failing)}
     monkeypatch.setattr(estimators, "ESTIMATORS", kinds)
 
 

@@ -2,10 +2,12 @@
 import pytest
 
 from coclo_vio.backend.inekf import InvariantLegOdometry
+from coclo_vio.equipment import Equipment
 from coclo_vio.errors import ConfigError
 from coclo_vio.estimators import ESTIMATORS, make_estimator
 from coclo_vio.filter.naive import NaiveLegOdometry
 from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.measurements import LEG_SENSORS
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.run_config import resolve
@@ -14,6 +16,8 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 
 ROBOT = RobotModel(load_robot("daisy"))
 WALK = BodyMotionConfig(rest_s=0.8, walk_s=1.2, stop_s=0.0, ramp_s=0.4)
+EQUIPMENT = Equipment(robot=ROBOT)
+LEG_MODES = [name for name, kind in ESTIMATORS.items() if kind.has_legs]
 KINDS = {"coclo": LegOdometryFilter, "inekf": InvariantLegOdometry, "naive": NaiveLegOdometry}
 
 
@@ -21,10 +25,10 @@ def test_the_design_s_modes_of_the_legs_are_there() -> None:
     assert {"coclo", "coclo_paper", "inekf", "naive"} <= set(ESTIMATORS)
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("name", LEG_MODES)
 def test_each_follows_a_short_walk(name: str) -> None:
     trial = generate(AnalyticTrialConfig(body=WALK), ROBOT, seed=3)
-    estimator = make_estimator(name, ROBOT, resolve("daisy"))
+    estimator = make_estimator(name, EQUIPMENT, resolve("daisy"))
     assert isinstance(estimator, KINDS[name.partition("_")[0]])
     estimates = [estimate for sample in trial.measurements if (estimate := estimator.push(sample)) is not None]
     end = estimates[-1]
@@ -39,16 +43,16 @@ def test_no_two_are_the_same() -> None:
     """A row that runs another row's estimator would show the same path."""
     trial = generate(AnalyticTrialConfig(body=WALK), ROBOT, seed=3)
     ends = {}
-    for name in ESTIMATORS:
-        estimator = make_estimator(name, ROBOT, resolve("daisy"))
+    for name in LEG_MODES:
+        estimator = make_estimator(name, EQUIPMENT, resolve("daisy"))
         estimates = [estimate for sample in trial.measurements if (estimate := estimator.push(sample)) is not None]
         ends[name] = tuple(estimates[-1].nav.T_world_body[:3, 3])
-    assert len(set(ends.values())) == len(ESTIMATORS)
+    assert len(set(ends.values())) == len(LEG_MODES)
 
 
 def test_the_paper_s_profile_is_the_configured_one_where_asked() -> None:
-    asked = make_estimator("coclo", ROBOT, resolve("daisy", settings=["filter.profile=paper"]))
-    named = make_estimator("coclo_paper", ROBOT, resolve("daisy"))
+    asked = make_estimator("coclo", EQUIPMENT, resolve("daisy", settings=["filter.profile=paper"]))
+    named = make_estimator("coclo_paper", EQUIPMENT, resolve("daisy"))
     trial = generate(AnalyticTrialConfig(body=WALK), ROBOT, seed=3)
     last = [
         [one for sample in trial.measurements if (one := each.push(sample)) is not None][-1] for each in (asked, named)
@@ -58,4 +62,15 @@ def test_the_paper_s_profile_is_the_configured_one_where_asked() -> None:
 
 def test_an_unknown_name_lists_the_names() -> None:
     with pytest.raises(ConfigError, match=r"no mode 'cocolo'; the modes are: coclo, coclo_leg_scale, .*naive_weighted"):
-        make_estimator("cocolo", ROBOT, resolve("daisy"))
+        make_estimator("cocolo", EQUIPMENT, resolve("daisy"))
+
+
+@pytest.mark.parametrize("name", LEG_MODES)
+def test_legs_without_a_robot_ask_for_one(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"which robot is it\? Give --robot .*daisy, go1; the modes vins and stereo"):
+        make_estimator(name, Equipment(), resolve())
+
+
+@pytest.mark.parametrize("name", LEG_MODES)
+def test_legs_open_no_eyes(name: str) -> None:
+    assert ESTIMATORS[name].taken(EQUIPMENT) == LEG_SENSORS

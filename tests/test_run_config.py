@@ -106,9 +106,18 @@ def test_a_wrong_setting_is_told_with_the_choices(settings: list[str], words: li
     assert [word for word in words if word not in str(caught.value)] == []
 
 
-def test_no_robot_at_all_lists_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"--robot NAME .*daisy, go1"):
-        resolve()
+def test_without_a_robot_there_is_none(tmp_path: Path) -> None:
+    config = resolve(settings=["smoother.keyframes=7"])
+    assert config.robot is None
+    assert config.on_recording(ImuCalibration()) == config
+    write_yaml(config, tmp_path / "config.yaml")
+    assert resolve(None, tmp_path / "config.yaml") == config
+    assert resolve("go1", tmp_path / "config.yaml").smoother.keyframes == 7
+
+
+def test_changes_to_a_robot_that_nobody_names_list_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match=r"--set changes robot\.encoder_noise_rad, but of which .*daisy, go1"):
+        resolve(settings=["robot.encoder_noise_rad=0.004"])
 
 
 def test_an_unknown_robot_lists_the_known_ones() -> None:

@@ -20,10 +20,10 @@ from coclo_vio.cli.options import (
 from coclo_vio.cli.results import print_table, progress_bar, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.config import DatasetConfig
-from coclo_vio.datasets.dataset import robot_fit
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
+from coclo_vio.equipment import LEG_MODES, default_modes
 from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.evaluation.evaluate import EvaluationConfig
@@ -33,17 +33,22 @@ from coclo_vio.run_bag import write_run_bag
 from coclo_vio.run_config import RunConfig, resolve
 from coclo_vio.sample import sample_path
 
-_COMPARED = "coclo,coclo_paper,inekf,naive"
-
 
 def demo(output: OutOption = Path("demo_out")) -> None:
     """Compare the estimators on the bundled bag of a Daisy at the stairs: table, plots, report."""
-    _compare([sample_path()], _COMPARED, resolve(robot="daisy"), output)
+    _compare([sample_path()], ",".join(LEG_MODES), resolve(robot="daisy"), output)
 
 
 def run(
     dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
-    mode: Annotated[str, typer.Option("--mode", "-m", help=f"One of: {', '.join(ESTIMATORS)}.")] = "coclo",
+    mode: Annotated[
+        str | None,
+        typer.Option(
+            "--mode",
+            "-m",
+            help=f"One of: {', '.join(ESTIMATORS)}. Default: coclo, or by sight where there are no legs.",
+        ),
+    ] = None,
     robot: RobotOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
@@ -56,7 +61,8 @@ def run(
     """Run one estimator on a recording; with ground truth, say how far it drifted."""
     if bag is not None:
         check_bag_path(bag)
-    resolved = _resolve_for(dataset, robot, config, with_partial(settings, allow_partial))
+    resolved, _ = resolve_if_known(dataset, robot, config, with_partial(settings, allow_partial))
+    mode = mode or default_modes(dataset, resolved)[0]
     with progress_bar() as progress:
         told = comparison.run_all(dataset, [mode], resolved, output, progress)
     tell_run(told, output)
@@ -64,7 +70,7 @@ def run(
     evaluations: dict[str, Evaluation] = {}
     if told["ground_truth"] is not None and told["estimators"][mode]["estimates"]:
         evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
-        print_table(evaluations, f"{dataset.resolve().name}, {resolved.robot.name}")
+        print_table(evaluations, _title(dataset.resolve().name, resolved))
         tell_failures(failures)
     if bag is not None and told["estimators"][mode]["estimates"]:
         write_run_bag(bag, output, list(told["estimators"]), evaluations)
@@ -74,15 +80,22 @@ def run(
     if failure:
         raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
     if not told["estimators"][mode]["estimates"]:
+        needed = (
+            "joint samples in time order, stamped in the unit their column says"
+            if ESTIMATORS[mode].has_legs
+            else "stereo frames in time order that show something, and where it uses an IMU its readings beside them"
+        )
         raise DatasetError(
             f"no estimate came out of the {told['estimators'][mode]['measurements']} measurements of {dataset}: {mode} "
-            "needs joint samples in time order, stamped in the unit their column says; the counts above say what came"
+            f"needs {needed}; the counts above say what came"
         )
 
 
 def compare(
     datasets: Annotated[list[Path], typer.Argument(help="Recordings with ground truth.")],
-    modes: Annotated[str, typer.Option("--modes", help="Estimators, separated by commas.")] = _COMPARED,
+    modes: Annotated[
+        str | None, typer.Option("--modes", help="Estimators, separated by commas. Default: by what there is.")
+    ] = None,
     robot: RobotOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
@@ -117,11 +130,8 @@ def evaluate(
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
 
 
-def _resolve_for(dataset: Path, robot: str | None, config: Path | None, settings: Sequence[str]) -> RunConfig:
-    resolved, known = resolve_if_known(dataset, robot, config, settings)
-    if known is None:
-        raise robot_fit(dataset, resolved.dataset).why_unknown(dataset)
-    return resolved
+def _title(name: str, config: RunConfig) -> str:
+    return name if config.robot is None else f"{name}, {config.robot.name}"
 
 
 def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
@@ -133,29 +143,30 @@ def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str
 
 def _compare(
     datasets: list[Path],
-    modes: str,
+    modes: str | None,
     resolved: RunConfig | None,
     output: Path,
     robot: str | None = None,
     config: Path | None = None,
     settings: Sequence[str] = (),
 ) -> None:
-    names = list(dict.fromkeys(name.strip() for name in modes.split(",") if name.strip()))
-    if not names:
+    asked = None if modes is None else list(dict.fromkeys(name.strip() for name in modes.split(",") if name.strip()))
+    if asked == []:
         raise ConfigError(f"--modes names no estimator; there are: {', '.join(ESTIMATORS)}")
     compared: dict[str, Any] = {}
     fruitless: list[str] = []
     for name, dataset in zip(_distinct_names(datasets), datasets, strict=True):
-        own = resolved or _resolve_for(dataset, robot, config, settings)
+        own = resolved or resolve_if_known(dataset, robot, config, settings)[0]
+        names = asked or default_modes(dataset, own)
         folder = output if len(datasets) == 1 else output / name
         with progress_bar() as progress:
             told = comparison.run_all(dataset, names, own, folder, progress)
         tell_run(told, folder)
         evaluations, failures = comparison.evaluate_run(folder, own.evaluation)
-        print_table(evaluations, f"{name}, {own.robot.name}")
+        print_table(evaluations, _title(name, own))
         stopped = {mode: one["failure"] for mode, one in told["estimators"].items() if one["failure"]}
         tell_failures(failures | stopped)
-        report = comparison.write_comparison(folder, f"{name}, {own.robot.name}", evaluations, own)
+        report = comparison.write_comparison(folder, _title(name, own), evaluations, own)
         give(f"report: {report}")
         compared[name] = {estimator: value.to_json() for estimator, value in evaluations.items()}
         if not evaluations or len(stopped) == len(names):

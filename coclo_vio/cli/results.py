@@ -31,8 +31,9 @@ _COLUMNS = (
 
 def tell_run(told: Mapping[str, Any], folder: Path) -> None:
     """Say what was left out, assumed or counted, and where the results are."""
-    say(f"robot {told['robot']}; results in {folder}")
-    if told.get("imu_calibration") == "recording":
+    robot = told["robot"]
+    say(f"{'no robot' if robot is None else f'robot {robot}'}; results in {folder}")
+    if robot is not None and told.get("imu_calibration") == "recording":
         say("IMU: mounting and noise as the recording says; --set imu_calibration=robot takes the robot's instead")
     reader = told.get("reader") or {}
     for note in reader.get("notes", ()):

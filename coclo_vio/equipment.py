@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a recording is equipped with: a robot, IMUs, cameras; and which modes that is enough for by default."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from coclo_vio.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
+from coclo_vio.datasets.report import STREAM_NAMES
+from coclo_vio.errors import ConfigError, DatasetError, listing
+from coclo_vio.measurements import (
+    ALL_SENSORS,
+    VISION_SENSORS,
+    BodyTwistSample,
+    CameraImuSample,
+    ImuSample,
+    JointSample,
+    StereoFrame,
+    StereoTracks,
+)
+from coclo_vio.robot.description import robot_names
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.run_config import RunConfig
+
+LEG_MODES = ("coclo", "coclo_paper", "inekf", "naive")
+_EYES: frozenset[type] = frozenset({StereoFrame, StereoTracks})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equipment:
+    """What there is for an estimator to work with; None where a recording says nothing of it.
+
+    Attributes:
+        robot: whose legs they are.
+        imu: mounting and noise of the body's IMU.
+        camera_imu: the same of the IMU inside the camera.
+        stereo: the two cameras.
+        sensors: those that have samples; all where that is not known.
+    """
+
+    robot: RobotModel | None = None
+    imu: ImuCalibration | None = None
+    camera_imu: ImuCalibration | None = None
+    stereo: StereoCalibration | None = None
+    sensors: frozenset[type] = ALL_SENSORS
+
+    @classmethod
+    def of(cls, dataset: Dataset, config: RunConfig, wanted: frozenset[type] = ALL_SENSORS) -> Self:
+        """What a recording and a configuration have for a mode that wants these sensors; of others nothing is read.
+
+        Raises:
+            DatasetError: a calibration is malformed.
+            RobotModelError: the robot's description does not fit its URDF.
+        """
+        robot = None
+        if config.robot is not None and JointSample in wanted:
+            robot = RobotModel(config.robot)
+        if not wanted & VISION_SENSORS:
+            return cls(robot)
+        return cls(
+            robot,
+            dataset.imu_calibration() if config.robot is None else config.robot.imu,
+            dataset.camera_imu_calibration(),
+            dataset.stereo_calibration(),
+            _sensors_of(dataset) or ALL_SENSORS,
+        )
+
+    def legs(self) -> RobotModel:
+        """The robot.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        if self.robot is None:
+            raise ConfigError(
+                f"which robot is it? Give --robot NAME or a YAML file; known robots are: {listing(robot_names())}; "
+                "the modes vins and stereo need none"
+            )
+        return self.robot
+
+    @property
+    def eye_imu(self) -> type | None:
+        """Which IMU goes with the cameras: their own where it is there and its mounting known, otherwise the body's."""
+        if CameraImuSample in self.sensors and self.camera_imu is not None:
+            return CameraImuSample
+        return ImuSample if ImuSample in self.sensors and self.imu is not None else None
+
+
+def default_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
+    """The modes that suit a recording, the best first: of legs where it has those of the robot, otherwise of eyes.
+
+    Raises:
+        DatasetError: no such path, or no known format.
+    """
+    if config.robot is not None and robot_fit(path, config.dataset).joints:
+        return LEG_MODES
+    sensors = _sensors_of(open_dataset(path, config.robot, config.dataset))
+    if (config.robot is not None and JointSample in sensors) or not sensors & _EYES:
+        return LEG_MODES
+    inertial = ("vins",) if sensors & {ImuSample, CameraImuSample} else ()
+    return (*inertial, "stereo", *(("stereo_twist",) if BodyTwistSample in sensors else ()))
+
+
+def _sensors_of(dataset: Dataset) -> frozenset[type]:
+    """The sensors that have samples in a recording; none where it cannot be read through."""
+    try:
+        streams = {stream.name for stream in dataset.report().streams}
+    except DatasetError:  # whoever reads it tells of it, and keeps what comes before
+        return frozenset()
+    return frozenset(kind for kind, name in STREAM_NAMES.items() if name in streams)
