@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stereo images in, tracks of points out: the front end on one screen."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray, ByteImage
+from coclo_vio.calibration import RectifiedStereo, StereoCalibration
+from coclo_vio.frontend import overlay, sight
+from coclo_vio.frontend.config import FrontendConfig
+from coclo_vio.frontend.detection import CornerDetector
+from coclo_vio.frontend.flow import LucasKanade
+from coclo_vio.frontend.motion_check import MotionCheck, MotionVerdict
+from coclo_vio.frontend.prediction import predicted
+from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
+from coclo_vio.frontend.stereo_matching import StereoMatcher
+from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.measurements import Sight, StereoFrame, StereoTracks
+
+_TAIL_FRAMES = 10
+
+
+class StereoFrontend:
+    """Follows points through the frames of a pair of cameras. Same frames, same tracks, to the bit.
+
+    A frame in which nothing can be seen is no error: it has no tracks, and ``sight`` and ``reason`` say so. The points
+    from before are sought again in the next frames.
+
+    Attributes:
+        rig: the pair after rectification, whose pixels the tracks are in.
+
+    Raises:
+        ConfigError: the calibration is of no pair that can be rectified.
+    """
+
+    def __init__(self, calibration: StereoCalibration, config: FrontendConfig | None = None) -> None:
+        self._config = config or FrontendConfig()
+        self._rectifier = Rectifier(calibration)
+        self.rig: RectifiedStereo = self._rectifier.rig
+        self._detector = CornerDetector(self._config.detection, self._rectifier.seen_left)
+        self._matcher = StereoMatcher(self.rig, self._rectifier.seen_right, self._config.stereo)
+        self._motion_check = MotionCheck(self.rig, self._config.motion)
+        flow = self._config.flow
+        self._flow = LucasKanade(flow.window_px, flow.levels, flow.iterations, flow.precision_px, flow.round_trip_px)
+        self._reference: RectifiedPair | None = None  # the last frame in which something was seen
+        self._live = LiveTracks.none()  # its tracks
+        self._motion: Array | None = np.eye(4)  # T_reference_current that is expected; None: unknown
+        self._last_motion: Array | None = None  # of the last frame in which it was found, for constant velocity
+        self._blind_frames = 0
+        self._next_id = 0
+        self._counts: Counter[str] = Counter()
+        self._tails: dict[int, list[Array]] = {}
+        self._shown: tuple[RectifiedPair, StereoTracks] | None = None
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each thing happened to a point or a frame."""
+        return dict(self._counts)
+
+    def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:  # noqa: N803
+        """The points of a frame.
+
+        Args:
+            frame: the images, later than the last ones.
+            T_previous_current: expected motion of the rectified left camera since the last frame, maps current camera
+                coordinates to previous, (4, 4); None if unknown: then it is taken to go on as before.
+
+        Raises:
+            DatasetError: the images are not of the size that was calibrated.
+        """
+        self._counts["frames"] += 1
+        pair = self._rectifier.rectified(frame)
+        self._expect(T_previous_current)
+        light = sight.Light.of(pair)
+        fault = sight.fault_of(light, self._config.sight) or self._frozen(pair)
+        if fault:
+            return self._blind(frame.stamp_ns, pair, fault)
+        before = self._live
+        followed, verdict, disparity = self._followed(pair)
+        fresh = self._fresh(pair, followed)
+        live = self._matched(pair, followed.joined(fresh), disparity)
+        state, reason = sight.judged(live, len(followed), len(before), verdict, light, self._config.sight)
+        if state is Sight.BLIND:
+            return self._blind(frame.stamp_ns, pair, reason)
+        self._reference, self._live, self._blind_frames = pair, live, 0
+        self._last_motion, self._motion = verdict.T_previous_current, np.eye(4)
+        return self._told(frame.stamp_ns, pair, live, state, reason)
+
+    def overlay(self) -> ByteImage:
+        """The last frame for the eye: both rectified images with points, tails and state, (rows, 2 columns, 3), BGR.
+
+        Before the first frame it is black.
+        """
+        if self._shown is None:
+            rows, columns = self._rectifier.seen_left.shape
+            return np.zeros((rows, 2 * columns, 3), dtype=np.uint8)
+        return overlay.drawn(*self._shown, self._tails)
+
+    def _expect(self, T_previous_current: Array | None) -> None:  # noqa: N803
+        step = T_previous_current if T_previous_current is not None else self._last_motion
+        self._motion = None if self._motion is None or step is None else self._motion @ step
+
+    def _frozen(self, pair: RectifiedPair) -> str:
+        """Why these images say nothing new, if they are those of the reference."""
+        same = self._reference is not None and all(
+            np.array_equal(now, then)
+            for now, then in (
+                (pair.left, self._reference.left),
+                (pair.right, self._reference.right),
+            )
+        )
+        return "both images are, to the bit, those of the frame before: the camera stands still in time" if same else ""
+
+    def _followed(self, pair: RectifiedPair) -> tuple[LiveTracks, MotionVerdict, Array]:
+        """The last tracks in this frame without those that contradict the motion, and the disparities to expect."""
+        before = self._live
+        if self._reference is None or not len(before):
+            nothing = LiveTracks.none()
+            return nothing, self._motion_check.judge(nothing.left_px, nothing.disparity, nothing.left_px), np.zeros(0)
+        places, found = self._flowed(self._reference, pair, before)
+        found &= self._detector.admits(places)
+        self._counts["lost"] += int((~found).sum())
+        before, places = before.select(found), places[found]
+        verdict = self._motion_check.judge(before.left_px, before.disparity, places)
+        self._counts["contradicted"] += int((~verdict.agrees).sum())
+        before, places = before.select(verdict.agrees), places[verdict.agrees]
+        T = verdict.T_previous_current if verdict.T_previous_current is not None else np.eye(4)
+        _, disparity = predicted(self.rig, before, T)
+        return LiveTracks(before.ids, places, np.full_like(places, np.nan), before.ages + 1), verdict, disparity
+
+    def _flowed(self, reference: RectifiedPair, pair: RectifiedPair, tracks: LiveTracks) -> tuple[Array, BoolArray]:
+        """Where the tracks are now, (N, 2), and which were found, (N,)."""
+        config = self._config.flow
+        if self._motion is None:
+            return self._flow.follow(reference.left, pair.left, tracks.left_px, tracks.left_px, config.search_levels)
+        seeds, _ = predicted(self.rig, tracks, self._motion)
+        places, found = self._flow.follow(reference.left, pair.left, tracks.left_px, seeds)
+        if found.mean() < config.retry_share:
+            self._counts["predictions_failed"] += 1
+            lost = np.flatnonzero(~found)
+            start = tracks.left_px[lost]
+            places[lost], found[lost] = self._flow.follow(reference.left, pair.left, start, start, config.search_levels)
+        return places, found
+
+    def _fresh(self, pair: RectifiedPair, followed: LiveTracks) -> LiveTracks:
+        """New points, so that there are enough."""
+        fresh = LiveTracks.new(self._next_id, self._detector.find(pair.left, followed.left_px))
+        self._next_id += len(fresh)
+        self._counts["detected"] += len(fresh)
+        return fresh
+
+    def _matched(self, pair: RectifiedPair, tracks: LiveTracks, disparity: Array) -> LiveTracks:
+        """The tracks with their places in the right image; ``disparity`` is expected of the first of them."""
+        expected = np.full(len(tracks), np.nan)
+        expected[: len(disparity)] = disparity
+        right_px = self._matcher.match(pair, tracks.left_px, expected)
+        self._counts["unmatched"] += int((~np.isfinite(right_px[:, 0])).sum())
+        return LiveTracks(tracks.ids, tracks.left_px, right_px, tracks.ages)
+
+    def _blind(self, stamp_ns: int, pair: RectifiedPair, reason: str) -> StereoTracks:
+        """A frame without tracks; those from before are kept for a while."""
+        self._counts["blind"] += 1
+        self._blind_frames += 1
+        if self._blind_frames > self._config.sight.patience_frames:
+            self._reference, self._live, self._last_motion, self._motion = None, LiveTracks.none(), None, np.eye(4)
+        return self._told(stamp_ns, pair, LiveTracks.none(), Sight.BLIND, reason)
+
+    def _told(self, stamp_ns: int, pair: RectifiedPair, live: LiveTracks, state: Sight, reason: str) -> StereoTracks:
+        tracks = StereoTracks(stamp_ns, live.ids, live.left_px, live.right_px, live.ages, state, reason)
+        if state is Sight.DEGRADED:
+            self._counts["degraded"] += 1
+        if state is not Sight.BLIND:
+            places = zip(live.ids.tolist(), live.left_px, strict=True)
+            self._tails = {number: [*self._tails.get(number, ())[-_TAIL_FRAMES:], place] for number, place in places}
+        self._shown = (pair, tracks)
+        return tracks

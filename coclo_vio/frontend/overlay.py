@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A picture of what the front end saw, for the eye: both images, points with their tails, matches, state."""
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from coclo_vio.arrays import Array, ByteImage
+from coclo_vio.frontend.rectification import RectifiedPair
+from coclo_vio.measurements import Sight, StereoTracks
+
+_OLD_FRAMES = 30
+_COLOURS = {Sight.HEALTHY: (80, 220, 80), Sight.DEGRADED: (40, 180, 255), Sight.BLIND: (60, 60, 255)}
+_LONE = (60, 60, 255)
+
+
+def drawn(pair: RectifiedPair, tracks: StereoTracks, tails: Mapping[int, list[Array]]) -> ByteImage:
+    """The picture (rows, 2 columns, 3), uint8, blue green red.
+
+    A point is yellow when new and green when old, red where the right camera did not find it; its tail is where it
+    was in the last frames.
+
+    Args:
+        pair: the rectified images.
+        tracks: of the same frame.
+        tails: places (2,) of each track in the last frames, oldest first.
+    """
+    columns = pair.left.shape[1]
+    grey = np.hstack((pair.left, pair.right))
+    picture = np.ascontiguousarray(np.repeat(grey[:, :, None], 3, axis=2))
+    for number, left, right, age in zip(
+        tracks.track_ids.tolist(), tracks.left_px, tracks.right_px, tracks.ages.tolist(), strict=True
+    ):
+        youth = max(0.0, 1.0 - age / _OLD_FRAMES)
+        is_matched = bool(np.isfinite(right[0]))
+        colour = (0, 255, round(255 * youth)) if is_matched else _LONE
+        tail = np.rint(np.array([*tails.get(number, []), left])).astype(np.int32)
+        cv2.polylines(picture, [tail], False, colour, 1, cv2.LINE_AA)
+        cv2.circle(picture, _place(left), 3, colour, 1, cv2.LINE_AA)
+        if is_matched:
+            cv2.circle(picture, _place(right + np.array([columns, 0.0])), 3, colour, 1, cv2.LINE_AA)
+    matched = int(np.isfinite(tracks.right_px[:, 0]).sum())
+    _write(picture, f"{tracks.sight.value}: {len(tracks)} tracks, {matched} in both", 0, _COLOURS[tracks.sight])
+    if tracks.reason:
+        _write(picture, tracks.reason, 1, _COLOURS[tracks.sight])
+    return picture
+
+
+def _place(pixel: Array) -> tuple[int, int]:
+    return round(float(pixel[0])), round(float(pixel[1]))
+
+
+def _write(picture: ByteImage, text: str, line: int, colour: tuple[int, int, int]) -> None:
+    at = (8, 18 + 18 * line)
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Raw stereo images to rectified ones: parallel axes, one pinhole, rows that agree. The first step of a frame.
+
+The rotations are those of Bouguet's method, each camera turned by half of what they differ (OpenCV's stereoRectify).
+The pinhole keeps the size of the images and has the shortest focal length of the two, so nothing is enlarged; what no
+camera saw stays black, and a mask says where. A pair that is rectified already is passed on without being resampled.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from coclo_vio.arrays import Array, ByteImage
+from coclo_vio.calibration import CameraCalibration, RectifiedStereo, StereoCalibration
+from coclo_vio.errors import ConfigError, DatasetError
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import StereoFrame
+
+# What OpenCV has to say of itself would stand between the lines of ours.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+
+_PARALLEL_RAD = 1e-5  # a hundredth of a pixel at the longest focal lengths there are
+_SAME_PX = 1e-3
+
+FloatImage = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedPair:
+    """Two rectified images, grey.
+
+    Attributes:
+        left: of the left camera, (rows, columns), uint8.
+        right: of the right camera, the same shape.
+    """
+
+    left: ByteImage
+    right: ByteImage
+
+
+class Rectifier:
+    """Rectifies the frames of one pair of cameras.
+
+    Attributes:
+        rig: the pair as it is after rectification.
+        seen_left: 255 where the left camera has seen something, (rows, columns), uint8.
+        seen_right: the same of the right camera.
+
+    Raises:
+        ConfigError: cameras of different image size, or a right camera that does not stand to the right of the left.
+    """
+
+    def __init__(self, calibration: StereoCalibration) -> None:
+        left, right = calibration.left, calibration.right
+        self._shape = (left.height_px, left.width_px)
+        if self._shape != (right.height_px, right.width_px):
+            raise ConfigError(
+                f"the left camera has {left.width_px} x {left.height_px} px, the right one {right.width_px} x "
+                f"{right.height_px}; a stereo pair needs images of one size: check the calibration"
+            )
+        T_left_right = se3.inverse(calibration.T_body_left_camera) @ calibration.T_body_right_camera
+        self._maps: tuple[tuple[FloatImage, FloatImage], ...] = ()
+        if _is_rectified(left, right, T_left_right):
+            self.rig = RectifiedStereo(
+                left.focal_px, left.principal_point_px, float(T_left_right[0, 3]), calibration.T_body_left_camera
+            )
+            self.seen_left = self.seen_right = np.full(self._shape, 255, dtype=np.uint8)
+            return
+        rotations, baseline_m = _turned_parallel(T_left_right, self._shape)
+        matrix = _shared_pinhole((left, right), rotations)
+        self._maps = tuple(
+            _map(lens, rotation, matrix) for lens, rotation in zip((left, right), rotations, strict=True)
+        )
+        self.seen_left, self.seen_right = (self._seen(maps) for maps in self._maps)
+        self.rig = RectifiedStereo(
+            (float(matrix[0, 0]), float(matrix[1, 1])),
+            (float(matrix[0, 2]), float(matrix[1, 2])),
+            baseline_m,
+            calibration.T_body_left_camera @ se3.transform(rotations[0].T, np.zeros(3)),
+        )
+
+    def rectified(self, frame: StereoFrame) -> RectifiedPair:
+        """The frame's images, rectified.
+
+        Raises:
+            DatasetError: they are not of the size that was calibrated.
+        """
+        if frame.left.shape != self._shape:
+            rows, columns = frame.left.shape
+            raise DatasetError(
+                f"the images at {frame.stamp_ns} ns have {columns} x {rows} px, the cameras were calibrated with "
+                f"{self._shape[1]} x {self._shape[0]}; scale the images or the calibration"
+            )
+        if not self._maps:
+            return RectifiedPair(frame.left, frame.right)
+        left, right = (
+            np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
+            for image, maps in zip((frame.left, frame.right), self._maps, strict=True)
+        )
+        return RectifiedPair(left, right)
+
+    def _seen(self, maps: tuple[FloatImage, FloatImage]) -> ByteImage:
+        """255 where a map points into the image, (rows, columns)."""
+        rows, columns = self._shape
+        inside = (maps[0] >= 0) & (maps[0] <= columns - 1) & (maps[1] >= 0) & (maps[1] <= rows - 1)
+        return np.where(inside, 255, 0).astype(np.uint8)
+
+
+def _is_rectified(left: CameraCalibration, right: CameraCalibration, T_left_right: Array) -> bool:  # noqa: N803
+    no_lens = not any((*left.distortion_coefficients, *right.distortion_coefficients))
+    no_lens &= "equidistant" not in (left.distortion, right.distortion)  # whose zeros are a fisheye's all the same
+    same = np.abs(left.camera_matrix - right.camera_matrix).max() < _SAME_PX
+    baseline = T_left_right[:3, 3]
+    along_x = baseline[0] > 0.0 and np.abs(baseline[1:]).max() < _PARALLEL_RAD * baseline[0]
+    return bool(no_lens and same and along_x and np.abs(T_left_right[:3, :3] - np.eye(3)).max() < _PARALLEL_RAD)
+
+
+def _turned_parallel(T_left_right: Array, shape: tuple[int, int]) -> tuple[tuple[Array, Array], float]:  # noqa: N803
+    """Rotations (3, 3) from each camera's frame to its rectified one, and the baseline, m."""
+    T_right_left = se3.inverse(T_left_right)
+    plain = np.diag([float(shape[1]), float(shape[1]), 1.0])
+    none = np.zeros(4)
+    size = (shape[1], shape[0])
+    R_left, R_right, *_ = cv2.stereoRectify(  # lenses play no part in the rotations
+        plain, none, plain, none, size, T_right_left[:3, :3], T_right_left[:3, 3:]
+    )
+    baseline = R_left @ T_left_right[:3, 3]
+    if baseline[0] <= 0.0 or np.abs(baseline[1:]).max() > 1e-6 * baseline[0]:
+        raise ConfigError(
+            f"the right camera is at {np.round(T_left_right[:3, 3], 4).tolist()} m in the left camera's frame "
+            "(x right, y down, z forward); it must stand to the right: check that left and right are not swapped, "
+            "and that body_left_camera and body_right_camera map camera coordinates to body"
+        )
+    return (np.asarray(R_left), np.asarray(R_right)), float(baseline[0])
+
+
+def _shared_pinhole(lenses: tuple[CameraCalibration, CameraCalibration], rotations: tuple[Array, Array]) -> Array:
+    """The matrix (3, 3), px, of the pinhole that both rectified images share.
+
+    Its focal length is the shortest of the two cameras', its principal point such that the middles of both images
+    stay, in the mean, where they are.
+    """
+    focal = min(min(lens.focal_px) for lens in lenses)
+    middle = np.array([0.5 * (lenses[0].width_px - 1), 0.5 * (lenses[0].height_px - 1)])
+    ahead = [rotation @ _ray(lens, middle) for lens, rotation in zip(lenses, rotations, strict=True)]
+    centre = middle - focal * np.mean([ray[:2] / ray[2] for ray in ahead], axis=0)
+    return np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
+
+
+def _ray(lens: CameraCalibration, pixel: Array) -> Array:
+    """Direction (3,) in the camera's frame, z = 1, of a pixel (2,)."""
+    coefficients = np.array(lens.distortion_coefficients)
+    point = pixel.reshape(1, 1, 2)
+    if lens.distortion == "equidistant":
+        straight = cv2.fisheye.undistortPoints(point, lens.camera_matrix, coefficients)
+    else:
+        straight = cv2.undistortPoints(point, lens.camera_matrix, coefficients if len(coefficients) else None)
+    return np.append(np.asarray(straight, dtype=np.float64).ravel(), 1.0)
+
+
+def _map(lens: CameraCalibration, rotation: Array, matrix: Array) -> tuple[FloatImage, FloatImage]:
+    """Column and row of the raw image for each pixel of the rectified one, both (rows, columns)."""
+    size = (lens.width_px, lens.height_px)
+    coefficients = np.array(lens.distortion_coefficients)
+    if lens.distortion == "equidistant":
+        maps = cv2.fisheye.initUndistortRectifyMap(
+            lens.camera_matrix, coefficients, rotation, matrix, size, cv2.CV_32FC1
+        )
+    else:
+        maps = cv2.initUndistortRectifyMap(
+            lens.camera_matrix,
+            coefficients if len(coefficients) else np.zeros(4),
+            rotation,
+            matrix,
+            size,
+            cv2.CV_32FC1,
+        )
+    return np.asarray(maps[0], dtype=np.float32), np.asarray(maps[1], dtype=np.float32)

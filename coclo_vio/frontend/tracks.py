@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The points that are being followed, as a frozen value between the steps of a frame."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from coclo_vio.arrays import Array, BoolArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveTracks:
+    """Points of one frame.
+
+    Attributes:
+        ids: one a point, never used again, (N,).
+        left_px: columns and rows in the left image, (N, 2).
+        right_px: the same in the right image, (N, 2); NaN where it is not known.
+        ages: frames that have seen the point, (N,).
+    """
+
+    ids: IntArray
+    left_px: Array
+    right_px: Array
+    ages: IntArray
+
+    @classmethod
+    def none(cls) -> Self:
+        """No points."""
+        nothing = np.zeros(0, dtype=np.int64)
+        return cls(nothing, np.zeros((0, 2)), np.zeros((0, 2)), nothing)
+
+    @classmethod
+    def new(cls, first_id: int, left_px: Array) -> Self:
+        """Points (N, 2) seen for the first time, numbered from ``first_id``."""
+        count = len(left_px)
+        ids = np.arange(first_id, first_id + count, dtype=np.int64)
+        return cls(ids, left_px, np.full((count, 2), np.nan), np.ones(count, dtype=np.int64))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def disparity(self) -> Array:
+        """Left less right column, px, (N,); NaN where the right one is not known."""
+        return self.left_px[:, 0] - self.right_px[:, 0]
+
+    @property
+    def has_right(self) -> BoolArray:
+        """Points that the right camera sees, (N,)."""
+        return np.isfinite(self.right_px[:, 0])
+
+    def select(self, chosen: npt.NDArray[np.bool_] | IntArray) -> Self:
+        """The chosen points, by a mask (N,) or by indices."""
+        return type(self)(self.ids[chosen], self.left_px[chosen], self.right_px[chosen], self.ages[chosen])
+
+    def joined(self, other: Self) -> Self:
+        """These points, then the other ones."""
+        return type(self)(
+            np.concatenate((self.ids, other.ids)),
+            np.concatenate((self.left_px, other.left_px)),
+            np.concatenate((self.right_px, other.right_px)),
+            np.concatenate((self.ages, other.ages)),
+        )
