@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from coclo_vio.arrays import Array, checked, frozen
 from coclo_vio.config import StageConfig
+from coclo_vio.errors import CalibrationMissing
 from coclo_vio.geometry import se3, so3
 
 Triple = tuple[float, float, float]
@@ -41,6 +42,8 @@ class ImuCalibration(StageConfig):
         return se3.transform(rotation, np.array(self.position_body_m))
 
 
+_SAME_PX = 1e-3
+_PARALLEL_RAD = 1e-5
 _DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5, 8), "equidistant": (4,)}
 
 
@@ -139,6 +142,38 @@ class RectifiedStereo:
         frozen(self, "T_body_camera", checked("RectifiedStereo.T_body_camera", self.T_body_camera, (4, 4)))
         if min(*self.focal_px, self.baseline_m) <= 0.0:
             raise ValueError(f"focal_px = {self.focal_px} and baseline_m = {self.baseline_m} must be positive")
+
+    @classmethod
+    def of(cls, stereo: StereoCalibration) -> Self:
+        """The pair of a calibration whose images, or tracks, are rectified already.
+
+        Raises:
+            CalibrationMissing: they are not: the cameras differ, their axes are not parallel, or a lens bends the rays.
+        """
+        T_left_right = np.linalg.solve(stereo.T_body_left_camera, stereo.T_body_right_camera)
+        baseline_m = float(T_left_right[0, 3])
+        wrong = [
+            what
+            for what, is_wrong in (
+                (
+                    "a lens that bends the rays",
+                    any(stereo.left.distortion_coefficients + stereo.right.distortion_coefficients),
+                ),
+                (
+                    "cameras that differ",
+                    np.abs(stereo.left.camera_matrix - stereo.right.camera_matrix).max() > _SAME_PX,
+                ),
+                ("axes that are not parallel", np.abs(T_left_right[:3, :3] - np.eye(3)).max() > _PARALLEL_RAD),
+                ("a baseline not along x", np.abs(T_left_right[1:3, 3]).max() > _PARALLEL_RAD * baseline_m),
+            )
+            if is_wrong
+        ]
+        if wrong:
+            raise CalibrationMissing(
+                f"these cameras are not rectified, they have {', '.join(wrong)}; tracks need the calibration of "
+                "rectified images: one pinhole for both, no distortion, the right camera along the left one's x axis"
+            )
+        return cls(stereo.left.focal_px, stereo.left.principal_point_px, baseline_m, stereo.T_body_left_camera)
 
     def points(self, left_px: Array, disparity_px: Array) -> Array:
         """Points (N, 3), m, in the left camera's frame, of columns and rows (N, 2) and disparities (N,)."""

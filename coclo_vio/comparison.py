@@ -17,15 +17,22 @@ from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.figures import plot_contacts, write_figures
 from coclo_vio.evaluation.report import write_report
+from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter
 from coclo_vio.run_config import RunConfig
 from coclo_vio.run_folder import RecordedRun, StateWriter
 from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
 
+_NS_PER_S = 1_000_000_000
 Progress = Callable[[str, int], None]  # estimator, stamp in ns
 
 
 def run_all(
-    path: Path, modes: Sequence[str], config: RunConfig, folder: Path, progress: Progress | None = None
+    path: Path,
+    modes: Sequence[str],
+    config: RunConfig,
+    folder: Path,
+    progress: Progress | None = None,
+    pictures_every: int | None = None,
 ) -> dict[str, Any]:
     """Run each mode on a recording; returns what ``run.json`` holds.
 
@@ -38,6 +45,7 @@ def run_all(
         config: resolved configuration.
         folder: run folder, made if needed.
         progress: called with estimator and stamp.
+        pictures_every: write the picture of every n-th frame of a mode that looks at images; none if None.
 
     Raises:
         CocloError: the recording, the robot or the configuration is at fault, or no mode has what it needs.
@@ -55,18 +63,11 @@ def run_all(
         run = _described(path, dataset, asked, config, folder)
         for mode, one in prepared.items():
             if isinstance(one, CocloError):
-                summary = pipeline.RunSummary(0, 0, None, 0.0, {}, str(one))
+                summary, keyframes, pictures = pipeline.RunSummary(0, 0, None, 0.0, {}, str(one)), None, 0
             else:
-                summary = _run_one(mode, dataset, one, folder, progress)
+                summary, keyframes, pictures = _run_one(mode, dataset, one, folder, progress, pictures_every)
             run["recording_ns"] = _union(run["recording_ns"], summary.recording_ns)
-            run["estimators"][mode] = {
-                "measurements": summary.measurements,
-                "estimates": summary.estimates,
-                "compute_s": summary.compute_s,
-                "realtime_factor": summary.realtime_factor,
-                "counts": dict(summary.counts),
-                "failure": summary.failure,
-            }
+            run["estimators"][mode] = _told(summary, keyframes, pictures)
             run_folder.write_json(folder / "run.json", run)
         _add_reader(run, dataset)
         run_folder.write_json(folder / "run.json", run)
@@ -138,11 +139,39 @@ def _union(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[
 
 
 def _run_one(
-    mode: str, dataset: Dataset, prepared: _Prepared, folder: Path, progress: Progress | None
-) -> pipeline.RunSummary:
+    mode: str,
+    dataset: Dataset,
+    prepared: _Prepared,
+    folder: Path,
+    progress: Progress | None,
+    pictures_every: int | None,
+) -> tuple[pipeline.RunSummary, dict[str, float | None] | None, int]:
+    """How the run of a mode went, what its keyframes come to, and how many pictures were written."""
     told = None if progress is None else lambda stamp_ns: progress(mode, stamp_ns)
-    with StateWriter(folder, mode, prepared.leg_names) as writer:
-        return pipeline.run(prepared.estimator, dataset.measurements(prepared.sensors), writer.write, told)
+    pictures = PictureWriter(folder, mode)
+    if pictures_every is not None and isinstance(prepared.estimator, HasPictures):
+        prepared.estimator.show(pictures_every, pictures.write)
+    with StateWriter(folder, mode, prepared.leg_names) as writer, KeyframeWriter(folder, mode) as keyframes:
+        measurements = dataset.measurements(prepared.sensors)
+        summary = pipeline.run(prepared.estimator, measurements, writer.write, told, keyframes.write)
+    return summary, keyframes.summary(), pictures.written
+
+
+def _told(summary: pipeline.RunSummary, keyframes: Mapping[str, float | None] | None, pictures: int) -> dict[str, Any]:
+    """What ``run.json`` says of one estimator."""
+    start_ns = 0 if summary.recording_ns is None else summary.recording_ns[0]
+    events = [{"time_s": (event.stamp_ns - start_ns) / _NS_PER_S, **asdict(event)} for event in summary.events]
+    return {
+        "measurements": summary.measurements,
+        "estimates": summary.estimates,
+        "compute_s": summary.compute_s,
+        "realtime_factor": summary.realtime_factor,
+        "counts": dict(summary.counts),
+        "events": events,
+        "keyframes": keyframes,
+        "pictures": pictures,
+        "failure": summary.failure,
+    }
 
 
 def evaluate_run(

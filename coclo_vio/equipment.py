@@ -8,13 +8,14 @@ from typing import Self
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
 from coclo_vio.datasets.report import STREAM_NAMES
-from coclo_vio.errors import ConfigError, DatasetError, listing
+from coclo_vio.errors import CalibrationMissing, ConfigError, DatasetError, TopicNotFound, listing
 from coclo_vio.measurements import (
     ALL_SENSORS,
     VISION_SENSORS,
     BodyTwistSample,
     CameraImuSample,
     ImuSample,
+    InertialReading,
     JointSample,
     StereoFrame,
     StereoTracks,
@@ -37,6 +38,7 @@ class Equipment:
         camera_imu: the same of the IMU inside the camera.
         stereo: the two cameras.
         sensors: those that have samples; all where that is not known.
+        name: of the recording.
     """
 
     robot: RobotModel | None = None
@@ -44,6 +46,7 @@ class Equipment:
     camera_imu: ImuCalibration | None = None
     stereo: StereoCalibration | None = None
     sensors: frozenset[type] = ALL_SENSORS
+    name: str = "the recording"
 
     @classmethod
     def of(cls, dataset: Dataset, config: RunConfig, wanted: frozenset[type] = ALL_SENSORS) -> Self:
@@ -64,6 +67,7 @@ class Equipment:
             dataset.camera_imu_calibration(),
             dataset.stereo_calibration(),
             _sensors_of(dataset) or ALL_SENSORS,
+            dataset.name,
         )
 
     def legs(self) -> RobotModel:
@@ -79,12 +83,63 @@ class Equipment:
             )
         return self.robot
 
+    def cameras(self) -> StereoCalibration:
+        """The two cameras.
+
+        Raises:
+            TopicNotFound: there are neither images nor tracks.
+            CalibrationMissing: nothing is known of the cameras.
+        """
+        if not self.sensors & _EYES:
+            raise TopicNotFound(f"{self.name} has no stereo images to see with; coclo-vio inspect says what it has")
+        if self.stereo is None:
+            raise CalibrationMissing(
+                f"{self.name} does not say how its cameras are made and mounted: that stands in cam0/sensor.yaml and "
+                "cam1/sensor.yaml of an EuRoC folder, in CameraInfo and /tf_static of a bag or a camchain of Kalibr "
+                "(dataset.rosbag.kalibr.camchain), in calib.txt of a KITTI sequence"
+            )
+        return self.stereo
+
+    def inertial(self) -> tuple[type[InertialReading], ImuCalibration]:
+        """The IMU that goes with the cameras, and what is known of it.
+
+        Raises:
+            TopicNotFound: no IMU was recorded.
+            CalibrationMissing: nothing is known of its mounting.
+        """
+        kind, calibration = self.eye_imu, self.eye_imu_calibration
+        if not self.sensors & {ImuSample, CameraImuSample}:
+            raise TopicNotFound(f"{self.name} has no IMU; the mode stereo does without")
+        if kind is None or calibration is None:
+            raise CalibrationMissing(
+                f"{self.name} does not say how its IMU is mounted: that stands in imu0/sensor.yaml (the camera's own: "
+                "imu1/sensor.yaml) of an EuRoC folder, in /tf_static of a bag or a camchain of Kalibr "
+                "(dataset.rosbag.kalibr), under imu: of a robot's YAML; the mode stereo does without"
+            )
+        return kind, calibration
+
+    def check_twist(self) -> None:
+        """Make sure that there are body twists.
+
+        Raises:
+            TopicNotFound: there are none.
+        """
+        if BodyTwistSample not in self.sensors:
+            raise TopicNotFound(f"{self.name} has no body twist; the mode stereo does without")
+
     @property
-    def eye_imu(self) -> type | None:
+    def eye_imu(self) -> type[InertialReading] | None:
         """Which IMU goes with the cameras: their own where it is there and its mounting known, otherwise the body's."""
         if CameraImuSample in self.sensors and self.camera_imu is not None:
             return CameraImuSample
         return ImuSample if ImuSample in self.sensors and self.imu is not None else None
+
+    @property
+    def eye_imu_calibration(self) -> ImuCalibration | None:
+        """What is known of ``eye_imu``."""
+        if self.eye_imu is None:
+            return None
+        return self.camera_imu if self.eye_imu is CameraImuSample else self.imu
 
 
 def default_modes(path: Path, config: RunConfig) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -161,6 +161,7 @@ class KeyframeHealth:
     condition: float
 
 
+@runtime_checkable
 class SelfReporting(Protocol):
     """An estimator that keeps a diary; what is taken from it is forgotten, so memory stays flat."""
 

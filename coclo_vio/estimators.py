@@ -11,6 +11,7 @@ from coclo_vio.filter.naive import NaiveLegOdometry
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.measurements import (
     LEG_SENSORS,
+    BodyTwistSample,
     CameraImuSample,
     ImuSample,
     JointSample,
@@ -74,6 +75,28 @@ def _naive(*, rolls_feet: bool, weighs_load: bool) -> Callable[[Equipment, RunCo
     return make
 
 
+def _visual(*, uses_imu: bool = False, uses_twist: bool = False) -> Callable[[Equipment, RunConfig], Estimator]:
+    def make(equipment: Equipment, config: RunConfig) -> Estimator:
+        from coclo_vio.visual_odometry import visual_odometry  # noqa: PLC0415 -- loads GTSAM and OpenCV, as _inekf
+
+        stereo = equipment.cameras()
+        kind, imu = equipment.inertial() if uses_imu else (equipment.eye_imu, equipment.eye_imu_calibration)
+        if uses_twist:
+            equipment.check_twist()
+        return visual_odometry(
+            stereo,
+            config.frontend,
+            config.smoother,
+            imu,
+            kind,
+            uses_imu=uses_imu,
+            uses_twist=uses_twist,
+            has_frames=StereoFrame in equipment.sensors,
+        )
+
+    return make
+
+
 ESTIMATORS: Mapping[str, EstimatorKind] = {
     "coclo": EstimatorKind(
         "contact-centric leg odometry, the configured profile (default: robust)", LEG_SENSORS, _coclo
@@ -91,6 +114,13 @@ ESTIMATORS: Mapping[str, EstimatorKind] = {
     "naive_rolling": EstimatorKind("naive with rolling feet", LEG_SENSORS, _naive(rolls_feet=True, weighs_load=False)),
     "naive_weighted": EstimatorKind(
         "naive with rolling feet weighed by load", LEG_SENSORS, _naive(rolls_feet=True, weighs_load=True)
+    ),
+    "vins": EstimatorKind("stereo and a preintegrated IMU in a sliding window", _EYES | _IMUS, _visual(uses_imu=True)),
+    "stereo": EstimatorKind("stereo alone in the same window; an IMU only levels the start", _EYES | _IMUS, _visual()),
+    "stereo_twist": EstimatorKind(
+        "stereo, and a recorded body twist as weak odometry",
+        _EYES | _IMUS | {BodyTwistSample},
+        _visual(uses_twist=True),
     ),
 }
 
@@ -112,6 +142,7 @@ def make_estimator(name: str, equipment: Equipment, config: RunConfig) -> Estima
 
     Raises:
         ConfigError: no such name, or legs without a robot.
-        CalibrationMissing: eyes without cameras, or an IMU that is asked for and not there.
+        TopicNotFound: eyes without images or tracks, without the IMU or the twist that the mode is about.
+        CalibrationMissing: cameras or an IMU of which nothing is known.
     """
     return estimator_kind(name).make(equipment, config)

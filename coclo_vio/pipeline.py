@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from coclo_vio.errors import CocloError
-from coclo_vio.estimates import Estimator, StateEstimate
+from coclo_vio.estimates import Estimator, Event, KeyframeHealth, SelfReporting, StateEstimate
 from coclo_vio.measurements import Measurement
 
 _NS_PER_S = 1_000_000_000
@@ -23,6 +23,7 @@ class RunSummary:
         compute_s: time spent in the estimator, s.
         counts: what the estimator counted.
         failure: why it stopped early, None if it went through.
+        events: what it lived through.
     """
 
     measurements: int
@@ -31,6 +32,7 @@ class RunSummary:
     compute_s: float
     counts: Mapping[str, int]
     failure: str | None
+    events: tuple[Event, ...] = ()
 
     @property
     def realtime_factor(self) -> float | None:
@@ -45,15 +47,20 @@ def run(
     measurements: Iterable[Measurement],
     take: Callable[[StateEstimate], None],
     progress: Callable[[int], None] | None = None,
+    keep_health: Callable[[KeyframeHealth], None] | None = None,
 ) -> RunSummary:
     """Push every measurement and hand each estimate on; an error ends the run, what came before it stays.
+
+    What an estimator tells of itself is taken from it at once, so that its memory stays flat.
 
     Args:
         estimator: a fresh estimator.
         measurements: in time order.
         take: called with each estimate.
         progress: called with the stamp (ns) of each measurement.
+        keep_health: called with each keyframe's health, where the estimator has keyframes.
     """
+    diary = _Diary(estimator, keep_health)
     pushed = estimates = 0
     first_ns = last_ns = None
     compute_s = 0.0
@@ -67,6 +74,7 @@ def run(
             estimate = estimator.push(measurement)
             compute_s += time.perf_counter() - began
             pushed += 1
+            diary.read()
             if estimate is not None:
                 estimates += 1
                 take(estimate)
@@ -74,5 +82,23 @@ def run(
                 progress(stamp_ns)
     except CocloError as error:
         failure = str(error)
+    diary.read()
     recording_ns = None if first_ns is None or last_ns is None else (first_ns, last_ns)
-    return RunSummary(pushed, estimates, recording_ns, compute_s, dict(estimator.counts), failure)
+    return RunSummary(pushed, estimates, recording_ns, compute_s, dict(estimator.counts), failure, tuple(diary.events))
+
+
+class _Diary:
+    """Takes from an estimator what it tells of itself, if it does."""
+
+    def __init__(self, estimator: Estimator, keep_health: Callable[[KeyframeHealth], None] | None) -> None:
+        self.events: list[Event] = []
+        self._estimator = estimator if isinstance(estimator, SelfReporting) else None
+        self._keep_health = keep_health
+
+    def read(self) -> None:
+        if self._estimator is None:
+            return
+        self.events += self._estimator.take_events()
+        for health in self._estimator.take_health():
+            if self._keep_health is not None:
+                self._keep_health(health)

@@ -15,6 +15,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.errors import ConfigError, listing
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.config import FilterConfig
+from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
 
 
@@ -27,6 +28,7 @@ class RunConfig(StageConfig):
     dataset: Annotated[DatasetConfig, Field(description="how recordings are read")] = DatasetConfig()
     filter: Annotated[FilterConfig, Field(description="COCLO")] = FilterConfig()
     inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
+    frontend: Annotated[FrontendConfig, Field(description="the eyes of the visual modes")] = FrontendConfig()
     smoother: Annotated[SmootherConfig, Field(description="the sliding window of the visual modes")] = SmootherConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     imu_calibration: Annotated[

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from coclo_vio.calibration import CameraCalibration, ImuCalibration, RectifiedStereo, StereoCalibration, matrix4
-from coclo_vio.errors import ConfigError
+from coclo_vio.errors import CalibrationMissing, ConfigError
+from coclo_vio.geometry import se3, so3
 
 _ANGLES = st.floats(-3.2, 3.2)
 
@@ -78,3 +79,47 @@ def test_points_of_a_rectified_pair_are_where_their_pixels_say() -> None:
 def test_a_baseline_is_positive() -> None:
     with pytest.raises(ValueError, match=r"baseline_m = 0\.0 must be positive"):
         RectifiedStereo((400.0, 400.0), (320.0, 240.0), 0.0, np.eye(4))
+
+
+def rectified_pair(**changes: object) -> StereoCalibration:
+    lens = CameraCalibration(width_px=640, height_px=480, focal_px=(400.0, 410.0), principal_point_px=(320.0, 240.0))
+    T_body_left = se3.transform(so3.exp(np.array([0.3, -1.2, 0.5])), np.array([0.2, 0.1, -0.1]))
+    values = {
+        "left": lens,
+        "right": lens,
+        "body_left_camera": matrix4(T_body_left),
+        "body_right_camera": matrix4(T_body_left @ se3.transform(np.eye(3), np.array([0.05, 0.0, 0.0]))),
+    }
+    return StereoCalibration(**values | changes)  # type: ignore[arg-type]
+
+
+def test_a_rectified_calibration_is_a_rectified_pair() -> None:
+    rig = RectifiedStereo.of(rectified_pair())
+    assert (rig.focal_px, rig.principal_point_px) == ((400.0, 410.0), (320.0, 240.0))
+    assert rig.baseline_m == pytest.approx(0.05, abs=1e-12)
+    np.testing.assert_array_equal(rig.T_body_camera, rectified_pair().T_body_left_camera)
+
+
+@pytest.mark.parametrize(
+    ("right_from_left", "lens", "words"),
+    [
+        ([0.05, 0.0, 0.0, 0.0, 0.0, 0.01], {}, "axes that are not parallel"),
+        ([0.05, 0.001, 0.0, 0.0, 0.0, 0.0], {}, "a baseline not along x"),
+        ([-0.05, 0.0, 0.0, 0.0, 0.0, 0.0], {}, "a baseline not along x"),
+        ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], {"focal_px": (401.0, 410.0)}, "cameras that differ"),
+        (
+            [0.05, 0.0, 0.0, 0.0, 0.0, 0.0],
+            {"distortion": "radtan", "distortion_coefficients": (0.1, 0.0, 0.0, 0.0)},
+            "a lens that bends the rays",
+        ),
+    ],
+)
+def test_cameras_that_are_not_rectified_are_told_why(
+    right_from_left: list[float], lens: dict[str, object], words: str
+) -> None:
+    plain = rectified_pair()
+    step = se3.transform(so3.exp(np.array(right_from_left[3:])), np.array(right_from_left[:3]))
+    right = plain.right.model_copy(update=lens)
+    stereo = rectified_pair(right=right, body_right_camera=matrix4(plain.T_body_left_camera @ step))
+    with pytest.raises(CalibrationMissing, match=f"not rectified, they have {words}; tracks need"):
+        RectifiedStereo.of(stereo)

@@ -2,7 +2,7 @@
 """A short walk through several estimators: what is on disk afterwards, also when one of them fails."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +10,19 @@ import pytest
 import yaml
 
 from coclo_vio import comparison, estimators, run_folder
-from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.arrays import ByteImage
+from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.datasets import images
+from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
 from coclo_vio.equipment import Equipment
-from coclo_vio.errors import ConfigError, DatasetError, EvaluationError, FilterError
-from coclo_vio.estimates import Estimator, StateEstimate
+from coclo_vio.errors import ConfigError, DatasetError, EvaluationError, FilterError, TopicNotFound
+from coclo_vio.estimates import Estimator, Event, KeyframeHealth, NavState, StateEstimate
 from coclo_vio.estimators import EstimatorKind
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.naive import NaiveLegOdometry
-from coclo_vio.measurements import LEG_SENSORS, Measurement
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import LEG_SENSORS, EncodedStereoFrame, ImuSample, Measurement, StereoFrame
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.run_config import RunConfig, resolve
@@ -28,6 +33,7 @@ from coclo_vio.trajectory import GroundTruth, Trajectory, write_tum
 CONFIG = resolve("daisy")
 FAILS_AT_NS = 1_500_000_000
 END_NS = 3_000_000_000
+START_NS = 1_700_000_000_000_000_000
 MESSAGE = "the feet went missing; look for them"
 
 
@@ -51,9 +57,53 @@ def _failing(equipment: Equipment, config: RunConfig) -> Estimator:
     return Failing(equipment.legs(), config)
 
 
+class Watching:
+    """Looks at frames, has something to tell at each, and says that the body stays where it is."""
+
+    def __init__(self) -> None:
+        self._news: list[Event] = []
+        self._health: list[KeyframeHealth] = []
+        self._show: tuple[int, Callable[[int, ByteImage], None]] | None = None
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return {}
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        if not isinstance(measurement, StereoFrame):
+            return None
+        stamp_ns = measurement.stamp_ns
+        self._news.append(Event(stamp_ns, "blind", "it is dark"))
+        self._health.append(KeyframeHealth(stamp_ns, 1, 20, 30, 40, 0.5, 6, 0.007, 8.0))
+        if self._show is not None:
+            self._show[1](stamp_ns, np.zeros((4, 8, 3), dtype=np.uint8))
+        return StateEstimate(stamp_ns, NavState(np.eye(4), *(np.zeros(3) for _ in range(4))), np.eye(9))
+
+    def take_events(self) -> tuple[Event, ...]:
+        taken, self._news = tuple(self._news), []
+        return taken
+
+    def take_health(self) -> tuple[KeyframeHealth, ...]:
+        taken, self._health = tuple(self._health), []
+        return taken
+
+    def show(self, every: int, take: Callable[[int, ByteImage], None]) -> None:
+        self._show = every, take
+
+
+def _watching(equipment: Equipment, config: RunConfig) -> Estimator:
+    assert equipment.robot is None
+    equipment.cameras()
+    return Watching()
+
+
 @pytest.fixture(autouse=True)
 def _failing_mode(monkeypatch: pytest.MonkeyPatch) -> None:
-    kinds = {**estimators.ESTIMATORS, "failing": EstimatorKind("fails half-way", LEG_SENSORS, _failing)}
+    kinds = {
+        **estimators.ESTIMATORS,
+        "failing": EstimatorKind("fails half-way", LEG_SENSORS, _failing),
+        "watching": EstimatorKind("watches", frozenset({StereoFrame}), _watching),
+    }
     monkeypatch.setattr(estimators, "ESTIMATORS", kinds)
 
 
@@ -66,6 +116,85 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walk")
     write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
     return folder
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seconds of dark pictures and a body that stays where it is; no robot."""
+    lens = CameraCalibration(width_px=8, height_px=6, focal_px=(5.0, 5.0), principal_point_px=(3.5, 2.5))
+    T_body_right = se3.transform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    mountings = {"body_left_camera": matrix4(np.eye(4)), "body_right_camera": matrix4(T_body_right)}
+    data = images.encoded(np.zeros((6, 8), dtype=np.uint8), "png")
+    stamps_ns = range(START_NS, START_NS + 2_000_000_000, 100_000_000)
+    still = Trajectory(np.array(stamps_ns), np.tile(np.eye(4), (len(stamps_ns), 1, 1)))
+    contents = RecordingContents(
+        load_robot("daisy"),
+        [ImuSample(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 9.81])) for stamp_ns in stamps_ns],
+        ground_truth=GroundTruth(still, True, "truth"),
+        stereo=StereoCalibration(left=lens, right=lens, **mountings),
+        frames=[EncodedStereoFrame(stamp_ns, data, data, "png") for stamp_ns in stamps_ns],
+    )
+    folder = tmp_path_factory.mktemp("film")
+    write_euroc_folder(folder, contents)
+    return folder
+
+
+def test_a_recording_without_a_robot_is_run_by_sight(film: Path, tmp_path: Path) -> None:
+    told = comparison.run_all(film, ["watching"], resolve(), tmp_path)
+    watching = told["estimators"]["watching"]
+    assert (told["robot"], watching["measurements"], watching["estimates"]) == (None, 20, 20)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("watching.tum", "watching_state.csv", "watching_keyframes.csv"),
+        *("groundtruth.tum", "config.yaml", "run.json"),
+    }
+    assert resolve(None, tmp_path / "config.yaml") == resolve()
+    evaluations, failures = comparison.evaluate_run(tmp_path, EvaluationConfig())
+    assert failures == {}
+    assert evaluations["watching"].ate_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_events_and_keyframes_of_a_run_are_told(film: Path, tmp_path: Path) -> None:
+    comparison.run_all(film, ["watching"], resolve(), tmp_path)
+    watching = run_folder.read_run_json(tmp_path)["estimators"]["watching"]
+    last = {"time_s": 1.9, "stamp_ns": START_NS + 1_900_000_000, "kind": "blind", "detail": "it is dark"}
+    assert len(watching["events"]) == 20
+    assert watching["events"][-1] == last
+    assert watching["keyframes"]["count"] == 20
+    assert watching["keyframes"]["compute_ms_p95"] == pytest.approx(7.0)
+    assert len((tmp_path / "watching_keyframes.csv").read_text(encoding="ascii").splitlines()) == 21
+
+
+def test_pictures_are_drawn_where_they_are_asked_for(film: Path, tmp_path: Path) -> None:
+    told = comparison.run_all(film, ["watching"], resolve(), tmp_path, pictures_every=1)
+    assert told["estimators"]["watching"]["pictures"] == 20
+    names = sorted(path.name for path in (tmp_path / "debug_images" / "watching").iterdir())
+    assert names[0] == f"{START_NS}.jpg"
+    assert len(names) == 20
+
+
+def test_a_mode_without_images_draws_nothing(log: Path, tmp_path: Path) -> None:
+    told = comparison.run_all(log, ["naive"], CONFIG, tmp_path, pictures_every=1)
+    assert told["estimators"]["naive"]["pictures"] == 0
+    assert not (tmp_path / "debug_images").exists()
+
+
+def test_a_mode_that_lacks_what_it_needs_leaves_the_others_alone(film: Path, log: Path, tmp_path: Path) -> None:
+    told = comparison.run_all(film, ["naive", "watching"], resolve(), tmp_path / "film")
+    assert told["estimators"]["watching"]["estimates"] == 20
+    assert "has no joint, so no leg can be followed" in told["estimators"]["naive"]["failure"]
+    evaluations, failures = comparison.evaluate_run(tmp_path / "film", EvaluationConfig())
+    assert (set(evaluations), set(failures)) == ({"watching"}, {"naive"})
+    told = comparison.run_all(log, ["naive", "watching"], CONFIG, tmp_path / "log")
+    assert told["estimators"]["naive"]["failure"] is None
+    assert "no stereo images to see with" in told["estimators"]["watching"]["failure"]
+
+
+def test_where_no_mode_has_what_it_needs_nothing_is_written(film: Path, log: Path, tmp_path: Path) -> None:
+    with pytest.raises(TopicNotFound, match="has no joint, so no leg can be followed"):
+        comparison.run_all(film, ["naive", "coclo"], resolve(), tmp_path / "out")
+    with pytest.raises(TopicNotFound, match="no stereo images to see with"):
+        comparison.run_all(log, ["watching"], CONFIG, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_run_folder_has_all_that_the_design_says(log: Path, tmp_path: Path) -> None:

@@ -1,13 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 import pytest
 
 from coclo_vio.backend.inekf import InvariantLegOdometry
+from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.equipment import Equipment
-from coclo_vio.errors import ConfigError
+from coclo_vio.errors import CalibrationMissing, CocloError, ConfigError, TopicNotFound
 from coclo_vio.estimators import ESTIMATORS, make_estimator
 from coclo_vio.filter.naive import NaiveLegOdometry
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.measurements import LEG_SENSORS
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import LEG_SENSORS, CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.run_config import resolve
@@ -18,11 +26,20 @@ ROBOT = RobotModel(load_robot("daisy"))
 WALK = BodyMotionConfig(rest_s=0.8, walk_s=1.2, stop_s=0.0, ramp_s=0.4)
 EQUIPMENT = Equipment(robot=ROBOT)
 LEG_MODES = [name for name, kind in ESTIMATORS.items() if kind.has_legs]
+VISUAL_MODES = [name for name, kind in ESTIMATORS.items() if not kind.has_legs]
 KINDS = {"coclo": LegOdometryFilter, "inekf": InvariantLegOdometry, "naive": NaiveLegOdometry}
 
 
-def test_the_design_s_modes_of_the_legs_are_there() -> None:
-    assert {"coclo", "coclo_paper", "inekf", "naive"} <= set(ESTIMATORS)
+def test_the_design_s_modes_are_there() -> None:
+    assert {"coclo", "coclo_paper", "inekf", "naive", "vins", "stereo"} <= set(ESTIMATORS)
+
+
+def cameras() -> StereoCalibration:
+    lens = CameraCalibration(width_px=64, height_px=48, focal_px=(40.0, 40.0), principal_point_px=(31.5, 23.5))
+    T_body_right = se3.transform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    return StereoCalibration(
+        left=lens, right=lens, body_left_camera=matrix4(np.eye(4)), body_right_camera=matrix4(T_body_right)
+    )
 
 
 @pytest.mark.parametrize("name", LEG_MODES)
@@ -74,3 +91,47 @@ def test_legs_without_a_robot_ask_for_one(name: str) -> None:
 @pytest.mark.parametrize("name", LEG_MODES)
 def test_legs_open_no_eyes(name: str) -> None:
     assert ESTIMATORS[name].taken(EQUIPMENT) == LEG_SENSORS
+
+
+SEEING = Equipment(stereo=cameras(), imu=ImuCalibration(), sensors=frozenset({StereoFrame, ImuSample}))
+
+
+@pytest.mark.parametrize("name", VISUAL_MODES)
+def test_eyes_take_the_one_imu_that_goes_with_them(name: str) -> None:
+    taken = ESTIMATORS[name].taken
+    assert not taken(SEEING) & {CameraImuSample, JointSample, FootForceSample}
+    assert {ImuSample, StereoFrame} <= taken(SEEING)
+    both = Equipment(
+        camera_imu=ImuCalibration(), imu=ImuCalibration(), sensors=frozenset({StereoFrame, ImuSample, CameraImuSample})
+    )
+    assert CameraImuSample in taken(both)
+    assert ImuSample not in taken(both)
+    assert not taken(Equipment(sensors=frozenset({StereoFrame, ImuSample}))) & {ImuSample, CameraImuSample}
+
+
+@pytest.mark.parametrize(
+    ("name", "lacking", "error", "words"),
+    [
+        ("vins", {"sensors": frozenset({ImuSample})}, TopicNotFound, "the walk has no stereo images to see with"),
+        ("stereo", {"stereo": None}, CalibrationMissing, r"the walk does not say how its cameras .*cam0/sensor\.yaml"),
+        ("vins", {"imu": None}, CalibrationMissing, r"the walk does not say how its IMU .*imu0/sensor\.yaml"),
+        ("vins", {"sensors": frozenset({StereoFrame})}, TopicNotFound, "the walk has no IMU; the mode stereo"),
+        ("stereo_twist", {}, TopicNotFound, "the walk has no body twist; the mode stereo"),
+    ],
+)
+def test_what_a_visual_mode_lacks_is_told(
+    name: str, lacking: dict[str, Any], error: type[CocloError], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        make_estimator(name, replace(SEEING, name="the walk", **lacking), resolve())
+
+
+def test_gtsam_is_loaded_for_modes_that_use_it_only() -> None:
+    code = (
+        "import sys; from coclo_vio.estimators import ESTIMATORS, make_estimator; "
+        "from coclo_vio.equipment import Equipment; from coclo_vio.run_config import resolve; "
+        "from coclo_vio.robot.description import load_robot; from coclo_vio.robot.model import RobotModel; "
+        "make_estimator('coclo', Equipment(robot=RobotModel(load_robot('daisy'))), resolve('daisy')); "
+        "sys.exit('gtsam' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -6,7 +6,7 @@ import pytest
 
 from coclo_vio import pipeline
 from coclo_vio.errors import DatasetError, FilterError
-from coclo_vio.estimates import NavState, StateEstimate
+from coclo_vio.estimates import Event, KeyframeHealth, NavState, StateEstimate
 from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
 
@@ -98,3 +98,42 @@ def test_an_empty_recording_has_no_extent_and_no_real_time_factor() -> None:
 def test_stamps_out_of_order_still_give_the_extent() -> None:
     summary = pipeline.run(Counting(), reversed(_measurements(4)), lambda _: None)
     assert summary.recording_ns == (5_000_000, 8_000_000)
+
+
+class Diarist(Counting):
+    """Has an event at every IMU sample and a keyframe at every joint sample; forgets what was taken."""
+
+    def __init__(self, fails_at_ns: int | None = None) -> None:
+        super().__init__(fails_at_ns)
+        self.events: list[Event] = []
+        self.health: list[KeyframeHealth] = []
+        self.most_kept = 0
+
+    def push(self, measurement: Measurement) -> StateEstimate | None:
+        if isinstance(measurement, ImuSample):
+            self.events.append(Event(measurement.stamp_ns, "shaken", "it shook"))
+        if isinstance(measurement, JointSample):
+            self.health.append(KeyframeHealth(measurement.stamp_ns, 1, 2, 3, 4, 0.5, 6, 0.007, 8.0))
+        self.most_kept = max(self.most_kept, len(self.events) + len(self.health))
+        return super().push(measurement)
+
+    def take_events(self) -> tuple[Event, ...]:
+        taken, self.events = tuple(self.events), []
+        return taken
+
+    def take_health(self) -> tuple[KeyframeHealth, ...]:
+        taken, self.health = tuple(self.health), []
+        return taken
+
+
+@pytest.mark.parametrize("fails_at_ns", [None, 12_000_000])
+def test_what_an_estimator_tells_of_itself_is_taken_at_once(fails_at_ns: int | None) -> None:
+    diarist, health = Diarist(fails_at_ns), []
+    summary = pipeline.run(diarist, _measurements(9), lambda _: None, keep_health=health.append)
+    assert [event.stamp_ns for event in summary.events] == [6_000_000, 9_000_000, 12_000_000]
+    assert [one.stamp_ns for one in health] == [7_000_000, 10_000_000, 13_000_000][: 2 if fails_at_ns else 3]
+    assert diarist.most_kept == 1
+
+
+def test_an_estimator_without_a_diary_has_no_events() -> None:
+    assert pipeline.run(Counting(), _measurements(9), lambda _: None, keep_health=pytest.fail).events == ()

@@ -54,6 +54,10 @@ def run(
     settings: SetOption = None,
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
+    debug_images: Annotated[
+        bool, typer.Option("--debug-images", help="Draw what the eyes follow: pictures in OUT/debug_images/MODE.")
+    ] = False,
+    every: Annotated[int, typer.Option("--debug-images-every", min=1, help="One picture in so many frames.")] = 10,
     bag: Annotated[
         Path | None, typer.Option("--bag", help="Write the result as a rosbag too: .mcap, .bag or a folder.")
     ] = None,
@@ -64,7 +68,8 @@ def run(
     resolved, _ = resolve_if_known(dataset, robot, config, with_partial(settings, allow_partial))
     mode = mode or default_modes(dataset, resolved)[0]
     with progress_bar() as progress:
-        told = comparison.run_all(dataset, [mode], resolved, output, progress)
+        pictures_every = every if debug_images else None
+        told = comparison.run_all(dataset, [mode], resolved, output, progress, pictures_every)
     tell_run(told, output)
     failure = told["estimators"][mode]["failure"]
     evaluations: dict[str, Evaluation] = {}

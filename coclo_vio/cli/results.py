@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs and their evaluations as they are shown on a terminal."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,6 +45,29 @@ def tell_run(told: Mapping[str, Any], folder: Path) -> None:
         counts = ", ".join(f"{key} {value}" for key, value in estimator["counts"].items() if value)
         if counts:
             say(f"{name}: {counts}")
+        for line in _seen(estimator, folder / "debug_images" / name):
+            say(f"{name}: {line}")
+
+
+def _seen(estimator: Mapping[str, Any], pictures: Path) -> Iterator[str]:
+    """What a visual estimator lived through, in lines."""
+    if keyframes := estimator["keyframes"]:
+        yield (
+            f"{keyframes['count']} keyframes, in the median {_figure(keyframes, 'tracks', '.0f')} tracks, "
+            f"{_figure(keyframes, 'reprojection_px', '.2f')} px, {_figure(keyframes, 'iterations', '.0f')} iterations, "
+            f"{_figure(keyframes, 'compute_ms', '.1f')} ms"
+        )
+    if events := estimator["events"]:
+        kinds = Counter(event["kind"] for event in events)
+        first = f"the first at {events[0]['time_s']:.2f} s: {events[0]['detail']}"
+        yield f"events {', '.join(f'{kind} {number}' for kind, number in kinds.items())}; {first}"
+    if estimator["pictures"]:
+        yield f"{estimator['pictures']} pictures in {pictures}"
+
+
+def _figure(keyframes: Mapping[str, float | None], name: str, form: str) -> str:
+    value = keyframes[f"{name}_median"]
+    return "-" if value is None else format(value, form)
 
 
 def print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
