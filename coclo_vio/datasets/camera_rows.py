@@ -7,6 +7,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from coclo_vio.datasets import images
 from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
@@ -35,13 +36,24 @@ class ImagePair:
         Raises:
             DatasetError: a file is no grey or colour 8-bit image, or the two differ in size; names the file.
         """
-        left, right = (images.decoded(_bytes_of(path), str(path)) for path in (self.left, self.right))
+        left, right = (images.decoded(bytes_of(path), str(path)) for path in (self.left, self.right))
         if left.shape != right.shape:
             raise DatasetError(
                 f"{self.left} has {left.shape[1]} x {left.shape[0]} pixels, {self.right} "
                 f"{right.shape[1]} x {right.shape[0]}; the images of a pair must agree"
             )
         return StereoFrame(self.stamp_ns, left, right)
+
+
+class PairSource(Protocol):
+    """Where the pairs of images of a recording come from."""
+
+    def pairs(self, tally: ReadTally, config: DatasetConfig) -> list[ImagePair]:
+        """The pairs, not yet opened; what is left out is told to ``tally``.
+
+        Raises:
+            DatasetError: the list of images is malformed.
+        """
 
 
 class CameraRows:
@@ -119,7 +131,12 @@ class _ImageList:
             tally.note(f"{self.label} names {len(absent)} images that are not there: {named}")
 
 
-def _bytes_of(path: Path) -> bytes:
+def bytes_of(path: Path) -> bytes:
+    """The whole file.
+
+    Raises:
+        DatasetError: it cannot be read.
+    """
     try:
         return path.read_bytes()
     except OSError as error:

@@ -29,6 +29,9 @@ class DatasetConfig(StageConfig):
             "joints that are missing, samples whose stamps go back; the report tells of it"
         ),
     ] = False
+    frame_rate_hz: Annotated[
+        float, Field(gt=0, le=1e6, description="pairs of images a second in a recording without stamps, Hz")
+    ] = 10.0
     gap_s: Annotated[
         float, Field(gt=0, description="a longer pause is counted as a gap, if it is 2.5 usual steps too, s")
     ] = 0.1

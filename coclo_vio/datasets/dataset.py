@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.datasets import euroc_folder, leg_log
+from coclo_vio.datasets import euroc_folder, kitti_odometry, leg_log, stereo_tracks
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.report import ReadReport, StreamReport
@@ -113,6 +113,20 @@ FORMATS: tuple[Format, ...] = (
         euroc_folder.joint_names,
     ),
     Format(rosbag.RosBag.format_name, rosbag.LOOKS_FOR, rosbag.is_rosbag, rosbag.RosBag, rosbag.joint_names),
+    Format(
+        kitti_odometry.KittiOdometry.format_name,
+        kitti_odometry.LOOKS_FOR,
+        kitti_odometry.is_kitti_odometry,
+        kitti_odometry.KittiOdometry,
+        kitti_odometry.joint_names,
+    ),
+    Format(
+        stereo_tracks.StereoTrackFile.format_name,
+        stereo_tracks.LOOKS_FOR,
+        stereo_tracks.is_stereo_tracks,
+        stereo_tracks.StereoTrackFile,
+        stereo_tracks.joint_names,
+    ),
     Format(leg_log.LegLog.format_name, leg_log.LOOKS_FOR, leg_log.is_leg_log, leg_log.LegLog, leg_log.joint_names),
 )
 

@@ -61,6 +61,29 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
     return GroundTruth(trajectory, has_stamps=found.stamp is not None, source=path.name)
 
 
+def stamped_truth(stamps_ns: IntArray, T_world_body: Array, source: str, tally: ReadTally) -> GroundTruth:  # noqa: N803
+    """Ground truth from poses in file order; those that are not finite or do not go on in time are left out and told.
+
+    Args:
+        stamps_ns: nanoseconds, (N,).
+        T_world_body: (N, 4, 4).
+        source: the file it came from.
+        tally: where to tell what was left out.
+
+    Raises:
+        TimestampError: no pose remains.
+    """
+    is_finite = np.isfinite(T_world_body).all(axis=(1, 2))
+    tally.dropped["ground truth: empty or NaN"] += int((~is_finite).sum())
+    stamps_ns, poses = stamps_ns[is_finite], T_world_body[is_finite]
+    goes_on = np.append([True], stamps_ns[1:] > np.maximum.accumulate(stamps_ns)[:-1])[: len(stamps_ns)]
+    tally.dropped["ground truth: stamp repeated or out of order"] += int((~goes_on).sum())
+    tally.dropped = +tally.dropped
+    if not goes_on.any():
+        raise TimestampError(f"{source} holds no complete pose; take its poses away to run without ground truth")
+    return GroundTruth(Trajectory(stamps_ns[goes_on], poses[goes_on]), has_stamps=True, source=source)
+
+
 def _pose_columns(table: CsvTable, columns: ColumnNames, tally: ReadTally) -> _PoseColumns:
     names = table.header
     stamp = Header(table.path, names, columns).find_stamp()

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.datasets.camera_rows import CameraRows, ImagePair
+from coclo_vio.datasets.camera_rows import ImagePair, PairSource
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.report import ReadReport, ReadTally
@@ -46,7 +46,7 @@ class Recording(ABC):
     def _read_ground_truth(self, tally: ReadTally) -> GroundTruth | None:
         """The reference trajectory, or None."""
 
-    def _cameras(self, tally: ReadTally) -> CameraRows | None:
+    def _cameras(self, tally: ReadTally) -> PairSource | None:
         """The images of two cameras, or None; notes on them go to ``tally``."""
         return None
 

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""MATLAB files through SciPy: names first, then only the arrays that are asked for.
+
+SciPy has another exception for every kind of damage, and passes over what was cut off at the end without a word.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+
+from coclo_vio.arrays import Array
+from coclo_vio.errors import DatasetError, listing
+
+_NEXT_STEP = "only MATLAB files up to version 7 are read: save it anew with -v7, or copy it again if it was cut off"
+
+
+def variable_names(path: Path) -> tuple[str, ...]:
+    """The names of the arrays in a MATLAB file.
+
+    Raises:
+        DatasetError: no such file, or it cannot be read.
+    """
+    try:
+        return tuple(name for name, _, _ in scipy.io.whosmat(path, appendmat=False))
+    except Exception as error:
+        raise _unreadable(path, error) from error
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Array]:
+    """Arrays of numbers by name; of the others in the file nothing is held in memory.
+
+    Raises:
+        DatasetError: one of them is not there (says which are) or holds no real numbers, or the file cannot be read.
+    """
+    wanted = list(names)
+    try:
+        found = scipy.io.loadmat(path, variable_names=wanted, appendmat=False)
+    except Exception as error:
+        raise _unreadable(path, error) from error
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        raise DatasetError(f"{path} has no {listing(missing)}, or was cut off before it; {_NEXT_STEP}")
+    kinds = {name: np.asarray(found[name]).dtype for name in wanted}
+    for name, kind in kinds.items():
+        if kind.kind not in "fiu":
+            raise DatasetError(f"{path}: {name} must be an array of real numbers, it holds {kind}")
+    return {name: np.asarray(found[name], dtype=np.float64) for name in wanted}
+
+
+def _unreadable(path: Path, error: Exception) -> DatasetError:
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else f"{error}"
+    return DatasetError(f"cannot read the MATLAB file {path} ({reason}); {_NEXT_STEP}")
