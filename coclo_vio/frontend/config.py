@@ -43,21 +43,66 @@ class FlowConfig(StageConfig):
     ] = 0.6
 
 
+class PatchConfig(StageConfig):
+    """Alignment of patches that may stretch and shear: what makes places exact."""
+
+    window_px: Annotated[int, Field(ge=5, le=61, description="side of a patch, px")] = 21
+    stride_px: Annotated[int, Field(ge=1, le=5, description="every n-th row and column of it is looked at")] = 2
+    taper_px: Annotated[float, Field(gt=1, description="sigma of the weight about its middle, px")] = 6.0
+    blur_px: Annotated[float, Field(gt=0, le=3, description="sigma of the blur that images get before, px")] = 1.0
+    iterations: Annotated[int, Field(ge=1, le=100, description="most iterations")] = 8
+    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.02
+    noise: Annotated[float, Field(gt=0, description="of the images, against what is expected, grey levels")] = 2.0
+
+
+class AnchorConfig(StageConfig):
+    """Each point is compared with what it looked like when it was anchored, so that it does not creep away."""
+
+    shape_spread: Annotated[
+        float, Field(gt=0, lt=1, description="one sigma of stretch and shear against the predicted ones")
+    ] = 0.03
+    correction_px: Annotated[
+        float, Field(gt=0, le=20, description="most correction of a place that Lucas-Kanade has found, px")
+    ] = 2.0
+    stretch: Annotated[
+        float, Field(gt=1, le=10, description="beyond this factor of growth or shrinkage a point is anchored anew")
+    ] = 1.5
+    lost_share: Annotated[
+        float, Field(gt=0, le=1, description="where more points than this do not look alike, all are anchored anew")
+    ] = 0.5
+
+
+class LikenessConfig(StageConfig):
+    """When two patches show the same thing."""
+
+    score: Annotated[float, Field(ge=0, lt=1, description="least correlation")] = 0.8
+    residual_ratio: Annotated[
+        float, Field(gt=1, description="most residual in those of the middle point of the frame")
+    ] = 1.7
+    certain_score: Annotated[
+        float, Field(gt=0, le=1, description="with such a correlation the residual may be larger")
+    ] = 0.998
+
+
 class StereoConfig(StageConfig):
     """The same point in the right image."""
 
-    window_px: Annotated[int, Field(ge=5, le=61, description="side of the window, px")] = 15
-    levels: Annotated[int, Field(ge=0, le=8, description="halvings of the image")] = 1
     least_disparity_px: Annotated[
         float, Field(gt=0, le=20, description="points with less are too far to be matched, px")
     ] = 0.3
     nearest_m: Annotated[float, Field(gt=0, description="depth of the nearest point that is believed, m")] = 0.2
+    row_spread_px: Annotated[
+        float, Field(gt=0, le=5, description="one sigma of the difference of rows after rectification, px")
+    ] = 0.3
     row_difference_px: Annotated[
         float, Field(gt=0, le=20, description="most difference of rows after rectification, px")
     ] = 1.0
-    round_trip_px: Annotated[
-        float, Field(gt=0, le=10, description="most error of a point that is matched there and back, px")
-    ] = 0.5
+    slant_spread: Annotated[
+        float, Field(gt=0, le=2, description="one sigma of the change of disparity from pixel to pixel")
+    ] = 0.3
+    correction_px: Annotated[
+        float, Field(gt=0, le=20, description="most correction of the disparity that was expected or found, px")
+    ] = 2.5
     block_px: Annotated[int, Field(ge=5, le=41, description="side of the block that finds new points, px")] = 13
     block_score: Annotated[
         float, Field(ge=0, lt=1, description="least correlation of that block with the right image")
@@ -109,6 +154,9 @@ class FrontendConfig(StageConfig):
 
     detection: Annotated[DetectionConfig, Field(description="new points")] = DetectionConfig()
     flow: Annotated[FlowConfig, Field(description="from frame to frame")] = FlowConfig()
+    patch: Annotated[PatchConfig, Field(description="alignment of patches")] = PatchConfig()
+    likeness: Annotated[LikenessConfig, Field(description="when patches show the same thing")] = LikenessConfig()
+    anchor: Annotated[AnchorConfig, Field(description="against creeping away")] = AnchorConfig()
     stereo: Annotated[StereoConfig, Field(description="from left to right")] = StereoConfig()
     motion: Annotated[MotionCheckConfig, Field(description="rejection of wrong tracks")] = MotionCheckConfig()
     sight: Annotated[SightConfig, Field(description="what counts as seeing")] = SightConfig()

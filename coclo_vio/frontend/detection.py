@@ -83,7 +83,7 @@ class CornerDetector:
             allowed,
             blockSize=_BLOCK_PX,
         )
-        if not np.size(found):
+        if np.ndim(found) < 2:  # None, where there is no corner
             return []
         places = np.asarray(found, dtype=np.float64).reshape(-1, 2) + np.array([before, above])
         return [

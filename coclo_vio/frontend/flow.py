@@ -69,5 +69,5 @@ class LucasKanade:
             minEigThreshold=_LEAST_EIGENVALUE,
         )
         ends = np.asarray(moved, dtype=np.float64).reshape(-1, 2)
-        sound: BoolArray = np.isfinite(ends).all(axis=1)
+        sound = np.asarray(np.isfinite(ends).all(axis=1))
         return np.where(sound[:, None], ends, points), np.asarray(np.ravel(status) > 0) & sound

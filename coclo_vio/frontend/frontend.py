@@ -3,17 +3,20 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from coclo_vio.arrays import Array, BoolArray, ByteImage
 from coclo_vio.calibration import RectifiedStereo, StereoCalibration
 from coclo_vio.frontend import overlay, sight
+from coclo_vio.frontend.anchoring import Anchoring
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.detection import CornerDetector
 from coclo_vio.frontend.flow import LucasKanade
 from coclo_vio.frontend.motion_check import MotionCheck, MotionVerdict
-from coclo_vio.frontend.prediction import predicted
+from coclo_vio.frontend.patches import PatchAligner, SmoothPair
+from coclo_vio.frontend.prediction import predicted, stretched
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
 from coclo_vio.frontend.stereo_matching import StereoMatcher
 from coclo_vio.frontend.tracks import LiveTracks
@@ -40,12 +43,20 @@ class StereoFrontend:
         self._rectifier = Rectifier(calibration)
         self.rig: RectifiedStereo = self._rectifier.rig
         self._detector = CornerDetector(self._config.detection, self._rectifier.seen_left)
-        self._matcher = StereoMatcher(self.rig, self._rectifier.seen_right, self._config.stereo)
+        self._aligner = PatchAligner(self._config.patch)
+        likeness = self._config.likeness
+        self._anchoring = Anchoring(self._aligner, self._config.anchor, likeness)
+        self._matcher = StereoMatcher(
+            self.rig, self._rectifier.seen_right, self._aligner, self._config.stereo, likeness
+        )
         self._motion_check = MotionCheck(self.rig, self._config.motion)
         flow = self._config.flow
         self._flow = LucasKanade(flow.window_px, flow.levels, flow.iterations, flow.precision_px, flow.round_trip_px)
         self._reference: RectifiedPair | None = None  # the last frame in which something was seen
-        self._live = LiveTracks.none()  # its tracks
+        self._nothing = LiveTracks.new(
+            0, np.zeros((0, 2)), self._aligner.templates(np.zeros((1, 1), np.float32), np.zeros((0, 2)))
+        )
+        self._live = self._nothing  # the tracks of the reference
         self._motion: Array | None = np.eye(4)  # T_reference_current that is expected; None: unknown
         self._last_motion: Array | None = None  # of the last frame in which it was found, for constant velocity
         self._blind_frames = 0
@@ -77,10 +88,12 @@ class StereoFrontend:
         fault = sight.fault_of(light, self._config.sight) or self._frozen(pair)
         if fault:
             return self._blind(frame.stamp_ns, pair, fault)
+        smooth = SmoothPair(self._aligner.smoothed(pair.left), self._aligner.smoothed(pair.right))
         before = self._live
-        followed, verdict, disparity = self._followed(pair)
-        fresh = self._fresh(pair, followed)
-        live = self._matched(pair, followed.joined(fresh), disparity)
+        followed, verdict = self._followed(pair)
+        followed = self._anchored(smooth, followed)
+        fresh = self._fresh(pair, smooth, followed)
+        live = self._matched(pair, smooth, followed.joined(fresh))
         state, reason = sight.judged(live, len(followed), len(before), verdict, light, self._config.sight)
         if state is Sight.BLIND:
             return self._blind(frame.stamp_ns, pair, reason)
@@ -113,12 +126,14 @@ class StereoFrontend:
         )
         return "both images are, to the bit, those of the frame before: the camera stands still in time" if same else ""
 
-    def _followed(self, pair: RectifiedPair) -> tuple[LiveTracks, MotionVerdict, Array]:
-        """The last tracks in this frame without those that contradict the motion, and the disparities to expect."""
+    def _followed(self, pair: RectifiedPair) -> tuple[LiveTracks, MotionVerdict]:
+        """The last tracks that are found in this frame and that one motion explains, at their new places in the left.
+
+        Their right places are where the motion puts them.
+        """
         before = self._live
         if self._reference is None or not len(before):
-            nothing = LiveTracks.none()
-            return nothing, self._motion_check.judge(nothing.left_px, nothing.disparity, nothing.left_px), np.zeros(0)
+            return self._nothing, self._motion_check.judge(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
         places, found = self._flowed(self._reference, pair, before)
         found &= self._detector.admits(places)
         self._counts["lost"] += int((~found).sum())
@@ -126,9 +141,11 @@ class StereoFrontend:
         verdict = self._motion_check.judge(before.left_px, before.disparity, places)
         self._counts["contradicted"] += int((~verdict.agrees).sum())
         before, places = before.select(verdict.agrees), places[verdict.agrees]
-        T = verdict.T_previous_current if verdict.T_previous_current is not None else np.eye(4)
-        _, disparity = predicted(self.rig, before, T)
-        return LiveTracks(before.ids, places, np.full_like(places, np.nan), before.ages + 1), verdict, disparity
+        motion = np.eye(4) if verdict.T_previous_current is None else verdict.T_previous_current
+        _, disparity = predicted(self.rig, before, motion)
+        right_px = places - np.column_stack((disparity, np.zeros(len(places))))
+        shapes = stretched(self.rig, before, motion) @ before.shapes
+        return replace(before, left_px=places, right_px=right_px, ages=before.ages + 1, shapes=shapes), verdict
 
     def _flowed(self, reference: RectifiedPair, pair: RectifiedPair, tracks: LiveTracks) -> tuple[Array, BoolArray]:
         """Where the tracks are now, (N, 2), and which were found, (N,)."""
@@ -144,28 +161,36 @@ class StereoFrontend:
             places[lost], found[lost] = self._flow.follow(reference.left, pair.left, start, start, config.search_levels)
         return places, found
 
-    def _fresh(self, pair: RectifiedPair, followed: LiveTracks) -> LiveTracks:
+    def _anchored(self, smooth: SmoothPair, followed: LiveTracks) -> LiveTracks:
+        """The followed points where their anchored patches are, without those that look different now."""
+        if not len(followed):
+            return followed
+        corrected, same = self._anchoring.corrected(smooth.left, followed)
+        same &= self._detector.admits(corrected.left_px)
+        self._counts["changed"] += int((~same).sum())
+        return corrected.select(same)
+
+    def _fresh(self, pair: RectifiedPair, smooth: SmoothPair, followed: LiveTracks) -> LiveTracks:
         """New points, so that there are enough."""
-        fresh = LiveTracks.new(self._next_id, self._detector.find(pair.left, followed.left_px))
+        places = self._detector.find(pair.left, followed.left_px)
+        fresh = LiveTracks.new(self._next_id, places, self._aligner.templates(smooth.left, places))
         self._next_id += len(fresh)
         self._counts["detected"] += len(fresh)
         return fresh
 
-    def _matched(self, pair: RectifiedPair, tracks: LiveTracks, disparity: Array) -> LiveTracks:
-        """The tracks with their places in the right image; ``disparity`` is expected of the first of them."""
-        expected = np.full(len(tracks), np.nan)
-        expected[: len(disparity)] = disparity
-        right_px = self._matcher.match(pair, tracks.left_px, expected)
+    def _matched(self, pair: RectifiedPair, smooth: SmoothPair, tracks: LiveTracks) -> LiveTracks:
+        """The tracks with their places in the right image, sought where ``tracks`` has them."""
+        right_px, slants = self._matcher.match(pair, smooth, tracks.left_px, tracks.disparity, tracks.slants)
         self._counts["unmatched"] += int((~np.isfinite(right_px[:, 0])).sum())
-        return LiveTracks(tracks.ids, tracks.left_px, right_px, tracks.ages)
+        return replace(tracks, right_px=right_px, slants=slants)
 
     def _blind(self, stamp_ns: int, pair: RectifiedPair, reason: str) -> StereoTracks:
         """A frame without tracks; those from before are kept for a while."""
         self._counts["blind"] += 1
         self._blind_frames += 1
         if self._blind_frames > self._config.sight.patience_frames:
-            self._reference, self._live, self._last_motion, self._motion = None, LiveTracks.none(), None, np.eye(4)
-        return self._told(stamp_ns, pair, LiveTracks.none(), Sight.BLIND, reason)
+            self._reference, self._live, self._last_motion, self._motion = None, self._nothing, None, np.eye(4)
+        return self._told(stamp_ns, pair, self._nothing, Sight.BLIND, reason)
 
     def _told(self, stamp_ns: int, pair: RectifiedPair, live: LiveTracks, state: Sight, reason: str) -> StereoTracks:
         tracks = StereoTracks(stamp_ns, live.ids, live.left_px, live.right_px, live.ages, state, reason)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From left to right: each point's place in the right image of a rectified pair.
 
-A point whose disparity is about known is followed from there; a new one is found first by comparing its block with all
-those on its row that a believable depth allows (normalised correlation, so the two exposures may differ). Then
-Lucas-Kanade there and back makes it exact, and gates refuse what rows or depths contradict.
+A point whose disparity is about known is sought there; a new one is found first by comparing its block with all those
+on its row that a believable depth allows (normalised correlation, so the two exposures may differ). Then its patch is
+aligned, with the slant of the surface, and gates refuse what rows, depths or the look of it contradict.
 """
 
 import cv2
@@ -11,41 +11,63 @@ import numpy as np
 
 from coclo_vio.arrays import Array, BoolArray, ByteImage
 from coclo_vio.calibration import RectifiedStereo
-from coclo_vio.frontend.config import StereoConfig
-from coclo_vio.frontend.flow import LucasKanade
+from coclo_vio.frontend.config import LikenessConfig, StereoConfig
+from coclo_vio.frontend.patches import PatchAligner, SmoothPair, alike
 from coclo_vio.frontend.rectification import RectifiedPair
 
 _BLOCK_ROWS = 1  # a block may be found so many rows higher or lower
+_ANYWHERE_PX = 100.0
 
 
 class StereoMatcher:
     """Matches the points of one pair of cameras."""
 
-    def __init__(self, rig: RectifiedStereo, seen_right: ByteImage, config: StereoConfig) -> None:
+    def __init__(
+        self,
+        rig: RectifiedStereo,
+        seen_right: ByteImage,
+        aligner: PatchAligner,
+        config: StereoConfig,
+        likeness: LikenessConfig,
+    ) -> None:
         self._config = config
+        self._likeness = likeness
+        self._aligner = aligner
         self._seen_right = seen_right
         columns = seen_right.shape[1]
         self._most_disparity = min(rig.focal_px[0] * rig.baseline_m / config.nearest_m, 0.5 * columns)
-        self._flow = LucasKanade(config.window_px, config.levels, 30, 0.01, config.round_trip_px)
+        self._spreads = np.array(
+            [_ANYWHERE_PX, config.row_spread_px, config.slant_spread, config.slant_spread, 0.0, 0.0]
+        )
 
-    def match(self, pair: RectifiedPair, left_px: Array, expected_disparity: Array) -> Array:
-        """Columns and rows (N, 2) in the right image; NaN where a point was not found there.
+    def match(
+        self, pair: RectifiedPair, smooth: SmoothPair, left_px: Array, expected_disparity: Array, slants: Array
+    ) -> tuple[Array, Array]:
+        """Columns and rows (N, 2) in the right image, NaN where a point was not found there, and slants (N, 2).
 
         Args:
             pair: the rectified images.
+            smooth: the same, smoothed.
             left_px: points (N, 2) in the left one.
             expected_disparity: about how large it is, px, (N,); NaN where that is not known.
+            slants: about how much it changes a column and a row, (N, 2).
         """
         disparity = expected_disparity.copy()
         for index in np.flatnonzero(~np.isfinite(disparity)):
             disparity[index] = self._searched(pair, left_px[index])
-        right_px = np.full((len(left_px), 2), np.nan)
+        right_px, found_slants = np.full((len(left_px), 2), np.nan), np.zeros((len(left_px), 2))
         known = np.flatnonzero(np.isfinite(disparity))
-        seeds = left_px[known] - np.column_stack((disparity[known], np.zeros(len(known))))
-        found, kept = self._flow.follow(pair.left, pair.right, left_px[known], seeds)
-        kept &= self._is_believable(left_px[known], found)
-        right_px[known[kept]] = found[kept]
-        return right_px
+        points, count = left_px[known], len(known)
+        start = np.zeros((count, 6))
+        start[:, 0], start[:, 2:4] = -disparity[known], -slants[known]
+        upright = np.tile(np.eye(2), (count, 1, 1))
+        templates = self._aligner.templates(smooth.left, points)
+        found = self._aligner.align(templates, smooth.right, points, upright, self._spreads, start)
+        kept = alike(found, self._likeness) & self._is_believable(points, found.centres)
+        kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.correction_px
+        right_px[known[kept]] = found.centres[kept]
+        found_slants[known[kept]] = (upright - found.shapes)[kept, 0]
+        return right_px, found_slants
 
     def _is_believable(self, left_px: Array, right_px: Array) -> BoolArray:
         config = self._config
@@ -57,6 +79,7 @@ class StereoMatcher:
             (disparity > config.least_disparity_px)
             & (disparity < self._most_disparity)
             & (np.abs(rows) < config.row_difference_px)
+            & (right_px[:, 0] > 0.0)
             & (self._seen_right[row, column] > 0)
         )
 

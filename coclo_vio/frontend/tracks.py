@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coclo_vio.arrays import Array, BoolArray, IntArray
+from coclo_vio.frontend.patches import Templates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,25 +20,33 @@ class LiveTracks:
         left_px: columns and rows in the left image, (N, 2).
         right_px: the same in the right image, (N, 2); NaN where it is not known.
         ages: frames that have seen the point, (N,).
+        slants: change of the disparity a column and a row, (N, 2): how the surface there is inclined.
+        templates: what the points looked like when they were last anchored.
+        shapes: what maps a step inside the template to one in the left image, (N, 2, 2).
     """
 
     ids: IntArray
     left_px: Array
     right_px: Array
     ages: IntArray
+    slants: Array
+    templates: Templates
+    shapes: Array
 
     @classmethod
-    def none(cls) -> Self:
-        """No points."""
-        nothing = np.zeros(0, dtype=np.int64)
-        return cls(nothing, np.zeros((0, 2)), np.zeros((0, 2)), nothing)
-
-    @classmethod
-    def new(cls, first_id: int, left_px: Array) -> Self:
-        """Points (N, 2) seen for the first time, numbered from ``first_id``."""
+    def new(cls, first_id: int, left_px: Array, templates: Templates) -> Self:
+        """Points (N, 2) seen for the first time, numbered from ``first_id``, and what they look like."""
         count = len(left_px)
         ids = np.arange(first_id, first_id + count, dtype=np.int64)
-        return cls(ids, left_px, np.full((count, 2), np.nan), np.ones(count, dtype=np.int64))
+        return cls(
+            ids,
+            left_px,
+            np.full((count, 2), np.nan),
+            np.ones(count, dtype=np.int64),
+            np.zeros((count, 2)),
+            templates,
+            np.tile(np.eye(2), (count, 1, 1)),
+        )
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -54,7 +63,15 @@ class LiveTracks:
 
     def select(self, chosen: npt.NDArray[np.bool_] | IntArray) -> Self:
         """The chosen points, by a mask (N,) or by indices."""
-        return type(self)(self.ids[chosen], self.left_px[chosen], self.right_px[chosen], self.ages[chosen])
+        return type(self)(
+            self.ids[chosen],
+            self.left_px[chosen],
+            self.right_px[chosen],
+            self.ages[chosen],
+            self.slants[chosen],
+            self.templates.select(chosen),
+            self.shapes[chosen],
+        )
 
     def joined(self, other: Self) -> Self:
         """These points, then the other ones."""
@@ -63,4 +80,7 @@ class LiveTracks:
             np.concatenate((self.left_px, other.left_px)),
             np.concatenate((self.right_px, other.right_px)),
             np.concatenate((self.ages, other.ages)),
+            np.concatenate((self.slants, other.slants)),
+            self.templates.joined(other.templates),
+            np.concatenate((self.shapes, other.shapes)),
         )
