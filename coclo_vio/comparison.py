@@ -15,9 +15,9 @@ from coclo_vio.estimates import Estimator
 from coclo_vio.estimators import EstimatorKind, estimator_kind
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.figures import plot_contacts, write_figures
+from coclo_vio.evaluation.figures import plot_contacts, plot_keyframes, write_figures
 from coclo_vio.evaluation.report import write_report
-from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter
+from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter, read_keyframes
 from coclo_vio.run_config import RunConfig
 from coclo_vio.run_folder import RecordedRun, StateWriter
 from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
@@ -249,4 +249,7 @@ def _figures(folder: Path, evaluations: Mapping[str, Evaluation], runs: Sequence
     if first is not None:
         bands = folder / "figures" / "contacts.png"
         figures.append(plot_contacts(first.trajectory.stamps_ns, first.contact_probability, first.leg_names, bands))
+    keyframes = {name: read for name in evaluations if (read := read_keyframes(folder, name)) is not None}
+    if keyframes:
+        figures.append(plot_keyframes(keyframes, folder / "figures" / "keyframes.png"))
     return figures

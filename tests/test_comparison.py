@@ -172,6 +172,15 @@ def test_pictures_are_drawn_where_they_are_asked_for(film: Path, tmp_path: Path)
     assert len(names) == 20
 
 
+def test_a_comparison_shows_how_the_smoother_fared(film: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    comparison.run_all(film, ["watching"], resolve(), tmp_path)
+    evaluations, _ = comparison.evaluate_run(tmp_path, EvaluationConfig())
+    report = comparison.write_comparison(tmp_path, "film", evaluations, resolve())
+    assert (tmp_path / "figures" / "keyframes.png").stat().st_size > 1000
+    assert 'alt="keyframes"' in report.read_text(encoding="utf-8")
+
+
 def test_a_mode_without_images_draws_nothing(log: Path, tmp_path: Path) -> None:
     told = comparison.run_all(log, ["naive"], CONFIG, tmp_path, pictures_every=1)
     assert told["estimators"]["naive"]["pictures"] == 0

@@ -89,6 +89,10 @@ def print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
         f"ground truth {travelled_m:.2f} m, covered {covered:.3f} or more; ANEES 1 is honest, above it too sure",
         highlight=False,
     )
+    for length_m in sorted({length for one in evaluations.values() for length in one.segment_drift_percent}):
+        drifts = {name: one.segment_drift_percent.get(length_m) for name, one in evaluations.items()}
+        told = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
+        out.print(f"mean drift over all pieces of {length_m:g} m: {told}", highlight=False)
     for note in dict.fromkeys(note for evaluation in evaluations.values() for note in evaluation.notes):
         say(f"note: {note}")
 

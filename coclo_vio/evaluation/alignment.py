@@ -18,9 +18,14 @@ Alignment = Literal["yaw_position", "se3", "start", "none"]
 
 
 def heading_error_rad(estimate: Trajectory, reference: Trajectory) -> Array:
-    """Yaw, rad in -pi..pi, (N,), of ``R_reference_body R_estimate_body^T``: what to turn the estimate by about z."""
+    """What to turn the estimate by about z, rad in -pi..pi, (N,), to bring it nearest to the reference's attitude.
+
+    With ``D = R_reference_body R_estimate_body^T`` it is the yaw of the largest ``trace(R_z^T D)``,
+    ``atan2(D_yx - D_xy, D_xx + D_yy)``. No axis of the body enters, so a body whose x axis is vertical (EuRoC's IMU)
+    has a heading error like any other.
+    """
     turn = reference.rotations @ np.swapaxes(estimate.rotations, 1, 2)
-    return so3.yaw(turn)
+    return np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
 
 
 def tie_start(estimate: Trajectory, reference: Trajectory, window_s: float) -> Array:

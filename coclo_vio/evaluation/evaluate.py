@@ -43,6 +43,10 @@ class EvaluationConfig(StageConfig):
     path_spacing_s: Annotated[
         float, Field(gt=0, le=10, description="positions are averaged over this for path lengths, s")
     ] = 0.1
+    segment_lengths_m: Annotated[
+        tuple[Annotated[float, Field(gt=0)], ...],
+        Field(description="mean drift over all pieces of these lengths, where the path is as long, m"),
+    ] = (100.0,)
     velocity_window_s: Annotated[
         float, Field(gt=0, le=5, description="window of the local parabola for reference velocities, s")
     ] = 0.25
@@ -97,6 +101,7 @@ def evaluate(
         ate_m=metrics.ate_m(aligned, pair.reference),
         ate_planar_m=metrics.ate_planar_m(aligned, pair.reference),
         rpe_1m_percent=metrics.rpe_percent(pair.estimate, pair.reference, paths.travelled_m, 1.0),
+        segment_drift_percent=_segment_drift_percent(pair, paths.travelled_m, config),
         drift_percent=metrics.drift_percent(tied, pair.reference, paths.reference_m),
         paper_drift_percent=metrics.paper_drift_percent(tied, pair.reference, paths.paper_index),
         paper_drift_at=paths.paper_instant,
@@ -149,6 +154,15 @@ def _check_lengths(estimate: Trajectory, ground_truth: GroundTruth) -> None:
             f"an evaluation needs 2 poses or more on both sides, the estimate has {len(estimate)} and the ground "
             f"truth {ground_truth.source} has {len(ground_truth.trajectory)}; look whether the run was cut short"
         )
+
+
+def _segment_drift_percent(pair: MatchedPair, travelled_m: Array, config: EvaluationConfig) -> dict[float, float]:
+    """By length, m, of those that the ground truth travels."""
+    drifts = {
+        length_m: metrics.segment_drift_percent(pair.estimate, pair.reference, length_m, travelled_m)
+        for length_m in config.segment_lengths_m
+    }
+    return {length_m: drift for length_m, drift in drifts.items() if drift is not None}
 
 
 def _velocity_rmse_mps(aligned: Trajectory, reference: Trajectory, config: EvaluationConfig) -> float | None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What an evaluation says: a frozen value whose JSON keys are the contract of ``evaluate --json``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from coclo_vio.evaluation.alignment import Alignment
@@ -8,7 +9,7 @@ from coclo_vio.evaluation.clock import ClockFit
 from coclo_vio.evaluation.metrics import DriftInstant
 from coclo_vio.trajectory import Trajectory
 
-_NOT_IN_JSON = ("estimate", "reference", "clock")
+_NOT_IN_JSON = ("estimate", "reference", "clock", "segment_drift_percent")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,8 @@ class Evaluation:
         ate_m: RMS position error after ``alignment``, m.
         ate_planar_m: the same of x and y only, after the same alignment, m.
         rpe_1m_percent: median translation error over all segments of 1 m of ground-truth travel, percent.
+        segment_drift_percent: by length of piece, m, the mean translation error over all such pieces, percent; flat
+            keys such as ``drift_100m_percent`` in JSON.
         drift_percent: final position error over path length, tied at the start only, percent.
         paper_drift_percent: position error over net displacement (paper, Table I), tied at the start only, percent.
         paper_drift_at: when that was taken.
@@ -62,6 +65,7 @@ class Evaluation:
     ate_m: float
     ate_planar_m: float
     rpe_1m_percent: float | None
+    segment_drift_percent: Mapping[float, float]
     drift_percent: float | None
     paper_drift_percent: float | None
     paper_drift_at: DriftInstant
@@ -89,6 +93,7 @@ class Evaluation:
         values: dict[str, object] = {
             field.name: getattr(self, field.name) for field in fields(self) if field.name not in _NOT_IN_JSON
         }
+        values |= {f"drift_{length_m:g}m_percent": drift for length_m, drift in self.segment_drift_percent.items()}
         values |= {
             "clock_offset_s": self.clock.offset_s,
             "clock_rate_hz": self.clock.rate_hz,

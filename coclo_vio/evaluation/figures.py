@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The paper's figures as PNG files: positions, path, velocities, position error, contact bands.
+"""The paper's figures as PNG files: positions, path, velocities, position error, contact bands, keyframes.
 
 The only importer of matplotlib (extra ``viz``), inside the functions and without a display. The trajectories of a
 figure are in one world and on one clock, as ``Evaluation.estimate`` and ``Evaluation.reference`` are; None where there
@@ -133,6 +133,33 @@ def plot_contacts(
     axis.set_yticks([-float(row) for row in range(len(legs))], labels=list(legs))
     axis.margins(x=0.0)
     return _finish(figure, [axis], "time [s]", path)
+
+
+def plot_keyframes(keyframes: Mapping[str, Mapping[str, Array]], path: Path) -> Path:
+    """Over time and for each smoother: tracks at its keyframes, and what is left of their reprojection errors.
+
+    Args:
+        keyframes: by estimator, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
+        path: PNG file to write.
+
+    Raises:
+        EvaluationError: there is no keyframe.
+    """
+    stamps = [columns["stamp_ns"] for columns in keyframes.values() if len(columns["stamp_ns"])]
+    if not stamps:
+        raise EvaluationError("a figure of keyframes needs at least one, there is none; run a visual mode first")
+    start_ns = min(float(each[0]) for each in stamps)
+    figure = _figure(8.0, 4.0)
+    axes = figure.subplots(2, 1, sharex=True)
+    for name, columns in keyframes.items():
+        times_s = (columns["stamp_ns"] - start_ns) / _NS_PER_S
+        axes[0].plot(times_s, columns["tracks"], label=name, linewidth=0.8)
+        axes[1].plot(times_s, columns["reprojection_px"], label=name, linewidth=0.8)
+    axes[0].set_ylabel("tracks")
+    axes[1].set_ylabel("reprojection [px]")
+    for axis in axes:
+        axis.set_ylim(bottom=0.0)
+    return _finish(figure, axes, "time [s]", path)
 
 
 def write_figures(estimates: Estimates, reference: Trajectory | None, folder: Path) -> list[Path]:

@@ -89,6 +89,33 @@ def rpe_percent(estimate: Trajectory, reference: Trajectory, travelled: Array, l
     return float(100.0 * np.median(relative_errors_m(estimate, reference, pairs)) / length_m)
 
 
+def segment_drift_percent(
+    estimate: Trajectory, reference: Trajectory, length_m: float, travelled: Array | None = None
+) -> float | None:
+    """Mean of the relative translation errors over all pieces of ``length_m`` of ground-truth travel, percent.
+
+    The measure of road data: the KITTI odometry benchmark's translational error (Geiger et al. 2012) of one length of
+    piece. A piece starts at every pose and ends at the one nearest to its length; errors are over its own length.
+
+    Args:
+        estimate: poses (N,).
+        reference: the ground truth on the same stamps.
+        length_m: of a piece, m.
+        travelled: distance travelled by the ground truth, m, (N,); the sum of its steps where None, as KITTI has it.
+
+    Returns:
+        None where the ground truth travels less than one piece.
+    """
+    if travelled is None:
+        steps_m = np.linalg.norm(np.diff(reference.positions, axis=0), axis=1)
+        travelled = np.append(0.0, np.cumsum(steps_m))
+    pairs = segments(travelled, length_m)
+    if len(pairs) == 0:
+        return None
+    lengths_m = travelled[pairs[:, 1]] - travelled[pairs[:, 0]]
+    return float(100.0 * np.mean(relative_errors_m(estimate, reference, pairs) / lengths_m))
+
+
 def drift_percent(estimate: Trajectory, reference: Trajectory, path_m: float) -> float | None:
     """``100 |p_est(T) - p_gt(T)| / path``, tied at the start only. None where there is no path."""
     if path_m < _SHORTEST_PATH_M:

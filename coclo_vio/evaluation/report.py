@@ -81,6 +81,12 @@ def _table(evaluations: Mapping[str, Evaluation]) -> str:
     for key, label, unit, decimals in _ROWS:
         cells = "".join(f"<td>{_number(column[key], decimals)}</td>" for column in columns)
         lines.append(f"<tr><td>{label}{f' [{unit}]' if unit else ''}</td>{cells}</tr>")
+    for length_m in sorted(
+        {length for evaluation in evaluations.values() for length in evaluation.segment_drift_percent}
+    ):
+        drifts = (evaluation.segment_drift_percent.get(length_m) for evaluation in evaluations.values())
+        cells = "".join(f"<td>{_number(drift, 2)}</td>" for drift in drifts)
+        lines.append(f"<tr><td>Drift over pieces of {length_m:g} m, mean [%]</td>{cells}</tr>")
     lines.append("</table>")
     return "\n".join(lines)
 

@@ -94,3 +94,30 @@ def test_level_body_takes_out_how_the_markers_are_mounted():
 def test_nearest_rotation_of_a_scaled_rotation_is_the_rotation():
     R = Rotation.random(rng=np.random.default_rng(6)).as_matrix()
     np.testing.assert_allclose(nearest_rotation(3.0 * R), R, atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [-2.0, 0.3, 3.0])
+def test_a_body_whose_x_axis_is_vertical_has_a_heading_error_too(yaw):
+    """As EuRoC's, whose IMU looks up along x: the estimate's tilt errors turn its x axis about anywhere."""
+    rng = np.random.default_rng(7)
+    upright = so3.exp(np.array([0.0, -0.5 * np.pi, 0.0]))
+    noise = so3.exp(np.column_stack((rng.normal(0.0, 0.03, (50, 2)), np.zeros(50))))
+    estimate = Trajectory(np.arange(50) * 10_000_000, se3.transform(noise @ upright, rng.normal(0.0, 0.1, (50, 3))))
+    assert np.std(so3.yaw(estimate.rotations)) > 1.0, "its heading is no more than noise"
+    reference = Trajectory(
+        estimate.stamps_ns, se3.transform(np.tile(so3.about_z(yaw) @ upright, (50, 1, 1)), np.zeros((50, 3)))
+    )
+    errors = heading_error_rad(estimate, reference) - yaw
+    np.testing.assert_allclose(np.arctan2(np.sin(errors), np.cos(errors)), 0.0, atol=0.003)
+    assert so3.yaw(tie_start(estimate, reference, 1.0)[:3, :3]) == pytest.approx(yaw, abs=1e-3)
+
+
+def test_a_heading_error_is_known_where_the_tracked_body_lies_on_its_side():
+    """The reference's body is turned a quarter about y: its x axis is vertical where the estimate's is level."""
+    quarter = so3.exp(np.array([0.0, 0.5 * np.pi, 0.0]))
+    level = np.tile(np.eye(4), (3, 1, 1))
+    estimate = Trajectory(np.arange(3) * 10_000_000, level)
+    reference = Trajectory(
+        estimate.stamps_ns, se3.transform(np.tile(so3.about_z(0.7) @ quarter, (3, 1, 1)), level[:, :3, 3])
+    )
+    np.testing.assert_allclose(heading_error_rad(estimate, reference), 0.7, atol=1e-12)

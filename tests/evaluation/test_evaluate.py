@@ -71,6 +71,17 @@ def test_scale_error_by_hand(line):
     assert result.ate_m == pytest.approx(0.01 * np.sqrt(10.0**2 / 12.0), rel=2e-3)
 
 
+def test_drift_over_pieces_is_told_where_the_path_is_as_long(line):
+    config = IN_STEP.model_copy(update={"segment_lengths_m": (2.5, 10.0, 100.0)})
+    values = evaluate(line(20.0, scale=1.01), vicon(line(20.0)), config).to_json()
+    assert {key for key in values if key.startswith("drift_")} == {
+        *("drift_percent", "drift_2.5m_percent", "drift_10m_percent"),
+    }
+    assert values["drift_10m_percent"] == pytest.approx(1.0, abs=1e-6)
+    assert "segment_drift_percent" not in values
+    assert "drift_100m_percent" in evaluate(line(120.0, 100.0), vicon(line(120.0, 100.0)), IN_STEP).to_json()
+
+
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(yaw=st.floats(-3.1, 3.1), x=st.floats(-50, 50), y=st.floats(-50, 50), z=st.floats(-5, 5), seed=st.integers(0, 9))
 def test_metrics_do_not_depend_on_where_either_world_lies(yaw, x, y, z, seed):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.errors import EvaluationError
-from coclo_vio.evaluation.figures import plot_contacts, plot_position_error, write_figures
+from coclo_vio.evaluation.figures import plot_contacts, plot_keyframes, plot_position_error, write_figures
 
 matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
 
@@ -40,6 +40,18 @@ def test_contact_bands_show_stance(tmp_path):
     assert coloured(standing) > 10_000 > coloured(flying)
     with pytest.raises(EvaluationError, match=r"\(200, 3\)"):
         plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR", "RL"], tmp_path / "wrong.png")
+
+
+def test_keyframes_of_every_smoother_are_shown(tmp_path):
+    def columns(level: float) -> dict[str, np.ndarray]:
+        stamps_ns = 1e18 + np.arange(50) * 2e8
+        return {"stamp_ns": stamps_ns, "tracks": np.full(50, 100 * level), "reprojection_px": np.full(50, level)}
+
+    one = plot_keyframes({"vins": columns(1.0)}, tmp_path / "one.png")
+    two = plot_keyframes({"vins": columns(1.0), "stereo": columns(0.5)}, tmp_path / "two.png")
+    assert coloured(two) > coloured(one) > 100
+    with pytest.raises(EvaluationError, match="there is none; run a visual mode first"):
+        plot_keyframes({"vins": {"stamp_ns": np.zeros(0)}}, tmp_path / "none.png")
 
 
 def test_position_error_outside_the_ground_truth_is_an_error(line, tmp_path):

@@ -57,6 +57,36 @@ def test_rpe_of_a_scale_error_is_the_scale_error(line):
     assert metrics.rpe_percent(line(0.5), line(0.5), metrics.travelled_m(line(0.5), 0.1), 1.0) is None
 
 
+def test_drift_over_pieces_of_a_scale_error_is_the_scale_error(line):
+    assert metrics.segment_drift_percent(line(10.0, scale=1.01), line(10.0), 2.0) == pytest.approx(1.0, abs=1e-6)
+    assert metrics.segment_drift_percent(line(0.5), line(0.5), 1.0) is None
+
+
+def test_drift_over_pieces_is_a_mean_over_all_of_them():
+    """Of four steps of a metre the third comes out 0.1 m too long: two of the three pieces of 2 m hold it."""
+    reference = _along([0.0, 1.0, 2.0, 3.0, 4.0])
+    estimate = _along([0.0, 1.0, 2.0, 3.1, 4.1])
+    assert metrics.segment_drift_percent(estimate, reference, 2.0) == pytest.approx(100.0 * (0.1 + 0.1) / 3 / 2.0)
+    assert metrics.segment_drift_percent(estimate, reference, 4.0) == pytest.approx(100.0 * 0.1 / 4.0)
+
+
+def test_drift_over_pieces_forgets_the_heading_before_them():
+    """A turn of 90 degrees that is missed ruins the pieces that hold it, and no other."""
+    straight = _along([0.0, 1.0, 2.0, 3.0, 4.0])
+    bent = np.array(straight.T_world_body)
+    bent[2:, :3, :3] = so3.about_z(0.5 * np.pi)
+    bent[2:, :3, 3] = [[2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [2.0, 2.0, 0.0]]
+    estimate = replace(straight, T_world_body=bent)
+    # pieces 0-2 and 2-4 are exact; 1-3 ends at (1, 1) instead of (2, 0)
+    assert metrics.segment_drift_percent(estimate, straight, 2.0) == pytest.approx(100.0 * np.sqrt(2.0) / 3 / 2.0)
+
+
+def _along(metres: list[float]) -> Trajectory:
+    positions = np.array([[each, 0.0, 0.0] for each in metres])
+    stamps_ns = np.arange(len(metres), dtype=np.int64) * 100_000_000
+    return Trajectory(stamps_ns, se3.transform(np.tile(np.eye(3), (len(metres), 1, 1)), positions))
+
+
 def test_rpe_takes_a_heading_error_at_the_start_of_a_segment_as_an_error(line):
     turned = replace(line(10.0), T_world_body=line(10.0).T_world_body @ se3.transform(so3.about_z(0.02), np.zeros(3)))
     travelled = metrics.travelled_m(line(10.0), 0.1)
