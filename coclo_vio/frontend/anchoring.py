@@ -12,7 +12,7 @@ import numpy as np
 
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.frontend.config import AnchorConfig, LikenessConfig
-from coclo_vio.frontend.patches import FloatArray, PatchAligner, Templates, alike
+from coclo_vio.frontend.patches import FloatArray, PatchAligner, alike
 from coclo_vio.frontend.tracks import LiveTracks
 
 _ANYWHERE_PX = 100.0
@@ -52,7 +52,5 @@ class Anchoring:
         if not chosen.any():
             return tracks
         fresh = self._aligner.templates(smooth_left, tracks.left_px[chosen])
-        values, gradients = tracks.templates.values.copy(), tracks.templates.gradients.copy()
-        values[chosen], gradients[chosen] = fresh.values, fresh.gradients
         shapes = np.where(chosen[:, None, None], np.eye(2), tracks.shapes)
-        return replace(tracks, templates=Templates(values, gradients), shapes=shapes)
+        return replace(tracks, templates=tracks.templates.replaced(chosen, fresh), shapes=shapes)

@@ -13,6 +13,8 @@ from coclo_vio.frontend.config import DetectionConfig
 
 _BLOCK_PX = 5
 _RIM_PX = 6  # a cell is searched with so much of its surroundings: corner strength looks beyond its own pixel
+_SPARE = 2  # corners offered for each that is wanted, since some will be too near to each other
+_TURN = 7
 _NOISE_STEP = 4  # every n-th row and column is enough to know the noise
 
 
@@ -32,6 +34,8 @@ class CornerDetector:
         rows, columns = seen.shape
         self._counts = (max(1, round(rows / config.cell_px)), max(1, round(columns / config.cell_px)))
         self._shape = (rows, columns)
+        self._mixed = np.random.default_rng(0).permutation(self._counts[0] * self._counts[1])
+        self._turn = 0
 
     def admits(self, points: Array) -> BoolArray:
         """Whether points (N, 2) are where one may be, (N,)."""
@@ -49,13 +53,22 @@ class CornerDetector:
         mask = self._free_of(live)
         occupancy = self._occupancy(live)
         floor = self._config.noise_ratio * _noise_strength(image)
-        offers = [
-            (occupancy[cell] + rank, -strength, point)
-            for cell in np.ndindex(*self._counts)
-            for rank, (point, strength) in enumerate(self._corners(image, mask, cell, int(occupancy[cell]), floor))
-        ]
-        offers.sort(key=lambda offer: (offer[0], offer[1], offer[2]))
+        offers: list[tuple[int, float, tuple[float, float]]] = []
+        for number in self._order(occupancy):
+            occupied = int(occupancy.flat[number])
+            if len(offers) >= _SPARE * wanted:
+                break
+            cell = (number // self._counts[1], number % self._counts[1])
+            found = self._corners(image, mask, cell, occupied, floor)
+            offers += [(occupied + rank, -strength, point) for rank, (point, strength) in enumerate(found)]
+        offers.sort()
         return self._apart([offer[2] for offer in offers], wanted)
+
+    def _order(self, occupancy: IntArray) -> list[int]:
+        """Numbers of the cells, those with the fewest points first, among equals another one first each time."""
+        self._turn += 1
+        cells = np.roll(self._mixed, self._turn * _TURN)
+        return [int(cell) for cell in cells[np.argsort(occupancy.ravel()[cells], kind="stable")]]
 
     def _corners(
         self, image: ByteImage, mask: ByteImage, cell: tuple[int, ...], occupied: int, floor: float

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stereo images in, tracks of points out: the front end on one screen."""
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ class StereoFrontend:
         self._blind_frames = 0
         self._next_id = 0
         self._counts: Counter[str] = Counter()
-        self._tails: dict[int, list[Array]] = {}
+        self._tails: deque[StereoTracks] = deque(maxlen=_TAIL_FRAMES)  # for the eye
         self._shown: tuple[RectifiedPair, StereoTracks] | None = None
 
     @property
@@ -197,7 +197,6 @@ class StereoFrontend:
         if state is Sight.DEGRADED:
             self._counts["degraded"] += 1
         if state is not Sight.BLIND:
-            places = zip(live.ids.tolist(), live.left_px, strict=True)
-            self._tails = {number: [*self._tails.get(number, ())[-_TAIL_FRAMES:], place] for number, place in places}
+            self._tails.append(tracks)
         self._shown = (pair, tracks)
         return tracks

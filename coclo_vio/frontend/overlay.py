@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A picture of what the front end saw, for the eye: both images, points with their tails, matches, state."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ _COLOURS = {Sight.HEALTHY: (80, 220, 80), Sight.DEGRADED: (40, 180, 255), Sight.
 _LONE = (60, 60, 255)
 
 
-def drawn(pair: RectifiedPair, tracks: StereoTracks, tails: Mapping[int, list[Array]]) -> ByteImage:
+def drawn(pair: RectifiedPair, tracks: StereoTracks, recent: Iterable[StereoTracks]) -> ByteImage:
     """The picture (rows, 2 columns, 3), uint8, blue green red.
 
     A point is yellow when new and green when old, red where the right camera did not find it; its tail is where it
@@ -24,9 +24,13 @@ def drawn(pair: RectifiedPair, tracks: StereoTracks, tails: Mapping[int, list[Ar
     Args:
         pair: the rectified images.
         tracks: of the same frame.
-        tails: places (2,) of each track in the last frames, oldest first.
+        recent: of the last frames, oldest first, this one included.
     """
     columns = pair.left.shape[1]
+    tails: dict[int, list[Array]] = {}
+    for frame in recent:
+        for number, place in zip(frame.track_ids.tolist(), frame.left_px, strict=True):
+            tails.setdefault(number, []).append(place)
     grey = np.hstack((pair.left, pair.right))
     picture = np.ascontiguousarray(np.repeat(grey[:, :, None], 3, axis=2))
     for number, left, right, age in zip(

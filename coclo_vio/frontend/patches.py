@@ -23,6 +23,7 @@ FloatArray = npt.NDArray[np.float32]
 _GAINS = (0.3, 3.0)
 _LONGEST_STEP_PX = 1.5
 _LEAST_VARIANCE = 1e-3
+_ALL_ITERATE = 3  # copying what is not settled yet costs more than iterating all
 _FEW = 10  # fewer patches say nothing about the usual residual
 
 
@@ -35,25 +36,33 @@ class SmoothPair(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Templates:
-    """What patches look like.
+    """What patches look like, and how that changes with their first k parameters.
 
     Attributes:
         values: brightness less its mean, (N, P), grey levels.
-        gradients: of the brightness by column and row, (N, P, 2), grey levels a pixel.
+        slopes: derivative of the brightness by each parameter, without what a gain or an offset explains, (N, k, P).
+        hessians: weighted mean of the slopes' outer products, (N, k, k).
     """
 
     values: FloatArray
-    gradients: FloatArray
+    slopes: FloatArray
+    hessians: FloatArray
 
     def select(self, chosen: npt.NDArray[np.bool_] | IntArray) -> Self:
         """The chosen patches, by a mask (N,) or by indices."""
-        return type(self)(self.values[chosen], self.gradients[chosen])
+        return type(self)(self.values[chosen], self.slopes[chosen], self.hessians[chosen])
 
     def joined(self, other: Self) -> Self:
         """These patches, then the other ones."""
-        return type(self)(
-            np.concatenate((self.values, other.values)), np.concatenate((self.gradients, other.gradients))
-        )
+        pairs = ((self.values, other.values), (self.slopes, other.slopes), (self.hessians, other.hessians))
+        return type(self)(*(np.concatenate(pair) for pair in pairs))
+
+    def replaced(self, chosen: BoolArray, other: Self) -> Self:
+        """These patches with the other ones in the chosen places (N,)."""
+        arrays = [array.copy() for array in (self.values, self.slopes, self.hessians)]
+        for array, new in zip(arrays, (other.values, other.slopes, other.hessians), strict=True):
+            array[chosen] = new
+        return type(self)(*arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,15 +114,26 @@ class PatchAligner:
         blurred = cv2.GaussianBlur(image.astype(np.float32), (5, 5), self._config.blur_px)
         return np.asarray(blurred, dtype=np.float32)
 
-    def templates(self, image: FloatArray, centres: Array) -> Templates:
-        """The patches of a smoothed image about centres (N, 2), px."""
+    def templates(self, image: FloatArray, centres: Array, parameters: int = 6) -> Templates:
+        """The patches of a smoothed image about centres (N, 2), px, that may change in the first so many parameters."""
         places = centres[:, None].astype(np.float32) + self._offsets
         columns, rows = places[:, :, 0], places[:, :, 1]
         values = _sampled(image, columns, rows)
-        by_column = _sampled(image, columns + 1, rows) - _sampled(image, columns - 1, rows)
-        by_row = _sampled(image, columns, rows + 1) - _sampled(image, columns, rows - 1)
-        gradients = np.float32(0.5) * np.stack((by_column, by_row), axis=-1)
-        return Templates(values - (values @ self._weights)[:, None], gradients)
+        values = values - (values @ self._weights)[:, None]
+        shifts = np.float32(0.5) * np.stack(
+            (
+                _sampled(image, columns + 1, rows) - _sampled(image, columns - 1, rows),
+                _sampled(image, columns, rows + 1) - _sampled(image, columns, rows - 1),
+            ),
+            axis=1,
+        )
+        stretches = shifts[:, :, None] * self._offsets.T
+        slopes = np.concatenate((shifts, stretches.reshape(len(shifts), 4, len(self._weights))), axis=1)[:, :parameters]
+        slopes -= (slopes @ self._weights)[:, :, None]
+        weighted = values * self._weights
+        variance = np.maximum((weighted * values).sum(axis=1), _LEAST_VARIANCE)
+        slopes -= np.matmul(slopes, weighted[:, :, None]) / variance[:, None, None] * values[:, None]
+        return Templates(values, slopes, np.matmul(slopes * self._weights, slopes.transpose(0, 2, 1)))
 
     def align(
         self,
@@ -127,56 +147,43 @@ class PatchAligner:
         """Find templates in a smoothed image.
 
         Args:
-            templates: N patches.
+            templates: N patches of k parameters.
             image: (rows, columns).
             centres: where their middles should nominally be, (N, 2).
             shapes: how they should nominally be stretched and sheared, (N, 2, 2).
-            spreads: one sigma of [column, row (px), d column / d column, d column / d row, d row / d column, d row /
-                d row] from the nominal, in the template's axes, (6,); 0 where the nominal is exact.
+            spreads: one sigma of the first k of [column, row (px), d column / d column, d column / d row, d row / d
+                column, d row / d row] from the nominal, in the template's axes, (k,).
             start: where the search begins, from the nominal, (N, 6); by default there.
         """
-        count = len(centres)
-        free = np.flatnonzero(spreads > 0.0)
-        slopes, inverse_hessians, prior = self._prepared(templates, free, spreads)
+        count, k = len(centres), len(spreads)
+        prior = (self._config.noise / spreads) ** 2 / len(self._weights)
+        inverses = np.linalg.inv(templates.hessians.astype(np.float64) + np.diag(prior))
         weighted = templates.values * self._weights
         variances = np.maximum((weighted * templates.values).sum(axis=1), _LEAST_VARIANCE)
         parameters = np.zeros((count, 6)) if start is None else start.copy()
         scores, residuals, settled = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
         active = np.arange(count)
-        for _ in range(self._config.iterations):
+        for number in range(self._config.iterations):
+            chosen: slice | IntArray = active if number >= _ALL_ITERATE else slice(None)
+            seen = self._seen(image, centres[chosen], shapes[chosen], parameters[chosen])
+            seen_weighted = seen * self._weights
+            product = (seen * weighted[chosen]).sum(axis=1)
+            gain = np.clip(product / variances[chosen], *_GAINS)
+            slope = np.matmul(templates.slopes[chosen], seen_weighted[:, :, None])[:, :, 0] / gain[:, None]
+            slope = slope + prior * parameters[chosen, :k]
+            step = -np.matmul(inverses[chosen], slope[:, :, None])[:, :, 0]
+            longest = np.abs(step[:, :2]).max(axis=1)
+            parameters[chosen, :k] += step * np.minimum(1.0, _LONGEST_STEP_PX / (longest + 1e-9))[:, None]
+            energy = (seen * seen_weighted).sum(axis=1) - seen_weighted.sum(axis=1) ** 2
+            energy = np.maximum(energy, _LEAST_VARIANCE)
+            scores[chosen] = product / np.sqrt(variances[chosen] * energy)
+            residuals[chosen] = np.sqrt(energy * np.maximum(1.0 - scores[chosen] ** 2, 0.0))
+            settled[chosen] = longest < self._config.precision_px
+            active = np.flatnonzero(~settled)
             if not len(active):
                 break
-            seen = self._seen(image, centres[active], shapes[active], parameters[active])
-            product = (seen * weighted[active]).sum(axis=1)
-            gain = np.clip(product / variances[active], *_GAINS)
-            slope = np.matmul(slopes[active], seen[:, :, None])[:, :, 0] / gain[:, None]
-            slope = slope + prior * parameters[active][:, free]
-            step = -np.matmul(inverse_hessians[active], slope[:, :, None])[:, :, 0]
-            longest = np.abs(step[:, free < 2]).max(axis=1)
-            parameters[np.ix_(active, free)] += step * np.minimum(1.0, _LONGEST_STEP_PX / (longest + 1e-9))[:, None]
-            energy = np.maximum((seen * seen) @ self._weights - (seen @ self._weights) ** 2, _LEAST_VARIANCE)
-            scores[active] = product / np.sqrt(variances[active] * energy)
-            residuals[active] = np.sqrt(energy * np.maximum(1.0 - scores[active] ** 2, 0.0))
-            settled[active] = longest < self._config.precision_px
-            active = active[~settled[active]]
         middles, whole = _placed(centres, shapes, parameters)
         return Alignment(middles, whole, scores, residuals, settled)
-
-    def _prepared(self, templates: Templates, free: IntArray, spreads: Array) -> tuple[FloatArray, Array, Array]:
-        """Weighted Jacobian without gain and offset (N, k, P), inverse Hessian with the prior (N, k, k), prior (k,)."""
-        shifts = templates.gradients.transpose(0, 2, 1)
-        stretches = shifts[:, :, None] * self._offsets.T
-        columns = np.concatenate((shifts, stretches.reshape(len(shifts), 4, -1)), axis=1)[:, free]
-        columns = columns - (columns @ self._weights)[:, :, None]
-        values = templates.values
-        weighted = values * self._weights
-        variance = np.maximum((weighted * values).sum(axis=1), _LEAST_VARIANCE)
-        along = np.matmul(columns, weighted[:, :, None]) / variance[:, None, None]
-        columns = columns - along * values[:, None]
-        slopes = columns * self._weights
-        prior = (self._config.noise / spreads[free]) ** 2 / len(self._weights)
-        hessians = np.matmul(slopes, columns.transpose(0, 2, 1)).astype(np.float64) + np.diag(prior)
-        return slopes, np.linalg.inv(hessians), prior
 
     def _seen(self, image: FloatArray, centres: Array, shapes: Array, parameters: Array) -> FloatArray:
         """Brightness (N, P) of the image where the patches lie under their parameters (N, 6)."""

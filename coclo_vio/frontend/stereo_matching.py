@@ -36,9 +36,7 @@ class StereoMatcher:
         self._seen_right = seen_right
         columns = seen_right.shape[1]
         self._most_disparity = min(rig.focal_px[0] * rig.baseline_m / config.nearest_m, 0.5 * columns)
-        self._spreads = np.array(
-            [_ANYWHERE_PX, config.row_spread_px, config.slant_spread, config.slant_spread, 0.0, 0.0]
-        )
+        self._spreads = np.array([_ANYWHERE_PX, config.row_spread_px, config.slant_spread, config.slant_spread])
 
     def match(
         self, pair: RectifiedPair, smooth: SmoothPair, left_px: Array, expected_disparity: Array, slants: Array
@@ -61,7 +59,7 @@ class StereoMatcher:
         start = np.zeros((count, 6))
         start[:, 0], start[:, 2:4] = -disparity[known], -slants[known]
         upright = np.tile(np.eye(2), (count, 1, 1))
-        templates = self._aligner.templates(smooth.left, points)
+        templates = self._aligner.templates(smooth.left, points, len(self._spreads))
         found = self._aligner.align(templates, smooth.right, points, upright, self._spreads, start)
         kept = alike(found, self._likeness) & self._is_believable(points, found.centres)
         kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.correction_px
