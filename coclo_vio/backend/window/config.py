@@ -16,7 +16,13 @@ class PixelNoiseConfig(StageConfig):
     """
 
     track_px: Annotated[float, Field(gt=0, le=50, description="one sigma of a track, both images alike, px")] = 1.0
-    match_px: Annotated[float, Field(gt=0, le=50, description="one sigma of each image by itself, px")] = 0.3
+    disparity_px: Annotated[float, Field(gt=0, le=50, description="one sigma of a landmark's first disparity, px")] = (
+        0.7
+    )
+    repeated_disparity_px: Annotated[
+        float,
+        Field(gt=0, le=100, description="one sigma of its later disparities, which repeat the first one's error, px"),
+    ] = 3.0
     huber: Annotated[float, Field(gt=0, le=100, description="residuals beyond this many sigmas count less (Huber)")] = (
         1.5
     )
@@ -26,13 +32,14 @@ class PixelNoiseConfig(StageConfig):
 
 
 class KeyframeConfig(StageConfig):
-    """When a frame becomes a keyframe. The first four are those of VINS-Fusion (Qin et al. 2019)."""
+    """When a frame becomes a keyframe: enough parallax, or too much of what the last keyframe saw is out of sight."""
 
     parallax_px: Annotated[
         float, Field(gt=0, description="mean motion of tracks since the last keyframe, at a focal length of 460 px")
     ] = 10.0
-    fewest_tracked: Annotated[int, Field(ge=0, description="fewer tracks in common with the last keyframe")] = 20
-    fewest_long: Annotated[int, Field(ge=0, description="fewer tracks that are in four keyframes or more")] = 40
+    least_kept_share: Annotated[
+        float, Field(ge=0, le=1, description="share of the last keyframe's tracks that are still seen")
+    ] = 0.6
     most_new_share: Annotated[
         float, Field(gt=0, le=1, description="share of tracks that the last keyframe does not have")
     ] = 0.5
@@ -48,6 +55,8 @@ class MotionPriorConfig(StageConfig):
     turn_acceleration_radps2: Annotated[
         float, Field(gt=0, description="one sigma of angular acceleration, rad/s^2")
     ] = 3.0
+    velocity_mps: Annotated[float, Field(gt=0, description="one sigma of the velocity told from poses, m/s")] = 0.5
+    rate_radps: Annotated[float, Field(gt=0, description="one sigma of the rate told from poses, rad/s")] = 0.5
     memory_s: Annotated[
         float, Field(gt=0, description="without sight, velocity is believed to fade with this time constant, s")
     ] = 0.5
@@ -106,15 +115,15 @@ class StartConfig(StageConfig):
     rest_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch from rest, rad")] = 0.02
     moving_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch on the move, rad")] = 0.3
     rest_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of velocity from rest, m/s")] = 0.01
-    moving_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of velocity on the move, m/s")] = 3.0
+    moving_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of velocity on the move, m/s")] = 10.0
 
 
 class FailureConfig(StageConfig):
     """When sight counts as lost, and what counts as gone wrong."""
 
     fewest_inliers: Annotated[
-        int, Field(ge=3, description="a frame with fewer tracks that fit the landmarks is blind")
-    ] = 6
+        int, Field(ge=1, description="a frame with fewer tracks that fit the landmarks is blind")
+    ] = 3
     longest_blind_s: Annotated[
         float, Field(gt=0, description="after a longer time without sight the window starts anew, s")
     ] = 5.0

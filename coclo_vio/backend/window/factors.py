@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The smoother's factors, all of them GTSAM's own: sightings, motion, priors. A ``Term`` is a factor and its keys."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window.config import PixelNoiseConfig
+from coclo_vio.calibration import RectifiedStereo
+
+_LANDMARK = gtsam.symbol("l", 0)
+_POSE, _VELOCITY, _BIAS = gtsam.symbol("x", 0), gtsam.symbol("v", 0), gtsam.symbol("b", 0)
+
+
+def landmark_key(track_id: int) -> int:
+    """The key of a landmark."""
+    return int(_LANDMARK + track_id)
+
+
+def pose_key(number: int) -> int:
+    """The key of a keyframe's pose."""
+    return int(_POSE + number)
+
+
+def velocity_key(number: int) -> int:
+    """The key of a keyframe's velocity."""
+    return int(_VELOCITY + number)
+
+
+def bias_key(number: int) -> int:
+    """The key of a keyframe's IMU biases."""
+    return int(_BIAS + number)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """A factor and the keys of what it is about."""
+
+    factor: Any
+    keys: tuple[int, ...]
+
+
+class SightingFactors:
+    """Makes factors of sightings: stereo where both cameras see the point, a projection where one does.
+
+    Left pixel and disparity are independent, so the two columns are not: a wandering track takes both along.
+    """
+
+    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
+        (fx, fy), (cx, cy) = rig.focal_px, rig.principal_point_px
+        self._stereo = gtsam.Cal3_S2Stereo(fx, fy, 0.0, cx, cy, rig.baseline_m)
+        self._mono = gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
+        self._T_body_camera = gtsam.Pose3(rig.T_body_camera)
+        huber = gtsam.noiseModel.mEstimator.Huber.Create(noise.huber)
+        self._first_noise = _robust(huber, noise.track_px, noise.disparity_px)
+        self._repeated_noise = _robust(huber, noise.track_px, noise.repeated_disparity_px)
+        alone = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
+        self._mono_noise = gtsam.noiseModel.Robust.Create(huber, alone)
+
+    def make(self, number: int, track_id: int, sighting: Array, *, is_first: bool) -> Term:
+        """The factor of a sighting (left column, row, right column or NaN), px, (3,)."""
+        pose, point = pose_key(number), landmark_key(track_id)
+        left, row, right = (float(value) for value in sighting)
+        if np.isnan(right):
+            factor = gtsam.GenericProjectionFactorCal3_S2(
+                np.array([left, row]), self._mono_noise, pose, point, self._mono, self._T_body_camera
+            )
+        else:
+            noise = self._first_noise if is_first else self._repeated_noise
+            factor = gtsam.GenericStereoFactor3D(
+                gtsam.StereoPoint2(left, right, row), noise, pose, point, self._stereo, self._T_body_camera
+            )
+        return Term(factor, (pose, point))
+
+
+def _robust(huber: Any, track_px: float, disparity_px: float) -> Any:
+    """Noise of [left column, right column, row]: left pixel and disparity are independent, the columns are not."""
+    track, disparity = track_px**2, disparity_px**2
+    covariance = np.array([[track, track, 0.0], [track, track + disparity, 0.0], [0.0, 0.0, track]])
+    return gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Gaussian.Covariance(covariance))
+
+
+def relative_pose(start: int, end: int, T_start_end: Array, covariance: Array) -> Term:  # noqa: N803
+    """The motion between two keyframes, with the covariance (6, 6) of its right/local error."""
+    keys = (pose_key(start), pose_key(end))
+    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return Term(gtsam.BetweenFactorPose3(*keys, gtsam.Pose3(T_start_end), noise), keys)
+
+
+def pose_prior(number: int, T_world_body: Array, covariance: Array) -> Term:  # noqa: N803
+    """A keyframe's pose, with the covariance (6, 6) of its right/local error."""
+    key = pose_key(number)
+    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return Term(gtsam.PriorFactorPose3(key, gtsam.Pose3(T_world_body), noise), (key,))
+
+
+def velocity_prior(number: int, velocity_world: Array, sigma_mps: float) -> Term:
+    """A keyframe's velocity, m/s, (3,)."""
+    key = velocity_key(number)
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, sigma_mps)
+    return Term(gtsam.PriorFactorVector(key, velocity_world, noise), (key,))
+
+
+def bias_prior(number: int, accelerometer: Array, gyroscope: Array, sigmas: Array) -> Term:
+    """A keyframe's biases, m/s^2 and rad/s, imu frame; ``sigmas`` (6,), accelerometer first."""
+    key = bias_key(number)
+    mean = gtsam.imuBias.ConstantBias(accelerometer, gyroscope)
+    return Term(gtsam.PriorFactorConstantBias(key, mean, gtsam.noiseModel.Diagonal.Sigmas(sigmas)), (key,))
+
+
+def inertial(start: int, end: int, measured: Any) -> Term:
+    """What the IMU felt between two keyframes, with the walk of its biases."""
+    poses = (pose_key(start), velocity_key(start), pose_key(end), velocity_key(end))
+    biases = (bias_key(start), bias_key(end))
+    return Term(gtsam.CombinedImuFactor(*poses, *biases, measured), poses + biases)

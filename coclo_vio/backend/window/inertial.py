@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""IMU samples between two keyframes: preintegrated for the smoother, and watched for rest.
+
+Source: Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", 2017, as GTSAM has it.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
+from coclo_vio.calibration import ImuCalibration
+from coclo_vio.measurements import InertialReading
+
+_NS_PER_S = 1_000_000_000
+_GRAVITY_MPS2 = 9.81
+_INTEGRATION_NOISE = 1e-4  # m/sqrt(s): what midpoints between samples miss
+_FEWEST_SAMPLES = 5
+_SPANNED = 0.8  # share of the window that the samples have to span
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quiet:
+    """Means over a time without motion, imu frame.
+
+    Attributes:
+        angular_velocity: rad/s, (3,).
+        specific_force: m/s^2, (3,).
+        span_s: how long.
+    """
+
+    angular_velocity: Array
+    specific_force: Array
+    span_s: float
+
+
+class Preintegration:
+    """The motion since the last keyframe as the IMU felt it.
+
+    Readings are joined by straight lines; one that ends after the asked time is cut there.
+    """
+
+    def __init__(self, imu: ImuCalibration, config: InertialConfig) -> None:
+        self._config = config
+        self.T_body_imu = imu.T_body_imu
+        params = gtsam.PreintegrationCombinedParams.MakeSharedU(_GRAVITY_MPS2)
+        gyroscope = max(imu.gyroscope_noise_density, config.gyroscope_noise_density)
+        accelerometer = max(imu.accelerometer_noise_density, config.accelerometer_noise_density)
+        params.setGyroscopeCovariance(np.eye(3) * gyroscope**2)
+        params.setAccelerometerCovariance(np.eye(3) * accelerometer**2)
+        params.setIntegrationCovariance(np.eye(3) * _INTEGRATION_NOISE**2)
+        params.setBiasOmegaCovariance(np.eye(3) * max(imu.gyroscope_bias_walk, config.gyroscope_bias_walk) ** 2)
+        params.setBiasAccCovariance(np.eye(3) * max(imu.accelerometer_bias_walk, config.accelerometer_bias_walk) ** 2)
+        params.setBodyPSensor(gtsam.Pose3(self.T_body_imu))
+        self._params = params
+        self._pim = gtsam.PreintegratedCombinedMeasurements(params)
+        self._waiting: deque[InertialReading] = deque()
+        self._last: InertialReading | None = None
+        self.start_ns: int | None = None
+        self._now_ns = 0
+        self.has_gap = False
+
+    def push(self, sample: InertialReading) -> None:
+        """Take the next reading; one that is not newer than the last is left out."""
+        newest = self._waiting[-1] if self._waiting else self._last
+        if newest is None or sample.stamp_ns > newest.stamp_ns:
+            self._waiting.append(sample)
+        if self.start_ns is None and len(self._waiting) > 1:  # nobody asks yet
+            self._last = self._waiting.popleft()
+
+    @property
+    def measured(self) -> gtsam.PreintegratedCombinedMeasurements:
+        """What has been integrated since the start."""
+        return self._pim
+
+    @property
+    def rate_body(self) -> Array:
+        """The newest angular velocity, bias and all, rad/s, body frame, (3,)."""
+        return np.zeros(3) if self._last is None else np.asarray(self.T_body_imu[:3, :3] @ self._last.angular_velocity)
+
+    def restart(self, stamp_ns: int, bias: gtsam.imuBias.ConstantBias) -> None:
+        """Start to integrate anew at ``stamp_ns``, up to which everything has been taken."""
+        self._pim = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
+        self.start_ns = self._now_ns = stamp_ns
+        self.has_gap = False
+
+    def advance(self, stamp_ns: int) -> bool:
+        """Integrate up to ``stamp_ns``; whether there is anything to integrate and no long silence in it."""
+        while self._waiting and self._waiting[0].stamp_ns <= stamp_ns:
+            self._take(self._waiting.popleft())
+        if self._last is not None and self._now_ns < stamp_ns:
+            ahead = self._waiting[0] if self._waiting else self._last
+            self._integrate(self._last, _between(self._last, ahead, stamp_ns), stamp_ns)
+        return self._last is not None and not self.has_gap and self._pim.deltaTij() > 0.0
+
+    def _take(self, sample: InertialReading) -> None:
+        before, self._last = self._last or sample, sample
+        if sample.stamp_ns > self._now_ns:
+            begin = _between(before, sample, self._now_ns)
+            self._integrate(begin, sample, sample.stamp_ns)
+
+    def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
+        dt_s = (stamp_ns - self._now_ns) / _NS_PER_S
+        self.has_gap = self.has_gap or dt_s > self._config.max_gap_s
+        force = 0.5 * (begin.specific_force + end.specific_force)
+        self._pim.integrateMeasurement(force, 0.5 * (begin.angular_velocity + end.angular_velocity), dt_s)
+        self._now_ns = stamp_ns
+
+
+def _between(before: InertialReading, after: InertialReading, stamp_ns: int) -> InertialReading:
+    """The reading at ``stamp_ns`` on the line through two; the nearer one outside them."""
+    span_ns = after.stamp_ns - before.stamp_ns
+    share = 1.0 if span_ns <= 0 else min(max((stamp_ns - before.stamp_ns) / span_ns, 0.0), 1.0)
+    return InertialReading(
+        stamp_ns,
+        before.angular_velocity + share * (after.angular_velocity - before.angular_velocity),
+        before.specific_force + share * (after.specific_force - before.specific_force),
+    )
+
+
+class InertialWatch:
+    """The readings of the last moments, in the imu frame: whether they are quiet, and their means."""
+
+    def __init__(self, config: StandstillWindowConfig) -> None:
+        self._config = config
+        self._readings: deque[tuple[int, Array]] = deque()
+
+    def push(self, sample: InertialReading) -> None:
+        """Take a reading; those older than the window are forgotten."""
+        row = np.concatenate((sample.angular_velocity, sample.specific_force))
+        self._readings.append((sample.stamp_ns, row))
+        oldest_ns = sample.stamp_ns - round(self._config.window_s * _NS_PER_S)
+        while self._readings[0][0] < oldest_ns:
+            self._readings.popleft()
+
+    @property
+    def means(self) -> Quiet | None:
+        """The means over the window, quiet or not; None before the first reading."""
+        if not self._readings:
+            return None
+        mean = np.mean([row for _, row in self._readings], axis=0)
+        return Quiet(mean[:3], mean[3:], (self._readings[-1][0] - self._readings[0][0]) / _NS_PER_S)
+
+    @property
+    def quiet(self) -> Quiet | None:
+        """The means over the window if nothing moved in it."""
+        means = self.means
+        if means is None or len(self._readings) < _FEWEST_SAMPLES or means.span_s < _SPANNED * self._config.window_s:
+            return None
+        scatter = np.var([row for _, row in self._readings], axis=0)
+        is_quiet = (
+            np.sqrt(scatter[:3].sum()) < self._config.gyroscope_std_radps
+            and np.sqrt(scatter[3:].sum()) < self._config.accelerometer_std_mps2
+        )
+        return means if is_quiet else None

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which frames become keyframes, and whether the tracks stand still."""
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window.config import KeyframeConfig
+from coclo_vio.measurements import StereoTracks
+
+_REFERENCE_FOCAL_PX = 460.0
+_FEWEST_STILL = 5
+
+
+def displacements_px(before: StereoTracks, now: StereoTracks) -> Array:
+    """How far the tracks that both frames see have moved in the left image, px, (M,)."""
+    _, at_before, at_now = np.intersect1d(before.track_ids, now.track_ids, assume_unique=True, return_indices=True)
+    return np.asarray(np.linalg.norm(now.left_px[at_now] - before.left_px[at_before], axis=1))
+
+
+def stand_still(before: StereoTracks, now: StereoTracks, most_px: float) -> bool:
+    """Whether the tracks that both frames see have moved by less than ``most_px``, in the median."""
+    moved = displacements_px(before, now)
+    return len(moved) >= _FEWEST_STILL and float(np.median(moved)) < most_px
+
+
+def is_keyframe(config: KeyframeConfig, before: StereoTracks, now: StereoTracks, focal_px: float) -> bool:
+    """Whether ``now`` should be a keyframe after the keyframe ``before``."""
+    age_s = (now.stamp_ns - before.stamp_ns) / 1e9
+    if age_s >= config.longest_s:
+        return True
+    moved = displacements_px(before, now)
+    common = len(moved)
+    if common < config.least_kept_share * len(before):
+        return True
+    if len(now) - common > config.most_new_share * max(len(now), 1):
+        return True
+    return common > 0 and float(np.mean(moved)) > config.parallax_px * focal_px / _REFERENCE_FOCAL_PX

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The pose of one frame against landmarks that stay where they are: what a frame between two keyframes gets."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.backend.window.config import PixelNoiseConfig
+from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.geometry import se3, so3
+
+_MOST_ITERATIONS = 10
+_CONVERGED = 1e-7  # rad and m
+_FARTHEST_PX = 1e6  # where a point behind the camera is said to be seen: too far off to be believed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """A frame against the landmarks.
+
+    Attributes:
+        T_world_body: the pose, (4, 4).
+        covariance: of its right/local error, landmarks taken as known, (6, 6).
+        is_inlier: the sightings that fit, (N,).
+        reprojection_px: root mean square residual of those, px.
+    """
+
+    T_world_body: Array
+    covariance: Array
+    is_inlier: BoolArray
+    reprojection_px: float
+
+
+class PixelModel:
+    """What a stereo camera on the body sees, with residuals weighed by their noise.
+
+    Sightings are rows (left column, row, right column); the right column is NaN where the right camera saw nothing.
+    """
+
+    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
+        self._rig, self._noise = rig, noise
+        self._T_camera_body = se3.inverse(rig.T_body_camera)
+        self._sigmas_px = np.array([noise.track_px, noise.track_px, noise.repeated_disparity_px])
+
+    def seen(self, T_world_body: Array, points_world: Array) -> Array:  # noqa: N803 -- a transform is T
+        """Sightings (N, 3), px, of points (N, 3) of the world; far outside every image where a point is behind."""
+        return self._project(self._in_camera(T_world_body, points_world))
+
+    def weighed(self, residuals_px: Array) -> Array:
+        """Residuals (N, 3) = [left column, row, disparity] in sigmas; 0 for the disparity of a right column of NaN."""
+        left, row, right = residuals_px.T
+        disparity = np.nan_to_num(left - right, nan=0.0)
+        return np.column_stack((left, row, disparity)) / self._sigmas_px
+
+    def misfit(self, T_world_body: Array, points_world: Array, sightings: Array) -> Array:  # noqa: N803
+        """How many sigmas each sighting (N, 3) is away from where its point is, (N,)."""
+        weighed = self.weighed(sightings - self.seen(T_world_body, points_world))
+        return np.asarray(np.sqrt(np.einsum("ij,ij->i", weighed, weighed)))
+
+    def locate(
+        self,
+        T_expected: Array,
+        covariance: Array,
+        points_world: Array,
+        sightings: Array,  # noqa: N803
+    ) -> Located:
+        """The pose that fits sightings and expectation best, by Gauss-Newton with Huber's weights, then without outliers.
+
+        Args:
+            T_expected: where the body is expected, (4, 4).
+            covariance: of that expectation's right/local error, (6, 6), positive definite.
+            points_world: landmarks, m, (N, 3).
+            sightings: where they are seen, px, (N, 3).
+        """
+        information = np.linalg.inv(covariance)
+        everyone = np.ones(len(sightings), dtype=np.bool_)
+        T = self._iterate(T_expected, T_expected, information, points_world, sightings, everyone)[0]
+        is_inlier = self.misfit(T, points_world, sightings) < self._noise.outlier
+        T, hessian = self._iterate(T, T_expected, information, points_world, sightings, is_inlier)
+        misfit = self.misfit(T, points_world, sightings)
+        is_inlier = np.asarray(misfit < self._noise.outlier)
+        residuals = (sightings - self.seen(T, points_world))[is_inlier]
+        rms = float(np.sqrt(np.nanmean(np.square(residuals)))) if is_inlier.any() else 0.0
+        return Located(T, np.linalg.inv(hessian), is_inlier, rms)
+
+    def _iterate(
+        self,
+        start: Array,
+        expected: Array,
+        information: Array,
+        points_world: Array,
+        sightings: Array,
+        use: BoolArray,
+    ) -> tuple[Array, Array]:
+        T, points, seen = start, points_world[use], sightings[use]
+        hessian = information
+        for _ in range(_MOST_ITERATIONS):
+            points_camera = self._in_camera(T, points)
+            weighed = self.weighed(seen - self._project(points_camera))
+            size = np.sqrt(np.einsum("ij,ij->i", weighed, weighed))
+            weight = np.minimum(1.0, self._noise.huber / np.maximum(size, 1e-9))
+            weight[points_camera[:, 2] < 1e-3] = 0.0
+            rows = self._jacobian(T, points, points_camera, ~np.isnan(seen[:, 2]))
+            off = se3.log(se3.inverse(T) @ expected)
+            hessian = information + np.einsum("nki,n,nkj->ij", rows, weight, rows)
+            gradient = information @ off + np.einsum("nki,n,nk->i", rows, weight, weighed)
+            step = np.linalg.solve(hessian, gradient)
+            T = T @ se3.exp(step)
+            if np.abs(step).max() < _CONVERGED:
+                break
+        return T, hessian
+
+    def _jacobian(
+        self,
+        T_world_body: Array,
+        points_world: Array,
+        points_camera: Array,
+        has_right: BoolArray,  # noqa: N803
+    ) -> Array:
+        """Derivatives (N, 3, 6) of weighed sightings to a right/local change of the pose."""
+        (fx, fy), baseline = self._rig.focal_px, self._rig.baseline_m
+        x, y, z = points_camera[:, 0], points_camera[:, 1], np.maximum(points_camera[:, 2], 1e-3)
+        pixel = np.zeros((len(z), 3, 3))
+        pixel[:, 0, 0] = fx / z
+        pixel[:, 0, 2] = -fx * x / z**2
+        pixel[:, 1, 1] = fy / z
+        pixel[:, 1, 2] = -fy * y / z**2
+        pixel[:, 2, 2] = -fx * baseline / z**2 * has_right
+        pixel /= self._sigmas_px[:, None]
+        points_body = (points_world - T_world_body[:3, 3]) @ T_world_body[:3, :3]
+        body = np.empty((len(z), 3, 6))
+        body[:, :, :3] = so3.hat(points_body)
+        body[:, :, 3:] = -np.eye(3)
+        return np.asarray(pixel @ self._T_camera_body[:3, :3] @ body)
+
+    def _in_camera(self, T_world_body: Array, points_world: Array) -> Array:  # noqa: N803
+        return se3.apply(self._T_camera_body @ se3.inverse(T_world_body), points_world)
+
+    def _project(self, points_camera: Array) -> Array:
+        ahead = points_camera[:, 2] > 1e-3
+        left_px, disparity = self._rig.pixels(np.where(ahead[:, None], points_camera, [0.0, 0.0, 1.0]))
+        seen = np.column_stack((left_px, left_px[:, 0] - disparity))
+        return np.where(ahead[:, None], seen, _FARTHEST_PX)

@@ -1,0 +1,470 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The smoother from the outside: tracks in, a pose for every frame out.
+
+Between keyframes a frame is placed against landmarks that stay; at a keyframe the window is solved. Keyframes are tied
+together by preintegrated IMU readings (``vins``), by the odometry that somebody gives, or by what they both see alone.
+Source: Qin, Cao, Pan, Shen, "A general optimization-based framework for local odometry estimation with multiple
+sensors", 2019 (VINS-Fusion); what is ours is the prior on landmarks still seen, and what happens when sight fails.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.inertial import InertialWatch, Preintegration, Quiet
+from coclo_vio.backend.window.keyframe_choice import is_keyframe, stand_still
+from coclo_vio.backend.window.localisation import Located, PixelModel
+from coclo_vio.backend.window.motion import Motion, SteadyMotion
+from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.calibration import ImuCalibration, RectifiedStereo
+from coclo_vio.errors import SmootherError
+from coclo_vio.estimates import Event, KeyframeHealth, NavState, OdometryDelta, StateEstimate
+from coclo_vio.geometry import se3, so3
+from coclo_vio.measurements import InertialReading, StereoTracks
+
+_NS_PER_S = 1_000_000_000
+_HELD = 1e-4  # rad and m, one sigma: the first keyframe is where the world is
+_UNSURE = 10.0  # how many times its sigma an expectation may be off that most sightings contradict
+_REST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
+_HELD_SOLVE_NS = 500_000_000  # how often a standstill teaches the biases
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """The last frame's answer.
+
+    Attributes:
+        stamp_ns: its time.
+        T_world_body: (4, 4).
+        velocity_world: m/s, (3,).
+        covariance: as that of ``StateEstimate``, (9, 9).
+    """
+
+    stamp_ns: int
+    T_world_body: Array
+    velocity_world: Array
+    covariance: Array
+
+
+class SlidingWindowSmoother:
+    """Where the body is, from stereo tracks and what else there is; an estimate for every frame once it has started.
+
+    The world has its origin and heading at the body's first frame, and is z up where an accelerometer says where up
+    is. Nothing that tracks or readings hold raises: what goes wrong is an event, and the smoother carries on.
+    """
+
+    def __init__(
+        self,
+        rig: RectifiedStereo,
+        config: SmootherConfig | None = None,
+        imu: ImuCalibration | None = None,
+        *,
+        uses_imu: bool,
+    ) -> None:
+        self.config = config or SmootherConfig()
+        self._rig = rig
+        self._pixels = PixelModel(rig, self.config.noise)
+        self._imu_calibration = imu or ImuCalibration()
+        self._imu = Preintegration(self._imu_calibration, self.config.inertial) if uses_imu else None
+        self._watch = InertialWatch(self.config.standstill)
+        self._steady = SteadyMotion(self.config.motion, self.config.start.moving_velocity_mps)
+        self._window: Window | None = None
+        self._last: Frame | None = None
+        self._bias = gtsam.imuBias.ConstantBias()
+        self._keyframe_covariance = np.eye(9)
+        self._first_ns: int | None = None
+        self._silent_until_ns = 0
+        self._held_ns: int | None = None  # last time that a standstill was solved for
+        self._counts: Counter[str] = Counter()
+        self._events: list[Event] = []
+        self._health: list[KeyframeHealth] = []
+        self._is_blind = False
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Frames, keyframes, frames without sight, standstills, restarts, stamps refused."""
+        return {name: count for name, count in sorted(self._counts.items()) if count}
+
+    @property
+    def latest_pose(self) -> Array | None:
+        """``T_world_body`` of the last frame, (4, 4); None before the start."""
+        return None if self._last is None else self._last.T_world_body
+
+    @property
+    def keyframe_ns(self) -> int | None:
+        """The time of the last keyframe: where an ``OdometryDelta`` has to start."""
+        return None if self._window is None else self._window.newest.stamp_ns
+
+    def take_events(self) -> tuple[Event, ...]:
+        """What happened since the last call."""
+        events, self._events = tuple(self._events), []
+        return events
+
+    def take_health(self) -> tuple[KeyframeHealth, ...]:
+        """The keyframes since the last call."""
+        health, self._health = tuple(self._health), []
+        return health
+
+    def push_imu(self, sample: InertialReading) -> None:
+        """Take an IMU reading; readings come before the frame that they lead to."""
+        self._watch.push(sample)
+        if self._imu is not None:
+            self._imu.push(sample)
+
+    def predicted_pose(self, stamp_ns: int) -> Array | None:
+        """``T_world_body`` expected at ``stamp_ns``, (4, 4); None before the start."""
+        return None if self._window is None else self._expected(stamp_ns, None).T_world_body
+
+    def push_tracks(self, tracks: StereoTracks, odometry: OdometryDelta | None = None) -> StateEstimate | None:
+        """Take a frame; its estimate, or None before the start and for a frame that is not newer than the last.
+
+        Args:
+            tracks: what the frame sees.
+            odometry: the motion from ``keyframe_ns`` to the frame as something else measured it.
+        """
+        if self._last is not None and tracks.stamp_ns <= self._last.stamp_ns:
+            self._counts["frame_stamp_refused"] += 1
+            return None
+        self._counts["frames"] += 1
+        if self._window is None:
+            return self._try_to_start(tracks)
+        if odometry is not None and odometry.start_ns != self._window.newest.stamp_ns:
+            odometry = None
+            self._counts["odometry_refused"] += 1
+        motion = self._expected(tracks.stamp_ns, odometry)
+        is_wrong, located = self._located(self._window, tracks, motion)
+        self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry)
+        self._steady.add(tracks.stamp_ns, self._last.T_world_body, is_seen=located is not None)
+        return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
+
+    def _frame(
+        self,
+        window: Window,
+        tracks: StereoTracks,
+        motion: Motion,
+        located: Located | None,
+        is_wrong: BoolArray,
+        odometry: OdometryDelta | None,
+    ) -> Frame:
+        self._tell_sight(tracks, located)
+        quiet = self._watch.quiet
+        if quiet is not None and self._imu is not None and located is not None and self._stands(window, tracks):
+            return self._hold(window, tracks, quiet)
+        self._held_ns = None
+        if located is None and not self._sees_enough(tracks) and not self._is_overdue(window, tracks):
+            return self._unseen(tracks, motion)
+        if located is None or is_keyframe(self.config.keyframe, window.newest.tracks, tracks, self._rig.focal_px[0]):
+            return self._solved(window, tracks, motion, located, is_wrong, odometry)
+        return self._between(tracks, motion, located)
+
+    def _try_to_start(self, tracks: StereoTracks) -> StateEstimate | None:
+        self._first_ns = tracks.stamp_ns if self._first_ns is None else self._first_ns
+        waited_s = (tracks.stamp_ns - self._first_ns) / _NS_PER_S
+        quiet, means = self._watch.quiet, self._watch.means
+        is_waiting = quiet is None and waited_s < self.config.start.rest_timeout_s
+        if (is_waiting and (means is not None or self._imu is not None)) or not self._sees_enough(tracks):
+            return None
+        level = quiet or means
+        T = np.eye(4)
+        if level is not None:
+            T[:3, :3] = so3.from_gravity(self._imu_calibration.T_body_imu[:3, :3] @ level.specific_force)
+        if self._imu is not None and quiet is None:
+            self._tell(tracks.stamp_ns, "moving_start", "no rest to start from: gravity is found on the way")
+            self._silent_until_ns = tracks.stamp_ns + round(self.config.start.alignment_s * _NS_PER_S)
+        if quiet is not None:
+            self._bias = gtsam.imuBias.ConstantBias(np.zeros(3), quiet.angular_velocity)
+        self._begin(tracks, T, self._start_covariance(T, is_level=quiet is not None), np.zeros(3), quiet is not None)
+        return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
+
+    def _start_covariance(self, T: Array, *, is_level: bool) -> Array:  # noqa: N803
+        """Of pose and velocity of the first keyframe, (9, 9): the world is where it is, up to what gravity tells."""
+        start = self.config.start
+        tilt = start.rest_tilt_rad if is_level else start.moving_tilt_rad
+        tilt = tilt if self._imu is not None else _HELD
+        covariance = np.zeros((9, 9))
+        covariance[:3, :3] = T[:3, :3].T @ np.diag([tilt**2, tilt**2, _HELD**2]) @ T[:3, :3]
+        covariance[3:6, 3:6] = np.eye(3) * _HELD**2
+        covariance[6:, 6:] = np.eye(3) * (start.rest_velocity_mps if is_level else start.moving_velocity_mps) ** 2
+        return covariance
+
+    def _begin(
+        self,
+        tracks: StereoTracks,
+        T: Array,
+        covariance: Array,
+        velocity: Array,
+        knows_rate: bool,  # noqa: N803
+    ) -> None:
+        """A window of one keyframe."""
+        number = 0 if self._window is None else self._window.newest.number + 1
+        self._window = Window(self._rig, self.config)
+        keyframe = Keyframe(number, tracks.stamp_ns, tracks, [factors.pose_prior(number, T, covariance[:6, :6])])
+        self._window.add(keyframe, T, np.zeros(len(tracks), dtype=np.bool_))
+        if self._imu is not None:
+            inertial = self.config.inertial
+            gyroscope = _REST_RATE_RADPS if knows_rate else inertial.gyroscope_bias
+            sigmas = np.repeat([inertial.accelerometer_bias, gyroscope], 3)
+            keyframe.terms.append(factors.velocity_prior(number, velocity, float(np.sqrt(covariance[6, 6]))))
+            bias = self._bias.vector()
+            keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
+            self._window.set_inertial(number, velocity, self._bias)
+            self._imu.restart(tracks.stamp_ns, self._bias)
+        self._steady.restart(tracks.stamp_ns, T)
+        self._keyframe_covariance = covariance
+        self._last = Frame(tracks.stamp_ns, T, velocity, covariance)
+        self._counts["keyframes"] += 1
+
+    def _expected(self, stamp_ns: int, odometry: OdometryDelta | None) -> Motion:
+        """Where the body should be at a frame; an odometry is believed before the IMU, the IMU before steadiness."""
+        steady = self._steady.at(stamp_ns)
+        window = self._window
+        if window is None:
+            return steady
+        newest = window.newest.number
+        is_felt = self._imu is not None and self._imu.advance(stamp_ns)
+        if odometry is not None:
+            T = window.pose(newest) @ odometry.T_start_end
+            velocity = steady.velocity_world
+            return Motion(T, velocity, odometry.covariance + np.eye(6) * _HELD**2, is_measured=True)
+        if self._imu is None or not is_felt:
+            return steady
+        state = gtsam.NavState(gtsam.Pose3(window.pose(newest)), window.velocity(newest))
+        felt = self._imu.measured.predict(state, self._bias)
+        dt_s = self._imu.measured.deltaTij()
+        covariance = np.array(self._imu.measured.preintMeasCov())[:6, :6] + np.eye(6) * _HELD**2
+        R = np.asarray(felt.pose().rotation().matrix())
+        covariance[3:, 3:] += R.T @ self._keyframe_covariance[6:, 6:] @ R * dt_s**2
+        return Motion(np.asarray(felt.pose().matrix()), np.asarray(felt.velocity()), covariance, is_measured=True)
+
+    def _located(self, window: Window, tracks: StereoTracks, motion: Motion) -> tuple[BoolArray, Located | None]:
+        """Which tracks do not fit the landmarks, (N,), and the frame's pose against those that do."""
+        is_known, points = window.landmarks.known(tracks)
+        sightings = window.landmarks.sightings(tracks)[is_known]
+        is_wrong = np.zeros(len(tracks), dtype=np.bool_)
+        if not is_known.any():
+            return is_wrong, None
+        located = self._pixels.locate(motion.T_world_body, motion.covariance, points, sightings)
+        if 2 * np.count_nonzero(located.is_inlier) < len(points):
+            unsure = self._pixels.locate(motion.T_world_body, _UNSURE**2 * motion.covariance, points, sightings)
+            if np.count_nonzero(unsure.is_inlier) > np.count_nonzero(located.is_inlier):
+                located = unsure
+        is_wrong[is_known] = ~located.is_inlier
+        has_sight = np.count_nonzero(located.is_inlier) >= self.config.failure.fewest_inliers
+        return is_wrong, located if has_sight else None
+
+    def _sees_enough(self, tracks: StereoTracks) -> bool:
+        disparity = tracks.left_px[:, 0] - tracks.right_px[:, 0]
+        return np.count_nonzero(disparity > self.config.min_disparity_px) >= self.config.failure.fewest_inliers
+
+    def _is_overdue(self, window: Window, tracks: StereoTracks) -> bool:
+        """Whether readings have been integrated for long enough to want a keyframe, seen or not."""
+        age_s = (tracks.stamp_ns - window.newest.stamp_ns) / _NS_PER_S
+        return self._imu is not None and age_s >= self.config.keyframe.longest_s
+
+    def _stands(self, window: Window, tracks: StereoTracks) -> bool:
+        return stand_still(window.newest.tracks, tracks, self.config.standstill.motion_px)
+
+    def _tell_sight(self, tracks: StereoTracks, located: Located | None) -> None:
+        if located is None:
+            self._counts["blind_frames"] += 1
+        if (located is None) == self._is_blind:
+            return
+        self._is_blind = located is None
+        if self._is_blind:
+            why = tracks.reason or f"{len(tracks)} tracks, too few that fit the landmarks"
+            self._tell(tracks.stamp_ns, "blind", f"{why}; carried on without sight")
+        else:
+            self._tell(tracks.stamp_ns, "sight", "the landmarks are seen again")
+
+    def _tell(self, stamp_ns: int, kind: str, detail: str) -> None:
+        self._counts[kind] += 1
+        self._events.append(Event(stamp_ns, kind, detail))
+
+    def _unseen(self, tracks: StereoTracks, motion: Motion) -> Frame:
+        return Frame(tracks.stamp_ns, motion.T_world_body, motion.velocity_world, self._widened(motion, None))
+
+    def _between(self, tracks: StereoTracks, motion: Motion, located: Located) -> Frame:
+        """A frame that is no keyframe."""
+        velocity = motion.velocity_world
+        if not motion.is_measured:
+            velocity = located.T_world_body[:3, :3] @ self._steady.twist[3:]
+        return Frame(tracks.stamp_ns, located.T_world_body, velocity, self._widened(motion, located))
+
+    def _widened(self, motion: Motion, located: Located | None) -> Array:
+        """The last keyframe's covariance carried on, and the uncertainty of the motion since then, (9, 9)."""
+        assert self._window is not None
+        T_now = motion.T_world_body if located is None else located.T_world_body
+        moved = se3.adjoint(se3.inverse(T_now) @ self._window.pose(self._window.newest.number))
+        covariance = self._keyframe_covariance.copy()
+        covariance[:6, :6] = moved @ covariance[:6, :6] @ moved.T
+        covariance[:6, :6] += motion.covariance if located is None else located.covariance
+        covariance[:6, 6:] = moved @ covariance[:6, 6:]
+        covariance[6:, :6] = covariance[:6, 6:].T
+        return covariance
+
+    def _hold(self, window: Window, tracks: StereoTracks, quiet: Quiet) -> Frame:
+        """Nothing moves: the frame is the keyframe, which learns that it stands and what the gyroscope reads then."""
+        assert self._imu is not None
+        number, stamp_ns = window.newest.number, tracks.stamp_ns
+        self._counts["standstill_frames"] += 1
+        if self._held_ns is None or stamp_ns - self._held_ns >= _HELD_SOLVE_NS:
+            self._held_ns = stamp_ns
+            sigmas = np.repeat([1e3, max(_REST_RATE_RADPS, self._gyroscope_noise(quiet.span_s))], 3)
+            rest = [
+                factors.velocity_prior(number, np.zeros(3), self.config.standstill.velocity_mps),
+                factors.bias_prior(number, np.zeros(3), quiet.angular_velocity, sigmas),
+            ]
+            window.newest.rest_terms = rest
+            self._try_to_solve(window, tracks)
+        self._imu.restart(stamp_ns, self._bias)
+        covariance = self._keyframe_covariance
+        return Frame(stamp_ns, window.pose(number), window.velocity(number), covariance)
+
+    def _gyroscope_noise(self, span_s: float) -> float:
+        density = max(self._imu_calibration.gyroscope_noise_density, self.config.inertial.gyroscope_noise_density)
+        return float(density / np.sqrt(span_s))
+
+    def _solved(
+        self,
+        window: Window,
+        tracks: StereoTracks,
+        motion: Motion,
+        located: Located | None,
+        is_wrong: BoolArray,
+        odometry: OdometryDelta | None,
+    ) -> Frame:
+        """A new keyframe: the window with it solved, the oldest one marginalised."""
+        began_s = time.process_time()
+        before = window.newest
+        keyframe = Keyframe(before.number + 1, tracks.stamp_ns, tracks)
+        keyframe.terms = self._ties(window, keyframe, motion, located, odometry)
+        T = motion.T_world_body if located is None else located.T_world_body
+        window.add(keyframe, T, is_wrong)
+        if self._imu is not None:
+            window.set_inertial(keyframe.number, motion.velocity_world, self._bias)
+        solution = self._try_to_solve(window, tracks)
+        if solution is None:
+            return self._restarted(tracks, motion)
+        self._counts["keyframes"] += 1
+        if len(window.keyframes) > self.config.keyframes:
+            self._drop_oldest(window, tracks.stamp_ns)
+        if self._imu is not None:
+            self._imu.restart(tracks.stamp_ns, self._bias)
+        self._note(window, tracks, is_wrong, solution, time.process_time() - began_s)
+        T, velocity = window.pose(keyframe.number), self._velocity(window, before)
+        return Frame(tracks.stamp_ns, T, velocity, self._keyframe_covariance)
+
+    def _velocity(self, window: Window, before: Keyframe) -> Array:
+        if self._imu is not None:
+            return window.velocity(window.newest.number)
+        dt_s = (window.newest.stamp_ns - before.stamp_ns) / _NS_PER_S
+        return np.asarray((window.pose(window.newest.number)[:3, 3] - window.pose(before.number)[:3, 3]) / dt_s)
+
+    def _ties(
+        self,
+        window: Window,
+        keyframe: Keyframe,
+        motion: Motion,
+        located: Located | None,
+        odometry: OdometryDelta | None,
+    ) -> list[factors.Term]:
+        """What ties a keyframe to the one before it, besides landmarks."""
+        start, end = window.newest.number, keyframe.number
+        terms = []
+        if odometry is not None:
+            terms.append(factors.relative_pose(start, end, odometry.T_start_end, odometry.covariance))
+        if self._imu is not None:
+            if self._imu.start_ns is not None and not self._imu.has_gap and self._imu.measured.deltaTij() > 0.0:
+                return [*terms, factors.inertial(start, end, self._imu.measured)]
+            bias, sigmas = self._bias.vector(), np.repeat([0.05, 0.005], 3)
+            wide = self.config.start.moving_velocity_mps
+            terms.append(factors.velocity_prior(end, motion.velocity_world, wide))
+            terms.append(factors.bias_prior(end, bias[:3], bias[3:], sigmas))
+            self._tell(keyframe.stamp_ns, "imu_gap", "the IMU was silent too long to be integrated; eyes alone tie")
+        inliers = 0 if located is None else int(np.count_nonzero(located.is_inlier))
+        if odometry is None and inliers < self.config.motion.bridged_below:
+            age_s = (keyframe.stamp_ns - window.newest.stamp_ns) / _NS_PER_S
+            shift = self.config.motion.acceleration_mps2 * age_s**2 + _HELD
+            turn = self.config.motion.turn_acceleration_radps2 * age_s**2 + _HELD
+            covariance = np.diag(np.square(np.repeat([turn, shift], 3)))
+            T_start_end = se3.inverse(window.pose(start)) @ motion.T_world_body
+            terms.append(factors.relative_pose(start, end, T_start_end, covariance))
+            self._counts["bridged_keyframes"] += 1
+        return terms
+
+    def _try_to_solve(self, window: Window, tracks: StereoTracks) -> Solution | None:
+        """Solve and take over biases and covariance; None where it failed or ran away."""
+        try:
+            solution = window.solve()
+            self._check_speed(window)
+        except SmootherError as error:
+            self._tell(tracks.stamp_ns, "solver_failed", str(error))
+            return None
+        self._keyframe_covariance = np.zeros((9, 9))
+        size = len(solution.covariance)
+        self._keyframe_covariance[:size, :size] = solution.covariance
+        if self._imu is not None:
+            self._bias = window.bias(window.newest.number)
+        else:
+            self._keyframe_covariance[6:, 6:] = np.eye(3) * self.config.motion.acceleration_mps2**2 * 0.01
+        return solution
+
+    def _check_speed(self, window: Window) -> None:
+        if len(window.keyframes) < 2:
+            return
+        before, newest = window.keyframes[-2], window.newest
+        dt_s = (newest.stamp_ns - before.stamp_ns) / _NS_PER_S
+        way = window.pose(newest.number)[:3, 3] - window.pose(before.number)[:3, 3]
+        speed = float(np.linalg.norm(way)) / dt_s
+        if speed > self.config.failure.fastest_mps:
+            raise SmootherError(f"the solution moves at {speed:.0f} m/s, faster than {self.config.failure.fastest_mps}")
+
+    def _restarted(self, tracks: StereoTracks, motion: Motion) -> Frame:
+        """A window anew from where the body is expected."""
+        covariance = self._widened(motion, None)
+        self._tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
+        velocity = motion.velocity_world
+        self._begin(tracks, motion.T_world_body, covariance, velocity, knows_rate=False)
+        return Frame(tracks.stamp_ns, motion.T_world_body, velocity, covariance)
+
+    def _drop_oldest(self, window: Window, stamp_ns: int) -> None:
+        try:
+            window.drop_oldest()
+        except SmootherError as error:
+            self._tell(stamp_ns, "prior_lost", f"{error}; the past is kept as a prior on the oldest pose alone")
+            window.discard_oldest(self._keyframe_covariance)
+
+    def _note(
+        self, window: Window, tracks: StereoTracks, is_wrong: BoolArray, solution: Solution, compute_s: float
+    ) -> None:
+        axes = np.linalg.eigvalsh(self._keyframe_covariance[:6, :6])
+        self._health.append(
+            KeyframeHealth(
+                stamp_ns=tracks.stamp_ns,
+                keyframes=len(window.keyframes),
+                tracks=len(tracks) - int(np.count_nonzero(is_wrong)),
+                landmarks=solution.landmarks,
+                factors=solution.factors,
+                reprojection_px=solution.reprojection_px,
+                iterations=solution.iterations,
+                compute_s=compute_s,
+                condition=float(np.sqrt(max(axes[-1], 0.0) / max(axes[0], 1e-300))),
+            )
+        )
+
+    def _answer(self) -> StateEstimate:
+        assert self._last is not None
+        last = self._last
+        rate, bias = self._steady.twist[:3], np.zeros(6)
+        if self._imu is not None:
+            bias = np.asarray(self._bias.vector())
+            rate = self._imu.rate_body - self._imu.T_body_imu[:3, :3] @ bias[3:]
+        nav = NavState(last.T_world_body, last.velocity_world, rate, bias[3:], bias[:3])
+        return StateEstimate(last.stamp_ns, nav, last.covariance)

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The window itself: keyframes, landmarks and a prior, solved together; the oldest keyframe leaves as information."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.factors import SightingFactors, Term
+from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
+from coclo_vio.backend.window.localisation import PixelModel
+from coclo_vio.backend.window.marginalisation import marginal_covariance, marginal_prior
+from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.errors import SmootherError
+from coclo_vio.measurements import StereoTracks
+
+_FIRST_DAMPING = 1e-5
+
+
+@dataclass(slots=True, eq=False)
+class Keyframe:
+    """A frame of the window.
+
+    Attributes:
+        number: counts up; its keys are made of it.
+        stamp_ns: its time, ns.
+        tracks: what was seen.
+        terms: what ties it to the keyframe before it, and what is known of it alone.
+        rest_terms: what a standstill says of it.
+    """
+
+    number: int
+    stamp_ns: int
+    tracks: StereoTracks
+    terms: list[Term] = field(default_factory=list)
+    rest_terms: list[Term] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """How solving went.
+
+    Attributes:
+        iterations: of the solver.
+        factors: in the problem.
+        landmarks: in the problem.
+        reprojection_px: root mean square of what is left of the sightings, px.
+        covariance: of the newest pose, and of its velocity where there is one, (6, 6) or (9, 9).
+    """
+
+    iterations: int
+    factors: int
+    landmarks: int
+    reprojection_px: float
+    covariance: Array
+
+
+class Window:
+    """Keyframes and landmarks with their estimates.
+
+    Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes.
+    """
+
+    def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
+        self._config = config
+        self._pixels = PixelModel(rig, config.noise)
+        self._sightings = SightingFactors(rig, config.noise)
+        self._cache: dict[tuple[int, int], Term] = {}  # factors of sightings by landmark and keyframe
+        self.landmarks = LandmarkMap(rig, config)
+        self.keyframes: list[Keyframe] = []
+        self.values = gtsam.Values()
+        self.prior: list[Term] = []
+
+    @property
+    def newest(self) -> Keyframe:
+        """The last keyframe."""
+        return self.keyframes[-1]
+
+    def pose(self, number: int) -> Array:
+        """``T_world_body`` of a keyframe, (4, 4)."""
+        return np.asarray(self.values.atPose3(factors.pose_key(number)).matrix())
+
+    def velocity(self, number: int) -> Array:
+        """Velocity of a keyframe, m/s, world frame, (3,), where the IMU is used."""
+        return np.asarray(self.values.atVector(factors.velocity_key(number)))
+
+    def bias(self, number: int) -> gtsam.imuBias.ConstantBias:
+        """Biases of a keyframe, where the IMU is used."""
+        return self.values.atConstantBias(factors.bias_key(number))
+
+    def set_inertial(self, number: int, velocity_world: Array, bias: gtsam.imuBias.ConstantBias) -> None:
+        """First values of a keyframe's velocity and biases."""
+        self.values.insert(factors.velocity_key(number), velocity_world)
+        self.values.insert(factors.bias_key(number), bias)
+
+    def add(self, keyframe: Keyframe, T_world_body: Array, is_wrong: BoolArray) -> None:  # noqa: N803
+        """Take a keyframe in at ``T_world_body``; sightings (N,) that are wrong are left out."""
+        self.values.insert(factors.pose_key(keyframe.number), gtsam.Pose3(T_world_body))
+        self.keyframes.append(keyframe)
+        self.landmarks.observe(keyframe.number, keyframe.tracks, is_wrong)
+        self._place()
+
+    def _place(self) -> None:
+        self.landmarks.place({each.number: self.pose(each.number) for each in self.keyframes})
+
+    def solve(self) -> Solution:
+        """Move everything to where it fits best, and remove the sightings that do not fit.
+
+        Raises:
+            SmootherError: the problem is not determined, or its solution is not finite.
+        """
+        terms = [*self._terms()]
+        seen = [(track_id, one) for track_id, one in self.landmarks.items() if one.is_solvable]
+        values = gtsam.Values(self.values)
+        for track_id, landmark in seen:
+            values.insert_or_assign(factors.landmark_key(track_id), landmark.point_world)
+        graph = gtsam.NonlinearFactorGraph()
+        for term in terms:
+            graph.push_back(term.factor)
+        solved, iterations = self._optimised(graph, values, self._ordering([track_id for track_id, _ in seen]))
+        covariance = marginal_covariance(graph.linearize(solved), self._newest_keys())
+        self._take(solved, [track_id for track_id, _ in seen])
+        rms = self._cull()
+        self._place()
+        return Solution(iterations, len(terms), len(seen), rms, covariance)
+
+    def _optimised(
+        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ordering: gtsam.Ordering
+    ) -> tuple[Any, int]:
+        params = gtsam.LevenbergMarquardtParams()
+        params.setMaxIterations(self._config.iterations)
+        params.setRelativeErrorTol(self._config.tolerance)
+        params.setAbsoluteErrorTol(1e-10)
+        params.setlambdaInitial(_FIRST_DAMPING)
+        try:
+            optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, ordering, params)
+            solved = optimizer.optimize()
+        except RuntimeError as error:
+            raise SmootherError(f"the window of {len(self.keyframes)} keyframes cannot be solved: {error}") from error
+        if not np.isfinite(optimizer.error()):
+            raise SmootherError(f"the window of {len(self.keyframes)} keyframes has no finite solution")
+        return solved, int(optimizer.iterations())
+
+    def _take(self, solved: gtsam.Values, track_ids: Sequence[int]) -> None:
+        for track_id in track_ids:
+            key = factors.landmark_key(track_id)
+            self.landmarks[track_id].point_world = np.asarray(solved.atPoint3(key))
+            solved.erase(key)
+        self.values = solved
+
+    def _terms(self) -> Iterator[Term]:
+        yield from self.prior
+        for keyframe in self.keyframes:
+            yield from keyframe.terms
+            yield from keyframe.rest_terms
+        for track_id, landmark in self.landmarks.items():
+            if landmark.is_solvable:
+                for number in landmark.sightings:
+                    yield self._sighting(track_id, number)
+
+    def _sighting(self, track_id: int, number: int) -> Term:
+        term = self._cache.get((track_id, number))
+        if term is None:
+            landmark = self.landmarks[track_id]
+            is_first = landmark.placed_by == number
+            sighting = landmark.sightings[number]
+            term = self._cache[track_id, number] = self._sightings.make(number, track_id, sighting, is_first=is_first)
+        return term
+
+    def _ordering(self, track_ids: Sequence[int]) -> gtsam.Ordering:
+        """Landmarks first, those that the prior ties together after the free ones, then states, the newest last."""
+        ordering = gtsam.Ordering()
+        for track_id in sorted(track_ids, key=lambda each: self.landmarks[each].is_in_prior):
+            ordering.push_back(factors.landmark_key(track_id))
+        for keyframe in self.keyframes:
+            for key in self._keys_of(keyframe.number):
+                ordering.push_back(key)
+        return ordering
+
+    def _keys_of(self, number: int) -> list[int]:
+        keys = [factors.bias_key(number), factors.velocity_key(number), factors.pose_key(number)]
+        return [key for key in keys if self.values.exists(key)]
+
+    def _newest_keys(self) -> list[int]:
+        keys = [factors.pose_key(self.newest.number), factors.velocity_key(self.newest.number)]
+        return [key for key in keys if self.values.exists(key)]
+
+    def _cull(self) -> float:
+        """Remove sightings that do not fit, and landmarks that are behind or too near; the rest's RMS residual, px."""
+        total, count = 0.0, 0
+        for keyframe in self.keyframes:
+            seen_here = [
+                (track_id, landmark, landmark.sightings[keyframe.number])
+                for track_id, landmark in self.landmarks.items()
+                if landmark.is_solvable and keyframe.number in landmark.sightings
+            ]
+            if not seen_here:
+                continue
+            pose = self.pose(keyframe.number)
+            points = np.array([landmark.point_world for _, landmark, _ in seen_here])
+            sightings = np.array([sighting for _, _, sighting in seen_here])
+            is_wrong = self._pixels.misfit(pose, points, sightings) > self._config.noise.outlier
+            residuals = (sightings - self._pixels.seen(pose, points))[~is_wrong]
+            total += float(np.nansum(np.square(residuals)))
+            count += int(np.count_nonzero(~np.isnan(residuals)))
+            for (track_id, landmark, _), wrong in zip(seen_here, is_wrong, strict=True):
+                if wrong:
+                    del landmark.sightings[keyframe.number]
+                    self._cache.pop((track_id, keyframe.number), None)
+                    landmark.is_retired |= keyframe is self.newest
+        return float(np.sqrt(total / max(count, 1)))
+
+    def drop_oldest(self) -> None:
+        """Marginalise the oldest keyframe, and the landmarks that it and the prior know and that are lost from sight.
+
+        Landmarks that are still seen stay, with what the past says of them in the prior; beyond
+        ``most_kept_landmarks`` of them the others forget what the oldest keyframe saw.
+
+        Raises:
+            SmootherError: what leaves is not determined; nothing has changed then.
+        """
+        oldest = self.keyframes[0]
+        lost, kept = self._lost_and_kept(oldest.number)
+        leaving = [factors.landmark_key(each) for each in lost] + self._keys_of(oldest.number)
+        touched, untouched = self._touched(set(leaving), oldest, lost, kept)
+        values = gtsam.Values(self.values)
+        for track_id in [*lost, *kept]:
+            values.insert_or_assign(factors.landmark_key(track_id), self.landmarks[track_id].point_world)
+        prior = marginal_prior(touched, leaving, values)
+        self.prior = untouched + prior
+        self._forget(oldest, lost)
+        in_prior = {key for term in self.prior for key in term.keys}
+        for track_id, landmark in self.landmarks.items():
+            landmark.is_in_prior = factors.landmark_key(track_id) in in_prior
+
+    def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
+        """Landmarks that the oldest keyframe or the prior know: those to eliminate, and those that stay in the prior."""
+        lost, alive = [], []
+        for track_id, landmark in self.landmarks.items():
+            is_seen_here = oldest in landmark.sightings and landmark.is_solvable
+            if not (is_seen_here or landmark.is_in_prior):
+                continue
+            is_alive = self.newest.number in landmark.sightings and not landmark.is_retired
+            (alive if is_alive else lost).append(track_id)
+        known = [each for each in alive if self.landmarks[each].is_in_prior]
+        fresh = [each for each in alive if self._is_worth_keeping(self.landmarks[each], oldest)]
+        fresh.sort(key=lambda each: -len(self.landmarks[each].sightings))
+        return lost, known + fresh[: max(0, self._config.most_kept_landmarks - len(known))]
+
+    @staticmethod
+    def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
+        """Whether the prior may know a landmark: one sighting alone has to place it."""
+        return not landmark.is_in_prior and not np.isnan(landmark.sightings[oldest][2])
+
+    def _touched(
+        self, leaving: set[int], oldest: Keyframe, lost: Sequence[int], kept: Sequence[int]
+    ) -> tuple[list[Term], list[Term]]:
+        """The terms that touch what leaves, and those of the prior that do not."""
+        touched = [term for term in self.prior if leaving.intersection(term.keys)]
+        untouched = [term for term in self.prior if not leaving.intersection(term.keys)]
+        for keyframe in self.keyframes[:2]:
+            tied = [*keyframe.terms, *keyframe.rest_terms]
+            touched += [term for term in tied if leaving.intersection(term.keys)]
+        for track_id in lost:
+            touched += [self._sighting(track_id, number) for number in self.landmarks[track_id].sightings]
+        for track_id in kept:
+            if oldest.number in self.landmarks[track_id].sightings:
+                touched.append(self._sighting(track_id, oldest.number))
+        return touched, untouched
+
+    def _forget(self, oldest: Keyframe, lost: Sequence[int]) -> None:
+        for key in self._keys_of(oldest.number):
+            self.values.erase(key)
+        for track_id in lost:
+            for number in self.landmarks[track_id].sightings:
+                self._cache.pop((track_id, number), None)
+            self.landmarks.forget(track_id)
+        for track_id, _ in self.landmarks.items():
+            self._cache.pop((track_id, oldest.number), None)
+        self.landmarks.forget_keyframe(oldest.number)
+        self.keyframes.pop(0)
+        gone = factors.pose_key(oldest.number)
+        following = self.keyframes[0]
+        following.terms = [term for term in following.terms if gone not in term.keys]
+
+    def discard_oldest(self, covariance: Array) -> None:
+        """Let the oldest keyframe go without its information; the next one gets a prior of ``covariance`` (9, 9)."""
+        oldest = self.keyframes[0]
+        self.prior = []
+        lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
+        self._forget(oldest, lost)
+        number = self.keyframes[0].number
+        self.prior.append(factors.pose_prior(number, self.pose(number), covariance[:6, :6]))
+        if self.values.exists(factors.velocity_key(number)):
+            sigma = float(np.sqrt(np.trace(covariance[6:, 6:])))
+            self.prior.append(factors.velocity_prior(number, self.velocity(number), sigma))
+            bias = self.bias(number).vector()
+            self.prior.append(factors.bias_prior(number, bias[:3], bias[3:], np.repeat([0.05, 0.002], 3)))
