@@ -92,15 +92,18 @@ class StereoTrackFile(Recording):
         if missing:
             raise CalibrationMissing(f"{self._path} has no {listing(missing)}; what it has is {listing(self._names)}")
         fu, fv, cu, cv, baseline_m = (self._number(name) for name in _PINHOLE)
-        if baseline_m <= 0.0:
-            raise DatasetError(f"{self._path}: b = {baseline_m} m; the right camera must be right of the left one")
+        for name, value in (("fu", fu), ("fv", fv), ("b", baseline_m)):
+            if value <= 0.0:
+                raise DatasetError(f"{self._path}: {name} = {value} must be positive; mend it in the file")
         width_px, height_px = self._image_size(cu, cv)
         lens = CameraCalibration.parse(
             {"width_px": width_px, "height_px": height_px, "focal_px": (fu, fv), "principal_point_px": (cu, cv)},
             str(self._path),
         )
         R_body_vehicle = self._R_vehicle_body().T
-        at_vehicle = self._columns("rho_v_c_v")[0]
+        at_vehicle = self._arrays["rho_v_c_v"].ravel()
+        if len(at_vehicle) != 3 or not np.isfinite(at_vehicle).all():
+            raise DatasetError(f"{self._path}: rho_v_c_v must be three finite numbers, it is {at_vehicle.tolist()}")
         T_body_left = se3.transform(R_body_vehicle @ self._R_vehicle_camera(), R_body_vehicle @ at_vehicle)
         T_left_right = se3.transform(np.eye(3), np.array([baseline_m, 0.0, 0.0]))
         return StereoCalibration(
@@ -185,9 +188,8 @@ class StereoTrackFile(Recording):
 
     def _image_size(self, cu: float, cv: float) -> tuple[int, int]:
         """The smallest width and height that hold all pixels with the principal point in their middle or above it."""
-        pixels = self._all_sightings().pixels
-        farthest = np.nanmax(pixels, axis=0) if len(pixels) else np.zeros(4)
-        across, down = max(farthest[0], farthest[2] if np.isfinite(farthest[2]) else 0.0), farthest[1]
+        left_right = np.nan_to_num(self._all_sightings().pixels, nan=0.0).reshape(-1, 2)
+        across, down = left_right.max(axis=0, initial=0.0)
         return int(np.ceil(max(across + 1.0, 2.0 * cu))), int(np.ceil(max(down + 1.0, 2.0 * cv)))
 
     def _R_vehicle_camera(self) -> Array:  # noqa: N802
