@@ -4,7 +4,7 @@
 Everything is read through once; no image is decoded.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
@@ -15,14 +15,14 @@ from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import Dataset, RobotFit, guess_robot, open_dataset, robot_fit
 from coclo_vio.datasets.report import ReadReport, StreamReport
-from coclo_vio.errors import CocloError, ConfigError, DatasetError, TopicNotFound, listing
+from coclo_vio.errors import CocloError, DatasetError, TopicNotFound, listing
 from coclo_vio.evaluation.metrics import travelled_m
 from coclo_vio.measurements import ALL_SENSORS, JointSample, StereoFrame
 from coclo_vio.robot.description import RobotDescription, robot_names
 from coclo_vio.run_config import RunConfig, resolve
 from coclo_vio.trajectory import GroundTruth
 
-MODES = ("coclo", "vins", "stereo", "combined")
+MODES = ("coclo", "vins", "stereo", "stereo_twist", "combined")
 
 _NS_PER_S = 1_000_000_000
 _PATH_SPACING_S = 0.1
@@ -146,18 +146,13 @@ def resolve_if_known(
 
     Raises:
         DatasetError: no recording.
-        ConfigError: an unknown robot or key, or a value out of bounds.
+        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that is not known.
     """
-    any_robot = robot_names()[0]
     guess = None
     if robot is None:
+        any_robot = robot_names()[0]  # settings may speak of a robot; how to read the recording is all that is asked
         guess = guess_robot(path, resolve(None, file, settings, any_robot).dataset)
-    try:
-        config = resolve(robot, file, settings, guess)
-    except ConfigError:
-        if robot is not None or guess is not None:  # otherwise the one thing wrong is that there is no robot
-            raise
-        return resolve(None, file, settings, any_robot), None
+    config = resolve(robot, file, settings, guess)
     return config, config.robot
 
 
@@ -188,11 +183,13 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         has_effort, _ = _read_through(_opened_in_part(path, robot, config), is_for_effort=True)
     problems += [] if broken is None else [str(broken)]
     lenses = _tried(dataset.stereo_calibration, problems)
-    calibrations = {
-        "imu": _imu_sentence(_tried(dataset.imu_calibration, problems)),
-        "camera_imu": _imu_sentence(_tried(dataset.camera_imu_calibration, problems)),
-        "cameras": _stereo_sentence(lenses),
+    imus = {
+        "imu": _tried(dataset.imu_calibration, problems),
+        "camera_imu": _tried(dataset.camera_imu_calibration, problems),
     }
+    calibrations = {name: _imu_sentence(imu) for name, imu in imus.items()} | {"cameras": _stereo_sentence(lenses)}
+    if robot is not None and imus["imu"] is None:
+        imus["imu"] = robot.imu
     joints = _joints(robot_fit(path, config), robot, dataset, has_effort=has_effort)
     report = dataset.report()  # what was assumed of a calibration is told too
     seen = Inspection(
@@ -204,7 +201,7 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         calibrations=calibrations,
         ground_truth=_truth(_tried(dataset.ground_truth, problems)),
         problems=tuple(dict.fromkeys(problems)),
-        missing=_missing(robot, report, joints, lenses, takes_part=config.allow_partial),
+        missing=_missing(robot, report, joints, lenses, imus, takes_part=config.allow_partial),
     )
     if broken is None or isinstance(broken, TopicNotFound):
         return seen
@@ -304,25 +301,30 @@ def _missing(
     report: ReadReport,
     joints: Joints,
     lenses: StereoCalibration | None,
+    imus: Mapping[str, ImuCalibration | None],
     *,
     takes_part: bool,
 ) -> dict[str, tuple[str, ...]]:
     """What each mode lacks of what it cannot do without; ``takes_part``: legs whose joints are missing are left out."""
     streams = {stream.name: stream for stream in report.streams}
     legs = tuple(_missing_legs(robot, streams, joints, takes_part=takes_part))
+    seen = "stereo_tracks" if "stereo_tracks" in streams else "stereo"
     wanted = (
-        ("stereo images", "stereo" in streams),
+        ("stereo images", seen in streams),
         ("calibration of the cameras", lenses is not None),
         ("cameras that look the same way", lenses is None or _apart_deg(lenses) < _MOST_APART_DEG),
     )
     eyes = tuple(what for what, is_there in wanted if not is_there)
-    inertial = () if {"imu", "camera_imu"} & set(streams) else ("an IMU",)
-    eye_imu = "camera_imu" if "camera_imu" in streams else "imu"
+    recorded = [name for name in ("camera_imu", "imu") if name in streams]
+    known = [name for name in recorded if imus[name] is not None]
+    inertial = () if known else ("the mounting of its IMU",) if recorded else ("an IMU",)
+    twist = () if "body_twist" in streams else ("a body twist: how fast the body moves, measured by something else",)
     return {
         "coclo": legs + _apart(streams, "joints", "imu"),
-        "vins": eyes + inertial + _apart(streams, "stereo", eye_imu),
+        "vins": eyes + inertial + (_apart(streams, seen, known[0]) if known else ()),
         "stereo": eyes,
-        "combined": legs + eyes + _apart(streams, "joints", "imu") + _apart(streams, "joints", "stereo"),
+        "stereo_twist": eyes + twist + _apart(streams, seen, "body_twist"),
+        "combined": legs + eyes + _apart(streams, "joints", "imu") + _apart(streams, "joints", seen),
     }
 
 

@@ -8,11 +8,12 @@ import pytest
 from rich.console import Console
 
 from coclo_vio import inspection
-from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.config import parse_settings
 from coclo_vio.datasets import images
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig
+from coclo_vio.datasets.report import ReadReport, StreamReport
 from coclo_vio.datasets.rosbag.writing.messages import BagMessages
 from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
 from coclo_vio.datasets.rosbag.writing.recording import write_bag
@@ -26,6 +27,7 @@ from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
 START_NS = 1_700_000_000_000_000_000
+NO_TWIST = ("a body twist: how fast the body moves, measured by something else",)
 
 
 @pytest.fixture
@@ -73,7 +75,7 @@ def test_a_whole_trial_is_ready_for_every_mode(tmp_path: Path, daisy: RobotDescr
     contents = RecordingContents(daisy, [*walk(daisy), *camera_imu], stereo=cameras(), frames=pictures())
     write_euroc_folder(tmp_path, contents)
     seen = inspected(tmp_path, daisy)
-    assert seen.missing == {"coclo": (), "vins": (), "stereo": (), "combined": ()}
+    assert seen.missing == {"coclo": (), "vins": (), "stereo": (), "stereo_twist": NO_TWIST, "combined": ()}
     assert seen.joints.matched == daisy.joint_names
     assert seen.joints.fitting == ("daisy",)
     assert seen.calibrations["cameras"] == "8 x 6, f 5.0 px, no distortion, baseline 0.0500 m"
@@ -227,7 +229,12 @@ def test_a_calibration_that_is_malformed_is_a_problem_and_not_the_end(tmp_path: 
 
 
 def test_what_is_shown_fits_any_terminal(shared_data: Path) -> None:
-    for name, robot in (("go1_mocap", load_robot("daisy")), ("euroc_v1_01_start", None)):
+    for name, robot in (
+        ("go1_mocap", load_robot("daisy")),
+        ("euroc_v1_01_start", None),
+        ("kitti_stereo", None),
+        ("stereo_tracks/2011_09_26_drive_0039_sync_KLT.mat", None),
+    ):
         seen = inspected(shared_data / name, robot)
         for width in (80, 120):
             assert max(map(len, shown(seen, width).splitlines())) <= width
@@ -249,6 +256,59 @@ def test_the_truth_about_the_start_of_v1_01(shared_data: Path) -> None:
     text = " ".join(shown(seen).split())
     assert "cam1/data.csv names 4 images that are not there" in text
     assert "joints0/data.csv is absent" in text
+
+
+def test_the_truth_about_the_street_of_kitti(shared_data: Path) -> None:
+    config, robot = resolve_if_known(shared_data / "kitti_stereo", None, None, [])
+    assert config.robot is robot is None
+    seen = inspect_recording(shared_data / "kitti_stereo", robot, config.dataset)
+    assert seen.calibrations["cameras"] == "1226 x 370, f 707.1 px, no distortion, baseline 0.5372 m"
+    assert seen.missing == {
+        "coclo": ("joints", "the body's IMU"),
+        "vins": ("an IMU",),
+        "stereo": (),
+        "stereo_twist": NO_TWIST,
+        "combined": ("joints", "the body's IMU"),
+    }
+    text = " ".join(shown(seen).split())
+    assert "51 poses over 5.0 s, path of 59.9 m" in text
+    assert "taken to be 10 Hz" in text
+
+
+def test_the_truth_about_starry_night(shared_data: Path) -> None:
+    seen = inspected(shared_data / "stereo_tracks" / "starry_night.mat", None)
+    assert {mode for mode, lacks in seen.missing.items() if not lacks} == {"stereo", "stereo_twist"}
+    assert seen.missing["vins"] == ("an IMU",)
+    streams = {stream.name: (stream.samples, round(stream.duration_s, 1)) for stream in seen.report.streams}
+    assert streams == {"body_twist": (1900, 168.9), "stereo_tracks": (1900, 168.9)}
+    assert seen.problems == ()
+
+
+def test_tracks_and_twist_at_another_time_are_missed() -> None:
+    def stream(name: str, start_s: float) -> StreamReport:
+        start_ns = START_NS + round(start_s * 1e9)
+        return StreamReport(name, 11, 10.0, start_ns, start_ns + 1_000_000_000, 0, 0.1, start_ns, 0, 0, 0)
+
+    report = ReadReport("made", (stream("stereo_tracks", 0.0), stream("body_twist", 3.0)), {}, ())
+    none = inspection.Joints((), (), (), (), None, has_effort=False)
+    missing = inspection._missing(None, report, none, cameras(), {}, takes_part=False)
+    assert missing["stereo"] == ()
+    assert missing["stereo_twist"] == ("stereo_tracks and body_twist at one time: their stamps are 2 s apart",)
+
+
+def test_an_imu_whose_place_nobody_knows_is_none_for_the_cameras(tmp_path: Path, daisy: RobotDescription) -> None:
+    inertial = [sample for sample in walk(daisy) if isinstance(sample, ImuSample)]
+    write_euroc_folder(tmp_path, RecordingContents(daisy, inertial, stereo=cameras(), frames=pictures()))
+    assert inspected(tmp_path, None).missing["vins"] == ("the mounting of its IMU",)
+    assert inspected(tmp_path, daisy).missing["vins"] == ()  # the robot's description says it
+    contents = RecordingContents(daisy, inertial, imu=ImuCalibration(), stereo=cameras(), frames=pictures())
+    write_euroc_folder(tmp_path / "told", contents)
+    assert inspected(tmp_path / "told", None).missing["vins"] == ()
+
+
+def test_changes_to_a_robot_that_nobody_knows_are_refused(shared_data: Path) -> None:
+    with pytest.raises(ConfigError, match=r"changes robot\.contact, but of which robot\?"):
+        resolve_if_known(shared_data / "kitti_stereo", None, None, ["robot.contact.source=torque"])
 
 
 def test_the_truth_about_the_go1(shared_data: Path) -> None:
