@@ -136,7 +136,7 @@ def open_dataset(path: Path, robot: RobotDescription | None, config: DatasetConf
 
     Args:
         path: a file or a folder.
-        robot: whose joints and legs to look for; None reads the IMU alone.
+        robot: whose joints and legs to look for; None reads all but the legs.
         config: how to read; the defaults if None.
 
     Raises:

@@ -12,7 +12,8 @@
                                         taken into account), or ``groundtruth.tum`` beside ``mav0``
 ======================================= =============================================================================
 
-The folder given may be ``mav0`` itself or the one that holds it. Source of the layout: Burri et al., "The EuRoC micro
+The folder given may be ``mav0`` itself or the one that holds it. The body is the frame that ``T_BS`` refers to; in the
+published sequences it is the IMU, whose x axis points up. Source of the layout: Burri et al., "The EuRoC micro
 aerial vehicle datasets", IJRR 2016.
 """
 
@@ -42,6 +43,7 @@ LOOKS_FOR = "an EuRoC folder: mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/
 _SENSORS = ("imu0", "imu1", "joints0", "foot_force0")
 _MISSED = ("imu0", "joints0")
 _OF_THE_ROBOT = ("joints0", "foot_force0")
+_POSITIONS_ONLY = "leica0"
 _GROUND_TRUTH_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
 
 
@@ -104,6 +106,8 @@ class EurocFolder(Recording):
     def _cameras(self, tally: ReadTally) -> CameraRows | None:
         absent = [camera for camera in CAMERAS if not (self._mav0 / camera / "data.csv").is_file()]
         if not absent:
+            if not (self._mav0 / "joints0" / "data.csv").is_file():
+                tally.note("the body is the frame that T_BS of each sensor.yaml refers to, whatever its axes")
             return CameraRows(self._mav0, self._config.columns)
         if len(absent) == 1:
             tally.note(f"{absent[0]}/data.csv is absent: the images of the other camera are left unread")
@@ -142,7 +146,11 @@ class EurocFolder(Recording):
                 truth = read_ground_truth(path, self._config.columns, tally)
                 return _at_body(truth, path.with_name(SENSOR_YAML), f"{sensor}/data.csv")
         path = self._mav0.resolve().parent / "groundtruth.tum"
-        return read_ground_truth(path, self._config.columns, tally) if path.is_file() else None
+        if path.is_file():
+            return read_ground_truth(path, self._config.columns, tally)
+        if (self._mav0 / _POSITIONS_ONLY / "data.csv").is_file():
+            tally.note(f"{_POSITIONS_ONLY}/data.csv is left unread: positions of a prism, no poses of the body")
+        return None
 
 
 def is_euroc_folder(path: Path) -> bool:

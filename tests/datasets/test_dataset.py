@@ -22,7 +22,7 @@ def one_sample_of(robot):
 def test_an_unknown_layout_says_what_was_looked_for(tmp_path, biped):
     (tmp_path / "notes.txt").write_text("nothing here")
     for path in (tmp_path, tmp_path / "notes.txt"):
-        with pytest.raises(DatasetError, match=r"mav0/imu0/data\.csv.*leg log") as error:
+        with pytest.raises(DatasetError, match=r"mav0/imu0/data\.csv.*image_0 and image_1.*\.mat.*leg log") as error:
             open_dataset(path, biped)
         assert str(path) in str(error.value)
 

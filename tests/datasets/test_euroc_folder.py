@@ -4,12 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coclo_vio.datasets import images
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.errors import DatasetError, TopicNotFound
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import ImuSample, JointSample
+from coclo_vio.measurements import ALL_SENSORS, ImuSample, JointSample, StereoFrame
 
 YAML = """%YAML:1.0
 sensor_type: imu
@@ -131,6 +132,75 @@ def test_poses_of_a_vicon_marker_are_moved_to_the_body(folder, biped):
     T_body_marker = se3.transform(so3.about_z(np.pi / 2), np.array([0.1, 0.2, 0.3]))
     T_world_marker = truth.trajectory.T_world_body[0] @ T_body_marker
     np.testing.assert_allclose(T_world_marker, se3.transform(np.eye(3), np.array([1.0, 2.0, 3.0])), atol=1e-15)
+
+
+POSE = "p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
+PUBLISHED = {
+    "imu0/data.csv": "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\r\n"
+    "1403636579758555392,-0.1,0.15,0.03,8.2,-0.38,-2.4\r\n1403636579763555584,-0.1,0.14,0.03,8.1,-0.36,-2.5\r\n",
+    "cam0/data.csv": "#timestamp [ns],filename\r\n1403636579763555584,1403636579763555584.png\r\n",
+    "cam1/data.csv": "#timestamp [ns],filename\r\n1403636579763555584,1403636579763555584.png\r\n"
+    "1403636579813555456,1403636579813555456.png\r\n",
+    "leica0/data.csv": "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]\n1403636578770000128,4.8,-1.8,0.8\n",
+    "state_groundtruth_estimate0/data.csv": f"#timestamp, {POSE}, v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], "
+    "v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], "
+    "b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]\r\n1403636580838555648,4.69,-1.79,0.78,0.53,-0.15,-0.83,-0.08,-0.03,"
+    "0.03,0.8,-0.003,0.02,0.08,-0.02,0.14,0.08\r\n",
+    "state_groundtruth_estimate0/sensor.yaml": "%YAML:1.0\n# General sensor definitions.\n"
+    "sensor_type: visual-inertial\ncomment: The nonlinear least-squares batch solution.\nT_BS:\n  cols: 4\n  rows: 4\n"
+    "  data: [1.0, 0.0, 0.0, 0.0,\n         0.0, 1.0, 0.0, 0.0,\n         0.0, 0.0, 1.0, 0.0,\n"
+    "         0.0, 0.0, 0.0, 1.0]\n",
+    "body.yaml": "%YAML:1.0\ncomment: Asctec Firefly MAV\n",
+}
+
+
+@pytest.fixture
+def published(tmp_path):
+    """A folder with the headers, line ends and files of the published sequences, cut to a few rows."""
+    image = images.encoded(np.full((4, 6), 80, dtype=np.uint8), "png")
+    for name, text in PUBLISHED.items():
+        path = tmp_path / "MH_01_easy" / "mav0" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(text.encode("ascii"))
+        if name.startswith("cam"):
+            (path.parent / "data").mkdir()
+            (path.parent / "data" / "1403636579763555584.png").write_bytes(image)
+    return tmp_path / "MH_01_easy"
+
+
+def test_the_files_of_the_published_sequences_are_read(published):
+    dataset = open_dataset(published, None)
+    kinds = [type(sample) for sample in dataset.measurements(ALL_SENSORS)]
+    assert kinds == [ImuSample, ImuSample, StereoFrame]
+    truth = dataset.ground_truth()
+    assert (dataset.name, truth.source) == ("MH_01_easy", "state_groundtruth_estimate0/data.csv")
+    np.testing.assert_array_equal(truth.trajectory.velocity_world, [[-0.03, 0.03, 0.8]])
+    report = dataset.report()
+    assert report.dropped == {"cam1/data.csv: its image file is not there": 1}
+    assert sorted(report.notes) == [
+        "cam1/data.csv names 1 images that are not there: 1403636579813555456.png",
+        "joints0/data.csv is absent",
+        "the body is the frame that T_BS of each sensor.yaml refers to, whatever its axes",
+    ]
+
+
+def test_positions_of_a_prism_are_no_ground_truth_and_that_is_said(published):
+    (published / "mav0" / "state_groundtruth_estimate0" / "data.csv").unlink()
+    dataset = open_dataset(published, None)
+    assert dataset.ground_truth() is None
+    assert "leica0/data.csv is left unread: positions of a prism, no poses of the body" in dataset.report().notes
+
+
+def test_the_truth_of_v1_01_is_of_the_imu_in_a_world_that_is_z_up(shared_data):
+    """Over the flight the specific force points up; of any other pair of frames it would not."""
+    dataset = open_dataset(shared_data / "euroc_v1_01_start", None)
+    truth = dataset.ground_truth().trajectory
+    samples = [sample for sample in dataset.measurements() if isinstance(sample, ImuSample)][400:28_000:20]
+    rotations = truth.interpolated(np.array([sample.stamp_ns for sample in samples])).rotations
+    force = np.einsum("nij,nj->ni", rotations, [sample.specific_force for sample in samples]).mean(axis=0)
+    assert np.rad2deg(np.arccos(force[2] / np.linalg.norm(force))) < 2.5
+    assert force[2] == pytest.approx(9.8, abs=0.1)
 
 
 def test_euroc_v1_01_as_it_is(shared_data, biped):

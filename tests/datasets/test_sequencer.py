@@ -6,7 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
-from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
+from coclo_vio.measurements import (
+    BodyTwistSample,
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    StereoFrame,
+    StereoTracks,
+)
 
 
 def force_at(stamp_ns):
@@ -67,3 +75,12 @@ def test_at_one_stamp_the_frame_comes_after_the_step_that_it_asks_for():
     samples = [frame, camera_imu, joints_at(7), imu_at(7), force_at(7)]
     kinds = [type(sample) for sample in merge_streams([sample] for sample in samples)]
     assert kinds == [FootForceSample, ImuSample, JointSample, CameraImuSample, StereoFrame]
+
+
+def test_at_one_stamp_the_twist_comes_before_the_tracks_that_it_leads_to():
+    image = np.zeros((2, 2), dtype=np.uint8)
+    twist = BodyTwistSample(7, np.zeros(3), np.zeros(3))
+    seen = [StereoTracks(7, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))), StereoFrame(7, image, image)]
+    for samples in ([*seen, twist, imu_at(7)], [imu_at(7), twist, *seen]):
+        kinds = [type(sample) for sample in merge_streams([sample] for sample in samples)]
+        assert kinds == [ImuSample, BodyTwistSample, StereoFrame, StereoTracks]
