@@ -40,7 +40,7 @@ class FlowConfig(StageConfig):
     ] = 0.5
     retry_share: Annotated[
         float, Field(ge=0, le=1, description="fewer followed than this: the lost ones are sought without prediction")
-    ] = 0.6
+    ] = 0.35
 
 
 class PatchConfig(StageConfig):
@@ -60,7 +60,7 @@ class AnchorConfig(StageConfig):
 
     shape_spread: Annotated[
         float, Field(gt=0, lt=1, description="one sigma of stretch and shear against the predicted ones")
-    ] = 0.03
+    ] = 0.01
     correction_px: Annotated[
         float, Field(gt=0, le=20, description="most correction of a place that Lucas-Kanade has found, px")
     ] = 2.0
@@ -73,15 +73,15 @@ class AnchorConfig(StageConfig):
 
 
 class LikenessConfig(StageConfig):
-    """When two patches show the same thing."""
+    """When the same point in two images has been found."""
 
-    score: Annotated[float, Field(ge=0, lt=1, description="least correlation")] = 0.8
+    score: Annotated[float, Field(ge=0, lt=1, description="least correlation of two patches")] = 0.8
     residual_ratio: Annotated[
-        float, Field(gt=1, description="most residual in those of the middle point of the frame")
+        float, Field(gt=1, description="most residual of a stereo match in those of the middle one of the frame")
     ] = 1.7
-    certain_score: Annotated[
-        float, Field(gt=0, le=1, description="with such a correlation the residual may be larger")
-    ] = 0.998
+    contrast_share: Annotated[
+        float, Field(ge=0, lt=1, description="so much of its contrast may be left over besides")
+    ] = 0.05
 
 
 class StereoConfig(StageConfig):
@@ -116,9 +116,9 @@ class MotionCheckConfig(StageConfig):
     """One rigid motion must explain the tracks (RANSAC)."""
 
     error_px: Annotated[float, Field(gt=0, le=50, description="most error of a track against that motion, px")] = 2.0
-    disparity_error_px: Annotated[
-        float, Field(gt=0, le=50, description="most error of a disparity against that motion, px")
-    ] = 1.5
+    fine_error_px: Annotated[
+        float, Field(gt=0, le=50, description="the same of one whose patch has been aligned, px")
+    ] = 1.0
     iterations: Annotated[int, Field(ge=10, le=10000, description="most samples of three points")] = 200
     confidence: Annotated[float, Field(gt=0.5, lt=1, description="of having drawn a sample without a fault")] = 0.999
     least_points: Annotated[int, Field(ge=4, le=100, description="fewer points are not judged")] = 8
@@ -143,7 +143,7 @@ class SightConfig(StageConfig):
     ] = 2.0
     kept_share: Annotated[
         float, Field(ge=0, le=1, description="degraded where fewer tracks than this share were followed")
-    ] = 0.4
+    ] = 0.25
     patience_frames: Annotated[
         int, Field(ge=0, le=1000, description="after so many blind frames the tracks from before are given up")
     ] = 5

@@ -7,16 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage
+from coclo_vio.arrays import Array, ByteImage
 from coclo_vio.calibration import RectifiedStereo, StereoCalibration
 from coclo_vio.frontend import overlay, sight
-from coclo_vio.frontend.anchoring import Anchoring
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.detection import CornerDetector
-from coclo_vio.frontend.flow import LucasKanade
-from coclo_vio.frontend.motion_check import MotionCheck, MotionVerdict
+from coclo_vio.frontend.following import Follower
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair
-from coclo_vio.frontend.prediction import predicted, stretched
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
 from coclo_vio.frontend.stereo_matching import StereoMatcher
 from coclo_vio.frontend.tracks import LiveTracks
@@ -44,14 +41,11 @@ class StereoFrontend:
         self.rig: RectifiedStereo = self._rectifier.rig
         self._detector = CornerDetector(self._config.detection, self._rectifier.seen_left)
         self._aligner = PatchAligner(self._config.patch)
-        likeness = self._config.likeness
-        self._anchoring = Anchoring(self._aligner, self._config.anchor, likeness)
         self._matcher = StereoMatcher(
-            self.rig, self._rectifier.seen_right, self._aligner, self._config.stereo, likeness
+            self.rig, self._rectifier.seen_right, self._aligner, self._config.stereo, self._config.likeness
         )
-        self._motion_check = MotionCheck(self.rig, self._config.motion)
-        flow = self._config.flow
-        self._flow = LucasKanade(flow.window_px, flow.levels, flow.iterations, flow.precision_px, flow.round_trip_px)
+        self._counts: Counter[str] = Counter()
+        self._follower = Follower(self.rig, self._aligner, self._detector.admits, self._config, self._counts)
         self._reference: RectifiedPair | None = None  # the last frame in which something was seen
         self._nothing = LiveTracks.new(
             0, np.zeros((0, 2)), self._aligner.templates(np.zeros((1, 1), np.float32), np.zeros((0, 2)))
@@ -61,7 +55,6 @@ class StereoFrontend:
         self._last_motion: Array | None = None  # of the last frame in which it was found, for constant velocity
         self._blind_frames = 0
         self._next_id = 0
-        self._counts: Counter[str] = Counter()
         self._tails: deque[StereoTracks] = deque(maxlen=_TAIL_FRAMES)  # for the eye
         self._shown: tuple[RectifiedPair, StereoTracks] | None = None
 
@@ -90,8 +83,9 @@ class StereoFrontend:
             return self._blind(frame.stamp_ns, pair, fault)
         smooth = SmoothPair(self._aligner.smoothed(pair.left), self._aligner.smoothed(pair.right))
         before = self._live
-        followed, verdict = self._followed(pair)
-        followed = self._anchored(smooth, followed)
+        followed, verdict = self._follower.follow(
+            before, pair.left if self._reference is None else self._reference.left, pair.left, smooth.left, self._motion
+        )
         fresh = self._fresh(pair, smooth, followed)
         live = self._matched(pair, smooth, followed.joined(fresh))
         state, reason = sight.judged(live, len(followed), len(before), verdict, light, self._config.sight)
@@ -125,50 +119,6 @@ class StereoFrontend:
             )
         )
         return "both images are, to the bit, those of the frame before: the camera stands still in time" if same else ""
-
-    def _followed(self, pair: RectifiedPair) -> tuple[LiveTracks, MotionVerdict]:
-        """The last tracks that are found in this frame and that one motion explains, at their new places in the left.
-
-        Their right places are where the motion puts them.
-        """
-        before = self._live
-        if self._reference is None or not len(before):
-            return self._nothing, self._motion_check.judge(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
-        places, found = self._flowed(self._reference, pair, before)
-        found &= self._detector.admits(places)
-        self._counts["lost"] += int((~found).sum())
-        before, places = before.select(found), places[found]
-        verdict = self._motion_check.judge(before.left_px, before.disparity, places)
-        self._counts["contradicted"] += int((~verdict.agrees).sum())
-        before, places = before.select(verdict.agrees), places[verdict.agrees]
-        motion = np.eye(4) if verdict.T_previous_current is None else verdict.T_previous_current
-        _, disparity = predicted(self.rig, before, motion)
-        right_px = places - np.column_stack((disparity, np.zeros(len(places))))
-        shapes = stretched(self.rig, before, motion) @ before.shapes
-        return replace(before, left_px=places, right_px=right_px, ages=before.ages + 1, shapes=shapes), verdict
-
-    def _flowed(self, reference: RectifiedPair, pair: RectifiedPair, tracks: LiveTracks) -> tuple[Array, BoolArray]:
-        """Where the tracks are now, (N, 2), and which were found, (N,)."""
-        config = self._config.flow
-        if self._motion is None:
-            return self._flow.follow(reference.left, pair.left, tracks.left_px, tracks.left_px, config.search_levels)
-        seeds, _ = predicted(self.rig, tracks, self._motion)
-        places, found = self._flow.follow(reference.left, pair.left, tracks.left_px, seeds)
-        if found.mean() < config.retry_share:
-            self._counts["predictions_failed"] += 1
-            lost = np.flatnonzero(~found)
-            start = tracks.left_px[lost]
-            places[lost], found[lost] = self._flow.follow(reference.left, pair.left, start, start, config.search_levels)
-        return places, found
-
-    def _anchored(self, smooth: SmoothPair, followed: LiveTracks) -> LiveTracks:
-        """The followed points where their anchored patches are, without those that look different now."""
-        if not len(followed):
-            return followed
-        corrected, same = self._anchoring.corrected(smooth.left, followed)
-        same &= self._detector.admits(corrected.left_px)
-        self._counts["changed"] += int((~same).sum())
-        return corrected.select(same)
 
     def _fresh(self, pair: RectifiedPair, smooth: SmoothPair, followed: LiveTracks) -> LiveTracks:
         """New points, so that there are enough."""

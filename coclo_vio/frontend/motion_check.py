@@ -13,6 +13,7 @@ import numpy as np
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.config import MotionCheckConfig
+from coclo_vio.frontend.tracks import LiveTracks
 from coclo_vio.geometry import se3
 
 
@@ -47,24 +48,25 @@ class MotionCheck:
         (fx, fy), (cx, cy) = rig.focal_px, rig.principal_point_px
         self._matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
-    def judge(self, previous_left_px: Array, previous_disparity: Array, current_left_px: Array) -> MotionVerdict:
+    def judge(self, previous: LiveTracks, current_left_px: Array, *, is_fine: bool = False) -> MotionVerdict:
         """Which tracks one motion explains.
 
         Args:
-            previous_left_px: where the points were, (N, 2).
-            previous_disparity: their disparities then, (N,); NaN where unknown: such points are not judged.
+            previous: the points in the last frame; those of unknown disparity are not judged.
             current_left_px: where they are now, (N, 2).
+            is_fine: whether that is after their patches have been aligned.
         """
+        limit_px = self._config.fine_error_px if is_fine else self._config.error_px
         everyone = np.ones(len(current_left_px), dtype=np.bool_)
-        known = np.flatnonzero(np.isfinite(previous_disparity))
+        known = np.flatnonzero(previous.has_right)
         undecided = MotionVerdict(None, everyone, 0, 0)
         if len(known) < self._config.least_points:
             return undecided
-        points = self._rig.points(previous_left_px[known], previous_disparity[known])
-        T_current_previous = self._motion(points, current_left_px[known])
+        points = self._rig.points(previous.left_px[known], previous.disparity[known])
+        T_current_previous = self._motion(points, current_left_px[known], limit_px)
         if T_current_previous is None:
             return MotionVerdict(None, everyone, len(known), 0)
-        wrong = self._errors(T_current_previous, points, current_left_px[known]) > self._config.error_px
+        wrong = self._errors(T_current_previous, points, current_left_px[known]) > limit_px
         agreeing = len(known) - int(wrong.sum())
         if agreeing < max(self._config.least_points, self._config.least_share * len(known)):
             return MotionVerdict(None, everyone, len(known), agreeing)
@@ -72,7 +74,7 @@ class MotionCheck:
         agrees[known[wrong]] = False
         return MotionVerdict(se3.inverse(T_current_previous), agrees, len(known), agreeing)
 
-    def _motion(self, points: Array, pixels: Array) -> Array | None:
+    def _motion(self, points: Array, pixels: Array, limit_px: float) -> Array | None:
         """``T_current_previous`` (4, 4) of points (N, 3) and where they are seen (N, 2); None where there is none."""
         try:
             found, turn, shift, inliers = cv2.solvePnPRansac(
@@ -81,7 +83,7 @@ class MotionCheck:
                 self._matrix,
                 None,
                 iterationsCount=self._config.iterations,
-                reprojectionError=self._config.error_px,
+                reprojectionError=limit_px,
                 confidence=self._config.confidence,
                 flags=cv2.SOLVEPNP_P3P,
             )

@@ -85,16 +85,17 @@ class Alignment:
 
 
 def alike(alignment: Alignment, config: LikenessConfig) -> BoolArray:
-    """Which patches show the same thing as their templates, (N,).
+    """Which patches show the same as their templates, (N,).
 
-    What the images' noise leaves is about the same for all patches of a frame; what is left more was no plane, or
-    something stood before it.
+    What the images' noise leaves is about the same for all patches of a frame; where much more is left, it was no plane
+    or something came before it.
     """
     sound = alignment.is_settled & (alignment.scores > config.score)
     if sound.sum() < _FEW:
         return sound
     usual = float(np.median(alignment.residuals[sound]))
-    return sound & ((alignment.residuals < config.residual_ratio * usual) | (alignment.scores > config.certain_score))
+    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.scores**2, _LEAST_VARIANCE))
+    return sound & (alignment.residuals < np.hypot(config.residual_ratio * usual, config.contrast_share * contrast))
 
 
 class PatchAligner:

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The points of the last frame in this one: found by Lucas-Kanade, judged by one motion, made exact by their patches.
+
+The motion of those that agree says where to look for those that were lost or went astray, and how every patch is
+stretched and sheared by now; after the patches have been aligned it is sought once more and judges more sharply.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from coclo_vio.arrays import Array, BoolArray, ByteImage
+from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.frontend.anchoring import Anchoring
+from coclo_vio.frontend.config import FrontendConfig
+from coclo_vio.frontend.flow import LucasKanade
+from coclo_vio.frontend.motion_check import MotionCheck, MotionVerdict
+from coclo_vio.frontend.patches import FloatArray, PatchAligner
+from coclo_vio.frontend.prediction import predicted, stretched
+from coclo_vio.frontend.tracks import LiveTracks
+
+
+class Follower:
+    """Follows the points of one pair of cameras from frame to frame."""
+
+    def __init__(
+        self,
+        rig: RectifiedStereo,
+        aligner: PatchAligner,
+        admits: Callable[[Array], BoolArray],
+        config: FrontendConfig,
+        counts: Counter[str],
+    ) -> None:
+        """``admits`` says whether a point (N, 2) may be where it is; ``counts`` is told what happened to them."""
+        self._rig = rig
+        self._config = config.flow
+        flow = config.flow
+        self._flow = LucasKanade(flow.window_px, flow.levels, flow.iterations, flow.precision_px, flow.round_trip_px)
+        self._motion_check = MotionCheck(rig, config.motion)
+        self._anchoring = Anchoring(aligner, config.anchor, config.likeness)
+        self._admits = admits
+        self._counts = counts
+
+    def follow(
+        self,
+        before: LiveTracks,
+        image_before: ByteImage,
+        image: ByteImage,
+        smooth: FloatArray,
+        motion: Array | None,
+    ) -> tuple[LiveTracks, MotionVerdict]:
+        """The points that were found, at their places in the left image, and what was found of the motion.
+
+        Their right places are where the motion puts them: they have not been sought there.
+
+        Args:
+            before: the points in the last frame.
+            image_before: its left image, (rows, columns).
+            image: the left image of this frame.
+            smooth: the same, smoothed.
+            motion: ``T_previous_current`` (4, 4) that is expected; None if nothing is known of it.
+        """
+        if not len(before):
+            return before, MotionVerdict(None, np.zeros(0, dtype=np.bool_), 0, 0)
+        places, found = self._flowed(before, image_before, image, motion)
+        coarse = self._motion_check.judge(before.select(found), places[found])
+        found[np.flatnonzero(found)] = coarse.agrees
+        before, moved = self._put_by_motion(before, places, found, coarse.T_previous_current)
+        corrected, same = self._anchoring.corrected(smooth, moved)
+        same &= self._admits(corrected.left_px)
+        self._counts["changed"] += int((~same).sum())
+        before, corrected = before.select(same), corrected.select(same)
+        if coarse.T_previous_current is None:
+            return corrected, coarse
+        fine = self._motion_check.judge(before, corrected.left_px, is_fine=True)
+        self._counts["contradicted"] += int((~fine.agrees).sum())
+        return corrected.select(fine.agrees), fine if fine.T_previous_current is not None else coarse
+
+    def _flowed(
+        self, before: LiveTracks, image_before: ByteImage, image: ByteImage, motion: Array | None
+    ) -> tuple[Array, BoolArray]:
+        """Where Lucas-Kanade has them now, (N, 2), and which it found, (N,)."""
+        config = self._config
+        if motion is None:
+            return self._flow.follow(image_before, image, before.left_px, before.left_px, config.search_levels)
+        seeds, _ = predicted(self._rig, before, motion)
+        places, found = self._flow.follow(image_before, image, before.left_px, seeds)
+        if found.mean() < config.retry_share:
+            self._counts["predictions_failed"] += 1
+            lost = np.flatnonzero(~found)
+            start = before.left_px[lost]
+            places[lost], found[lost] = self._flow.follow(image_before, image, start, start, config.search_levels)
+        return places, found
+
+    def _put_by_motion(
+        self, before: LiveTracks, places: Array, found: BoolArray, motion: Array | None
+    ) -> tuple[LiveTracks, LiveTracks]:
+        """The points to be aligned as they were, and where and how they should be now.
+
+        Those that were not found are put where the motion has them, if there is one and their depths are known.
+        """
+        T = np.eye(4) if motion is None else motion
+        expected, disparity = predicted(self._rig, before, T)
+        sought = ~found & before.has_right if motion is not None else np.zeros(len(before), dtype=np.bool_)
+        self._counts["lost"] += int((~found).sum())
+        self._counts["sought"] += int(sought.sum())
+        places = np.where(sought[:, None], expected, places)
+        right_px = places - np.column_stack((disparity, np.zeros(len(places))))
+        shapes = stretched(self._rig, before, T) @ before.shapes
+        moved = replace(before, left_px=places, right_px=right_px, ages=before.ages + 1, shapes=shapes)
+        chosen = (found | sought) & self._admits(places)
+        return before.select(chosen), moved.select(chosen)
