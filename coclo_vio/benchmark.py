@@ -1,24 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How fast the filter is, in figures: six legs on an analytic trial, beside filterpy's filter in the same run.
+"""How fast all is, in figures: the filter of six legs on an analytic trial beside filterpy's, and the eyes.
 
 Sees the filter, the robot and the simulation, as the pipeline does; prints nothing. Rates are in cycles per second of
 processor time: that of one core if ``OPENBLAS_NUM_THREADS=1`` is set before Python starts.
 """
 
 import math
-import resource
-import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from time import perf_counter, process_time
 from typing import Literal
 
 import numpy as np
 
-from coclo_vio.errors import FilterError
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.initialisation import initial_filter
@@ -29,19 +25,20 @@ from coclo_vio.filter.robust import RobustProfile
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filterpy_rival import FilterpyRival, has_filterpy
 from coclo_vio.measurements import JointSample, Measurement
+from coclo_vio.resident_memory import peak_rss_mb, resident_mb
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.vision_benchmark import vision_figures
 
 ProfileName = Literal["robust", "paper"]
 _NS_PER_S = 1_000_000_000
-_MEBIBYTE = 2.0**20
 _FILTERPY_READINGS = 120
 
 
-def run_benchmark(walk_s: float = 8.0, rounds: int = 3) -> dict[str, float | None]:
-    """The figures of the filter, by name; None where filterpy is not installed.
+def run_benchmark(walk_s: float = 8.0, rounds: int = 3, sight_s: float = 15.0) -> dict[str, float | None]:
+    """The figures of the filter and of the eyes, by name; None where filterpy is not installed or nothing was seen.
 
     ``filter_cycles_per_s`` and ``paper_cycles_per_s`` count predict and update alone, from a reading of the joints to
     the new state; ``filter_pushes_per_s`` counts whole joint samples, kinematics, contact and the estimate included;
@@ -51,6 +48,7 @@ def run_benchmark(walk_s: float = 8.0, rounds: int = 3) -> dict[str, float | Non
     Args:
         walk_s: length of the trial's walk, s.
         rounds: how often each is timed; the best counts.
+        sight_s: how much of the bundled sample is looked at, s; see ``vision_figures``.
     """
     robot = RobotModel(load_robot("daisy"))
     trial = benchmark_trial(robot, walk_s)
@@ -69,6 +67,7 @@ def run_benchmark(walk_s: float = 8.0, rounds: int = 3) -> dict[str, float | Non
         **best,
         "filterpy_cycles_per_s": theirs,
         "filter_vs_filterpy": None if theirs is None else best["filter_cycles_per_s"] / theirs,
+        **vision_figures(sight_s, rounds),
         "peak_rss_mb": peak_rss_mb(),
     }
 
@@ -150,19 +149,13 @@ def push_rates(robot: RobotModel, measurements: Sequence[Measurement]) -> tuple[
     return joint_samples / taken_s, recorded_s / taken_wall_s
 
 
-def peak_rss_mb() -> float:
-    """The most memory that this process ever held, MiB."""
-    unit = 1.0 if sys.platform == "darwin" else 1024.0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEBIBYTE
-
-
-def resident_mb(cycles: int, samples: int = 10) -> tuple[float, ...]:
+def filter_resident_mb(cycles: int, samples: int = 10) -> tuple[float, ...]:
     """Memory of this process (MiB) at even distances over so many cycles of the whole filter, the first at their start.
 
     A short noisy walk is pushed over and over with stamps that go on, a pause of a second between two.
 
     Raises:
-        FilterError: the system does not say how much memory a process holds (Linux does, in /proc).
+        CocloError: the system does not say how much memory a process holds (Linux does, in /proc).
     """
     robot = RobotModel(load_robot("daisy"))
     measurements = benchmark_trial(robot, walk_s=4.0).measurements
@@ -174,14 +167,6 @@ def resident_mb(cycles: int, samples: int = 10) -> tuple[float, ...]:
         for measurement in measurements:
             estimates += odometry.push(replace(measurement, stamp_ns=measurement.stamp_ns + shift_ns)) is not None
             if len(held) <= samples and estimates > due[len(held)]:
-                held.append(_resident_mb())
+                held.append(resident_mb())
         shift_ns += measurements[-1].stamp_ns + _NS_PER_S
     return tuple(held)
-
-
-def _resident_mb() -> float:
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    except OSError as error:
-        raise FilterError("memory is measured on Linux only: there is no /proc/self/statm here") from error
-    return pages * resource.getpagesize() / _MEBIBYTE

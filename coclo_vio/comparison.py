@@ -9,6 +9,7 @@ from typing import Any
 from coclo_vio import __version__, pipeline, run_folder
 from coclo_vio.config import write_yaml
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
+from coclo_vio.datasets.report import STREAM_NAMES
 from coclo_vio.equipment import Equipment
 from coclo_vio.errors import CocloError, DatasetError, EvaluationError
 from coclo_vio.estimates import Estimator
@@ -18,11 +19,14 @@ from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.figures import plot_contacts, plot_keyframes, write_figures
 from coclo_vio.evaluation.report import write_report
 from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter, read_keyframes
+from coclo_vio.measurements import CameraImuSample, ImuSample, StereoFrame, StereoTracks
 from coclo_vio.run_config import RunConfig
 from coclo_vio.run_folder import RecordedRun, StateWriter
 from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
 
 _NS_PER_S = 1_000_000_000
+_EYES = (STREAM_NAMES[StereoFrame], STREAM_NAMES[StereoTracks])
+_UP = (STREAM_NAMES[ImuSample], STREAM_NAMES[CameraImuSample])
 Progress = Callable[[str, int], None]  # estimator, stamp in ns
 
 
@@ -63,11 +67,11 @@ def run_all(
         run = _described(path, dataset, asked, config, folder)
         for mode, one in prepared.items():
             if isinstance(one, CocloError):
-                summary, keyframes, pictures = pipeline.RunSummary(0, 0, None, 0.0, {}, str(one)), None, 0
+                ran = _Ran(pipeline.RunSummary(0, 0, None, 0.0, {}, str(one)), frozenset())
             else:
-                summary, keyframes, pictures = _run_one(mode, dataset, one, folder, progress, pictures_every)
-            run["recording_ns"] = _union(run["recording_ns"], summary.recording_ns)
-            run["estimators"][mode] = _told(summary, keyframes, pictures)
+                ran = _run_one(mode, dataset, one, folder, progress, pictures_every)
+            run["recording_ns"] = _union(run["recording_ns"], ran.summary.recording_ns)
+            run["estimators"][mode] = ran.to_json()
             run_folder.write_json(folder / "run.json", run)
         _add_reader(run, dataset)
         run_folder.write_json(folder / "run.json", run)
@@ -120,7 +124,10 @@ def _described(path: Path, dataset: Dataset, asked: RunConfig, config: RunConfig
 
 
 def _add_reader(run: dict[str, Any], dataset: Dataset) -> None:
-    """What was read, and from when to when, also where every estimator stopped early."""
+    """What was read, and from when to when, also where every estimator stopped early.
+
+    Of an estimator that sees it is the time of the cameras that counts.
+    """
     try:
         report = dataset.report()
     except DatasetError:  # each estimator has told of it as its failure
@@ -129,6 +136,9 @@ def _add_reader(run: dict[str, Any], dataset: Dataset) -> None:
     run["reader"] = asdict(report)
     for stream in report.streams:
         run["recording_ns"] = _union(run["recording_ns"], (stream.start_ns, stream.end_ns))
+        for told in run["estimators"].values():
+            if stream.name in _EYES and stream.name in told["sensors"]:
+                told["recording_ns"] = (stream.start_ns, stream.end_ns)
 
 
 def _union(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[int, int] | None:
@@ -138,6 +148,42 @@ def _union(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[
     return min(one[0], other[0]), max(one[1], other[1])
 
 
+@dataclass(frozen=True, slots=True)
+class _Ran:
+    """A mode that has run.
+
+    Attributes:
+        summary: how it went.
+        sensors: what it took of the recording.
+        keyframes: what they come to, where it has any.
+        pictures: how many were drawn.
+    """
+
+    summary: pipeline.RunSummary
+    sensors: frozenset[type]
+    keyframes: Mapping[str, float | None] | None = None
+    pictures: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``run.json`` says of it."""
+        summary = self.summary
+        start_ns = 0 if summary.recording_ns is None else summary.recording_ns[0]
+        return {
+            "sensors": sorted(STREAM_NAMES[sensor] for sensor in self.sensors),
+            "measurements": summary.measurements,
+            "estimates": summary.estimates,
+            "compute_s": summary.compute_s,
+            "realtime_factor": summary.realtime_factor,
+            "counts": dict(summary.counts),
+            "events": [
+                {"time_s": (event.stamp_ns - start_ns) / _NS_PER_S, **asdict(event)} for event in summary.events
+            ],
+            "keyframes": self.keyframes,
+            "pictures": self.pictures,
+            "failure": summary.failure,
+        }
+
+
 def _run_one(
     mode: str,
     dataset: Dataset,
@@ -145,8 +191,7 @@ def _run_one(
     folder: Path,
     progress: Progress | None,
     pictures_every: int | None,
-) -> tuple[pipeline.RunSummary, dict[str, float | None] | None, int]:
-    """How the run of a mode went, what its keyframes come to, and how many pictures were written."""
+) -> _Ran:
     told = None if progress is None else lambda stamp_ns: progress(mode, stamp_ns)
     pictures = PictureWriter(folder, mode)
     if pictures_every is not None and isinstance(prepared.estimator, HasPictures):
@@ -154,24 +199,7 @@ def _run_one(
     with StateWriter(folder, mode, prepared.leg_names) as writer, KeyframeWriter(folder, mode) as keyframes:
         measurements = dataset.measurements(prepared.sensors)
         summary = pipeline.run(prepared.estimator, measurements, writer.write, told, keyframes.write)
-    return summary, keyframes.summary(), pictures.written
-
-
-def _told(summary: pipeline.RunSummary, keyframes: Mapping[str, float | None] | None, pictures: int) -> dict[str, Any]:
-    """What ``run.json`` says of one estimator."""
-    start_ns = 0 if summary.recording_ns is None else summary.recording_ns[0]
-    events = [{"time_s": (event.stamp_ns - start_ns) / _NS_PER_S, **asdict(event)} for event in summary.events]
-    return {
-        "measurements": summary.measurements,
-        "estimates": summary.estimates,
-        "compute_s": summary.compute_s,
-        "realtime_factor": summary.realtime_factor,
-        "counts": dict(summary.counts),
-        "events": events,
-        "keyframes": keyframes,
-        "pictures": pictures,
-        "failure": summary.failure,
-    }
+    return _Ran(summary, prepared.sensors, keyframes.summary(), pictures.written)
 
 
 def evaluate_run(
@@ -194,18 +222,19 @@ def evaluate_run(
     truth = truth or run_folder.read_ground_truth(folder, run)
     if truth is None:
         raise DatasetError(f"{folder} has no ground truth; give one with `coclo-vio evaluate {folder} --vicon FILE`")
-    recording = run.get("recording_ns")
     evaluations: dict[str, Evaluation] = {}
     failures: dict[str, str] = {}
     for name, told in run["estimators"].items():
         try:
             estimate = run_folder.read_estimates(folder, name).trajectory
+            recording = told.get("recording_ns") or run.get("recording_ns")
             evaluations[name] = evaluate(
                 estimate,
                 truth,
                 config,
                 recording_ns=None if recording is None else (recording[0], recording[1]),
                 realtime_factor=told.get("realtime_factor"),
+                knows_up="sensors" not in told or any(sensor in _UP for sensor in told["sensors"]),
             )
         except CocloError as error:
             failures[name] = told.get("failure") or str(error)

@@ -45,7 +45,7 @@ class EstimatorKind:
 
     def taken(self, equipment: Equipment) -> frozenset[type]:
         """The sensors that it takes of this equipment."""
-        return self.sensors if self.has_legs else self.sensors - (_IMUS - {equipment.eye_imu})
+        return self.sensors if self.has_legs else self.sensors & equipment.sensors - (_IMUS - {equipment.eye_imu})
 
 
 def _coclo(equipment: Equipment, config: RunConfig) -> Estimator:

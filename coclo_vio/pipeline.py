@@ -24,6 +24,7 @@ class RunSummary:
         counts: what the estimator counted.
         failure: why it stopped early, None if it went through.
         events: what it lived through.
+        estimated_until_ns: stamp of the last estimate, None without any.
     """
 
     measurements: int
@@ -33,13 +34,14 @@ class RunSummary:
     counts: Mapping[str, int]
     failure: str | None
     events: tuple[Event, ...] = ()
+    estimated_until_ns: int | None = None
 
     @property
     def realtime_factor(self) -> float | None:
-        """Seconds of recording per second of computing."""
-        if self.recording_ns is None or self.compute_s <= 0.0:
+        """Seconds of recording, up to the last estimate, per second of computing."""
+        if self.recording_ns is None or self.estimated_until_ns is None or self.compute_s <= 0.0:
             return None
-        return (self.recording_ns[1] - self.recording_ns[0]) / _NS_PER_S / self.compute_s
+        return (self.estimated_until_ns - self.recording_ns[0]) / _NS_PER_S / self.compute_s
 
 
 def run(
@@ -62,7 +64,7 @@ def run(
     """
     diary = _Diary(estimator, keep_health)
     pushed = estimates = 0
-    first_ns = last_ns = None
+    first_ns = last_ns = until_ns = None
     compute_s = 0.0
     failure = None
     try:
@@ -77,6 +79,7 @@ def run(
             diary.read()
             if estimate is not None:
                 estimates += 1
+                until_ns = estimate.stamp_ns
                 take(estimate)
             if progress is not None:
                 progress(stamp_ns)
@@ -84,7 +87,8 @@ def run(
         failure = str(error)
     diary.read()
     recording_ns = None if first_ns is None or last_ns is None else (first_ns, last_ns)
-    return RunSummary(pushed, estimates, recording_ns, compute_s, dict(estimator.counts), failure, tuple(diary.events))
+    counts = dict(estimator.counts)
+    return RunSummary(pushed, estimates, recording_ns, compute_s, counts, failure, tuple(diary.events), until_ns)
 
 
 class _Diary:

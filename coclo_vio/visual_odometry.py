@@ -241,15 +241,19 @@ def visual_odometry(
         CalibrationMissing: tracks, and cameras that are not rectified.
     """
     from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415 -- loads GTSAM
-    from coclo_vio.backend.window.twist_odometry import TwistOdometry  # noqa: PLC0415
     from coclo_vio.frontend.frontend import StereoFrontend  # noqa: PLC0415 -- loads OpenCV
 
+    twist: TwistIntegrator | None = None
+    if uses_twist:
+        from coclo_vio.backend.window.twist_odometry import TwistOdometry  # noqa: PLC0415
+
+        twist = TwistOdometry()
     eyes = StereoFrontend(stereo, frontend) if has_frames else None
     rig = RectifiedStereo.of(stereo) if eyes is None else eyes.rig
     return VisualOdometry(
         SlidingWindowSmoother(rig, smoother, imu, uses_imu=uses_imu),
         eyes,
-        TwistOdometry() if uses_twist else None,
+        twist,
         imu_kind=imu_kind,
         time_offset_s=stereo.time_offset_s,
     )

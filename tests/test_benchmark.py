@@ -18,8 +18,9 @@ from coclo_vio.robot.model import RobotModel
 
 
 def test_figures_have_the_names_that_the_command_line_promises() -> None:
-    figures = benchmark.run_benchmark(walk_s=2.0, rounds=1)
+    figures = benchmark.run_benchmark(walk_s=2.0, rounds=1, sight_s=1.0)
     assert {"filter_cycles_per_s", "filter_vs_filterpy", "realtime_factor", "peak_rss_mb"} <= set(figures)
+    assert {"frontend_ms_median", "smoother_ms_p95", "vision_ms_per_frame"} <= set(figures)
     ours, ratio = figures["filter_cycles_per_s"], figures["filter_vs_filterpy"]
     assert ours is not None
     assert ours > 100.0
@@ -59,6 +60,6 @@ def test_filterpy_runs_the_same_models() -> None:
 
 
 def test_memory_is_flat() -> None:
-    held = benchmark.resident_mb(cycles=900, samples=3)
+    held = benchmark.filter_resident_mb(cycles=900, samples=3)
     assert len(held) == 4
     assert held[-1] - held[1] < 8.0

@@ -84,9 +84,11 @@ def test_progress_hears_every_stamp() -> None:
     assert heard == [sample.stamp_ns for sample in _measurements(5)]
 
 
-def test_the_real_time_factor_is_recording_over_computing() -> None:
-    summary = pipeline.RunSummary(3, 1, (1_000_000_000, 5_000_000_000), 0.5, {}, None)
+def test_the_real_time_factor_is_recording_over_computing_as_far_as_there_are_estimates() -> None:
+    """An IMU that goes on long after the cameras makes no estimator faster."""
+    summary = pipeline.RunSummary(3, 1, (1_000_000_000, 50_000_000_000), 0.5, {}, None, (), 5_000_000_000)
     assert summary.realtime_factor == pytest.approx(8.0)
+    assert pipeline.run(Counting(), _measurements(10), lambda _: None).estimated_until_ns == 13_000_000
 
 
 def test_an_empty_recording_has_no_extent_and_no_real_time_factor() -> None:

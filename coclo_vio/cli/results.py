@@ -34,7 +34,8 @@ def tell_run(told: Mapping[str, Any], folder: Path) -> None:
     """Say what was left out, assumed or counted, and where the results are."""
     robot = told["robot"]
     say(f"{'no robot' if robot is None else f'robot {robot}'}; results in {folder}")
-    if robot is not None and told.get("imu_calibration") == "recording":
+    uses_imu = any("imu" in estimator["sensors"] for estimator in told["estimators"].values())
+    if robot is not None and uses_imu and told.get("imu_calibration") == "recording":
         say("IMU: mounting and noise as the recording says; --set imu_calibration=robot takes the robot's instead")
     reader = told.get("reader") or {}
     for note in reader.get("notes", ()):
@@ -42,6 +43,8 @@ def tell_run(told: Mapping[str, Any], folder: Path) -> None:
     for reason, count in (reader.get("dropped") or {}).items():
         say(f"left out: {count} x {reason}")
     for name, estimator in told["estimators"].items():
+        if "joints" not in estimator["sensors"]:
+            say(f"{name}: sees with {', '.join(estimator['sensors'])}")
         counts = ", ".join(f"{key} {value}" for key, value in estimator["counts"].items() if value)
         if counts:
             say(f"{name}: {counts}")

@@ -43,13 +43,14 @@ def benchmark(
     as_json: JsonOption = False,
     seconds: Annotated[float, typer.Option(min=2.0, help="Length of the walk that is timed, s.")] = 8.0,
     rounds: Annotated[int, typer.Option(min=1, help="How often; the best counts.")] = 3,
+    sight_seconds: Annotated[float, typer.Option(min=1.0, max=15.0, help="How much of the sample is seen, s.")] = 15.0,
 ) -> None:
-    """Time the filter for six legs on one core, beside filterpy where that is installed."""
+    """Time the filter for six legs, beside filterpy where that is installed, and the eyes, on one core."""
     from coclo_vio.benchmark import run_benchmark  # noqa: PLC0415 -- loads what it compares with
 
     os.environ.update(_ONE_THREAD)
     with ProcessPoolExecutor(1, get_context("spawn")) as fresh:  # NumPy takes its number of threads as it is loaded
-        figures = fresh.submit(run_benchmark, seconds, rounds).result()
+        figures = fresh.submit(run_benchmark, seconds, rounds, sight_seconds).result()
     if as_json:
         give_json(figures)
         return

@@ -41,6 +41,15 @@ def tie_start(estimate: Trajectory, reference: Trajectory, window_s: float) -> A
     return se3.transform(rotation, translation)
 
 
+def tie_attitude(estimate: Trajectory, reference: Trajectory, window_s: float) -> Array:
+    """Position and whole attitude tied over the first ``window_s`` seconds, for an estimate that knows no up."""
+    head = estimate.times_s <= window_s
+    turn = reference.rotations[head] @ np.swapaxes(estimate.rotations[head], 1, 2)
+    rotation = nearest_rotation(turn.sum(axis=0))
+    translation = reference.positions[head].mean(axis=0) - rotation @ estimate.positions[head].mean(axis=0)
+    return se3.transform(rotation, translation)
+
+
 def level_body(estimate: Trajectory, reference: Trajectory, window_s: float) -> Trajectory:
     """The reference with its body frame turned so that both bodies have the same tilt over the first seconds.
 

@@ -11,7 +11,7 @@ from coclo_vio.arrays import Array
 from coclo_vio.config import StageConfig
 from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation import metrics
-from coclo_vio.evaluation.alignment import Alignment, align, level_body, tie_start
+from coclo_vio.evaluation.alignment import Alignment, align, level_body, tie_attitude, tie_start
 from coclo_vio.evaluation.association import MatchedPair, coverage, gaps_ns, match
 from coclo_vio.evaluation.clock import ClockConfig, ClockFit, fit_clock
 from coclo_vio.evaluation.consistency import anees_pose
@@ -72,6 +72,7 @@ def evaluate(
     *,
     recording_ns: tuple[int, int] | None = None,
     realtime_factor: float | None = None,
+    knows_up: bool = True,
 ) -> Evaluation:
     """Measure an estimate against ground truth.
 
@@ -82,6 +83,8 @@ def evaluate(
         recording_ns: first and last stamp of the sensor data, ns: ground truth outside of it is not asked for in
             ``coverage``. The whole ground truth is, where None.
         realtime_factor: what the run reported; passed through.
+        knows_up: whether the estimate's world is level. Where nothing told it, its whole attitude is tied at the start,
+            and an alignment by yaw becomes one by SE(3).
 
     Raises:
         EvaluationError: no overlap in time, too few common poses, or a clock that cannot be found.
@@ -91,6 +94,11 @@ def evaluate(
     clock = fit_clock(estimate, ground_truth, config.clock)
     reference = clock.apply(ground_truth.trajectory)
     pair = match(estimate, reference, config.max_ground_truth_gap_s)
+    if not knows_up:
+        pair = replace(
+            pair, estimate=pair.estimate.moved(tie_attitude(pair.estimate, pair.reference, config.start_window_s))
+        )
+        config = config.model_copy(update={"alignment": "se3"}) if config.alignment == "yaw_position" else config
     tilt_deg = metrics.start_tilt_deg(pair.estimate, pair.reference, config.start_window_s)
     if config.body_rotation == "start":
         pair = replace(pair, reference=level_body(pair.estimate, pair.reference, config.start_window_s))
@@ -120,7 +128,11 @@ def evaluate(
         duration_s=pair.estimate.duration_s,
         poses=len(pair.estimate),
         gaps=_gaps(estimate, reference, pair, config),
-        notes=(*_clock_notes(ground_truth, clock), *_notes(pair, paths, tilt_deg, config)),
+        notes=(
+            *_clock_notes(ground_truth, clock),
+            *(() if knows_up else ("No IMU told the estimate where up is: its attitude was tied at the start.",)),
+            *_notes(pair, paths, tilt_deg, config),
+        ),
         estimate=tied,
         reference=reference,
     )

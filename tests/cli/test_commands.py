@@ -137,12 +137,14 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")  # restored afterwards; the command sets its own
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.setenv(name, "7")
-    answer = coclo("benchmark", "--json", "--seconds", 2, "--rounds", 1)
+    answer = coclo("benchmark", "--json", "--seconds", 2, "--rounds", 1, "--sight-seconds", 1)
     assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
     assert answer.status == 0
     figures = json.loads(answer.out)
     assert {"filter_cycles_per_s", "filter_vs_filterpy", "realtime_factor", "peak_rss_mb"} <= set(figures)
+    assert {"frontend_ms_median", "frontend_ms_p95", "smoother_ms_median", "smoother_ms_p95"} <= set(figures)
     assert figures["filter_cycles_per_s"] > 50.0
+    assert figures["vision_ms_per_frame"] > 0.0
     assert figures["peak_rss_mb"] > 20.0
 
 

@@ -14,6 +14,7 @@ from coclo_vio.evaluation.alignment import (
     heading_error_rad,
     level_body,
     nearest_rotation,
+    tie_attitude,
     tie_start,
 )
 from coclo_vio.geometry import se3, so3
@@ -62,6 +63,15 @@ def test_start_is_tied_over_its_window_only():
     bent[101:, :3, 3] += 5.0
     np.testing.assert_allclose(tie_start(estimate, Trajectory(estimate.stamps_ns, bent), 1.0), np.eye(4), atol=1e-12)
     assert np.abs(tie_start(estimate, Trajectory(estimate.stamps_ns, bent), 1.5)[:3, 3]).max() > 1.0
+
+
+def test_an_attitude_is_tied_over_its_window_only():
+    estimate = wander(8)
+    T_tilted = se3.transform(so3.exp(np.array([0.9, -0.5, 2.0])), np.array([1.0, 2.0, 3.0]))
+    reference = np.array(estimate.moved(T_tilted).T_world_body)
+    reference[101:] = reference[101:] @ se3.exp(np.array([0.3, 0.0, 0.0, 1.0, 0.0, 0.0]))
+    tied = tie_attitude(estimate, Trajectory(estimate.stamps_ns, reference), 1.0)
+    np.testing.assert_allclose(tied, T_tilted, atol=1e-9)
 
 
 def test_heading_errors_at_half_a_turn_average_to_half_a_turn():

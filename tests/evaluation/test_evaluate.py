@@ -149,6 +149,21 @@ def test_alignments_and_anees(walk):
     assert evaluate(estimate, vicon(truth), IN_STEP).anees_pose > 0.0
 
 
+def test_an_estimate_that_knows_no_up_is_tied_in_attitude(walk):
+    truth = walk(np.arange(0.0, 25.0, 0.01))
+    estimate = drifting(truth, 4)
+    tilted = estimate.moved(se3.transform(so3.exp(np.array([0.8, -0.4, 1.0])), np.array([3.0, 1.0, 2.0])))
+    level = evaluate(estimate, vicon(truth), IN_STEP)
+    free = evaluate(tilted, vicon(truth), IN_STEP, knows_up=False)
+    assert evaluate(tilted, vicon(truth), IN_STEP).drift_percent > 10.0
+    assert free.drift_percent == pytest.approx(level.drift_percent, abs=0.2)
+    assert free.rpe_1m_percent == pytest.approx(level.rpe_1m_percent, abs=1e-6)
+    assert free.ate_m <= level.ate_m
+    assert free.alignment == "se3"
+    assert free.start_tilt_deg == pytest.approx(0.0, abs=0.1)
+    assert "No IMU told the estimate where up is: its attitude was tied at the start." in free.notes
+
+
 def test_mounting_of_the_markers_can_be_taken_out(walk):
     truth = walk(np.arange(0.0, 25.0, 0.01))
     mounted = se3.transform(so3.exp(np.array([0.0, 0.05, 0.0])), np.zeros(3))
