@@ -71,7 +71,10 @@ class StereoTrackFile(Recording):
         self._names = mat_file.variable_names(path)
         missing = self._missing(_TRACKS)
         if missing:
-            raise DatasetError(f"{path} has no {listing(missing)}; what it has is {listing(self._names)}")
+            raise DatasetError(
+                f"{path} has no {listing(missing)}; what it has is {listing(self._names)}: are these stereo tracks? "
+                "Copy it again if it was cut off"
+            )
         self._arrays = mat_file.read_arrays(path, [name for name in _SMALL if name in self._names])
         self._stamps_ns = _stamps_ns(path, self._arrays["t"].ravel())
         self._order = np.arange(len(self._stamps_ns))
