@@ -96,20 +96,23 @@ class StereoConfig(StageConfig):
     ] = 0.3
     row_difference_px: Annotated[
         float, Field(gt=0, le=20, description="most difference of rows after rectification, px")
-    ] = 1.0
+    ] = 1.5
     slant_spread: Annotated[
         float, Field(gt=0, le=2, description="one sigma of the change of disparity from pixel to pixel")
     ] = 0.3
     correction_px: Annotated[
         float, Field(gt=0, le=20, description="most correction of the disparity that was expected or found, px")
     ] = 2.5
-    block_px: Annotated[int, Field(ge=5, le=41, description="side of the block that finds new points, px")] = 13
+    retry_frames: Annotated[
+        int, Field(ge=1, le=1000, description="a point that was not found is sought again every so many frames")
+    ] = 4
+    block_px: Annotated[int, Field(ge=5, le=41, description="side of the block that finds new points, px")] = 17
     block_score: Annotated[
         float, Field(ge=0, lt=1, description="least correlation of that block with the right image")
-    ] = 0.8
+    ] = 0.6
     block_rival: Annotated[
         float, Field(gt=0, le=1, description="a second place with this share of the best score makes it ambiguous")
-    ] = 0.97
+    ] = 0.98
 
 
 class MotionCheckConfig(StageConfig):

@@ -3,7 +3,6 @@
 
 from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -87,7 +86,8 @@ class StereoFrontend:
             before, pair.left if self._reference is None else self._reference.left, pair.left, smooth.left, self._motion
         )
         fresh = self._fresh(pair, smooth, followed)
-        live = self._matched(pair, smooth, followed.joined(fresh))
+        live = self._matcher.match(pair, smooth, followed.joined(fresh))
+        self._counts["unmatched"] += int((~live.has_right).sum())
         state, reason = sight.judged(live, len(followed), len(before), verdict, light, self._config.sight)
         if state is Sight.BLIND:
             return self._blind(frame.stamp_ns, pair, reason)
@@ -127,12 +127,6 @@ class StereoFrontend:
         self._next_id += len(fresh)
         self._counts["detected"] += len(fresh)
         return fresh
-
-    def _matched(self, pair: RectifiedPair, smooth: SmoothPair, tracks: LiveTracks) -> LiveTracks:
-        """The tracks with their places in the right image, sought where ``tracks`` has them."""
-        right_px, slants = self._matcher.match(pair, smooth, tracks.left_px, tracks.disparity, tracks.slants)
-        self._counts["unmatched"] += int((~np.isfinite(right_px[:, 0])).sum())
-        return replace(tracks, right_px=right_px, slants=slants)
 
     def _blind(self, stamp_ns: int, pair: RectifiedPair, reason: str) -> StereoTracks:
         """A frame without tracks; those from before are kept for a while."""

@@ -6,6 +6,8 @@ on its row that a believable depth allows (normalised correlation, so the two ex
 aligned, with the slant of the surface, and gates refuse what rows, depths or the look of it contradict.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -14,6 +16,7 @@ from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.config import LikenessConfig, StereoConfig
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair, alike
 from coclo_vio.frontend.rectification import RectifiedPair
+from coclo_vio.frontend.tracks import LiveTracks
 
 _BLOCK_ROWS = 1  # a block may be found so many rows higher or lower
 _ANYWHERE_PX = 100.0
@@ -38,34 +41,31 @@ class StereoMatcher:
         self._most_disparity = min(rig.focal_px[0] * rig.baseline_m / config.nearest_m, 0.5 * columns)
         self._spreads = np.array([_ANYWHERE_PX, config.row_spread_px, config.slant_spread, config.slant_spread])
 
-    def match(
-        self, pair: RectifiedPair, smooth: SmoothPair, left_px: Array, expected_disparity: Array, slants: Array
-    ) -> tuple[Array, Array]:
-        """Columns and rows (N, 2) in the right image, NaN where a point was not found there, and slants (N, 2).
+    def match(self, pair: RectifiedPair, smooth: SmoothPair, tracks: LiveTracks) -> LiveTracks:
+        """The points at their places in the right image, NaN where they were not found there, with their slants.
 
         Args:
             pair: the rectified images.
             smooth: the same, smoothed.
-            left_px: points (N, 2) in the left one.
-            expected_disparity: about how large it is, px, (N,); NaN where that is not known.
-            slants: about how much it changes a column and a row, (N, 2).
+            tracks: the points at their places in the left one, and in the right one as far as they are known already.
         """
-        disparity = expected_disparity.copy()
-        for index in np.flatnonzero(~np.isfinite(disparity)):
-            disparity[index] = self._searched(pair, left_px[index])
-        right_px, found_slants = np.full((len(left_px), 2), np.nan), np.zeros((len(left_px), 2))
+        disparity = tracks.disparity
+        is_due = (tracks.ages == 1) | ((tracks.ids + tracks.ages) % self._config.retry_frames == 0)
+        for index in np.flatnonzero(np.isnan(disparity) & is_due):
+            disparity[index] = self._searched(pair, tracks.left_px[index])
+        right_px, slants = np.full((len(tracks), 2), np.nan), np.zeros((len(tracks), 2))
         known = np.flatnonzero(np.isfinite(disparity))
-        points, count = left_px[known], len(known)
+        points, count = tracks.left_px[known], len(known)
         start = np.zeros((count, 6))
-        start[:, 0], start[:, 2:4] = -disparity[known], -slants[known]
+        start[:, 0], start[:, 2:4] = -disparity[known], -tracks.slants[known]
         upright = np.tile(np.eye(2), (count, 1, 1))
         templates = self._aligner.templates(smooth.left, points, len(self._spreads))
         found = self._aligner.align(templates, smooth.right, points, upright, self._spreads, start)
         kept = alike(found, self._likeness) & self._is_believable(points, found.centres)
         kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.correction_px
         right_px[known[kept]] = found.centres[kept]
-        found_slants[known[kept]] = (upright - found.shapes)[kept, 0]
-        return right_px, found_slants
+        slants[known[kept]] = (upright - found.shapes)[kept, 0]
+        return replace(tracks, right_px=right_px, slants=slants)
 
     def _is_believable(self, left_px: Array, right_px: Array) -> BoolArray:
         config = self._config
