@@ -142,19 +142,40 @@ class Equipment:
         return self.camera_imu if self.eye_imu is CameraImuSample else self.imu
 
 
-def default_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
-    """The modes that suit a recording, the best first: of legs where it has those of the robot, otherwise of eyes.
+def default_mode(path: Path, config: RunConfig) -> str:
+    """The mode that suits a recording best: by its legs where it has those of the robot, otherwise by its eyes.
 
     Raises:
         DatasetError: no such path, or no known format.
     """
-    if config.robot is not None and robot_fit(path, config.dataset).joints:
-        return LEG_MODES
-    sensors = _sensors_of(open_dataset(path, config.robot, config.dataset))
-    if (config.robot is not None and JointSample in sensors) or not sensors & _EYES:
+    has_named_joints = config.robot is not None and bool(robot_fit(path, config.dataset).joints)
+    return "coclo" if has_named_joints else compared_modes(path, config)[0]
+
+
+def compared_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
+    """The modes that suit a recording, the best first: those of its legs, and of eyes whose calibration is known.
+
+    Raises:
+        DatasetError: no such path, or no known format.
+    """
+    dataset = open_dataset(path, config.robot, config.dataset)
+    sensors = _sensors_of(dataset)
+    has_legs = config.robot is not None and JointSample in sensors
+    if not sensors & _EYES:
         return LEG_MODES
     inertial = ("vins",) if sensors & {ImuSample, CameraImuSample} else ()
+    if has_legs:
+        return (*LEG_MODES, *(inertial if _is_calibrated(dataset, config) else ()))
     return (*inertial, "stereo", *(("stereo_twist",) if BodyTwistSample in sensors else ()))
+
+
+def _is_calibrated(dataset: Dataset, config: RunConfig) -> bool:
+    """Whether ``vins`` would know its cameras and its IMU."""
+    try:
+        equipment = Equipment.of(dataset, config, VISION_SENSORS)
+    except DatasetError:
+        return False
+    return equipment.stereo is not None and equipment.eye_imu is not None
 
 
 def _sensors_of(dataset: Dataset) -> frozenset[type]:

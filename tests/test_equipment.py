@@ -11,7 +11,7 @@ from coclo_vio.datasets import images
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
-from coclo_vio.equipment import LEG_MODES, Equipment, default_modes
+from coclo_vio.equipment import LEG_MODES, Equipment, compared_modes, default_mode
 from coclo_vio.geometry import se3
 from coclo_vio.measurements import (
     LEG_SENSORS,
@@ -74,7 +74,7 @@ def recorded(folder: Path, measurements: list[Measurement], *, sees: bool) -> Pa
 @pytest.mark.parametrize(
     ("robot", "measurements", "sees", "modes"),
     [
-        ("daisy", imu() + joints(), True, LEG_MODES),
+        ("daisy", imu() + joints(), True, (*LEG_MODES, "vins")),
         ("daisy", imu() + joints(), False, LEG_MODES),
         (None, imu() + joints(), True, ("vins", "stereo")),
         (None, imu(), True, ("vins", "stereo")),
@@ -87,7 +87,17 @@ def recorded(folder: Path, measurements: list[Measurement], *, sees: bool) -> Pa
 def test_legs_come_first_and_then_eyes_with_an_imu(
     robot: str | None, measurements: list[Measurement], sees: bool, modes: tuple[str, ...], tmp_path: Path
 ) -> None:
-    assert default_modes(recorded(tmp_path, measurements, sees=sees), resolve(robot)) == modes
+    recording = recorded(tmp_path, measurements, sees=sees)
+    assert compared_modes(recording, resolve(robot)) == modes
+    assert default_mode(recording, resolve(robot)) == modes[0]
+
+
+def test_eyes_of_unknown_lenses_are_left_out_beside_legs(tmp_path: Path) -> None:
+    recording = recorded(tmp_path, imu() + joints(), sees=True)
+    (recording / "mav0" / "cam0" / "sensor.yaml").unlink()
+    assert compared_modes(recording, resolve("daisy")) == LEG_MODES
+    (recording / "mav0" / "cam0" / "sensor.yaml").write_text("T_BS: [", encoding="utf-8")
+    assert compared_modes(recording, resolve("daisy")) == LEG_MODES
 
 
 def test_eyes_take_the_imu_of_their_own_where_it_is_there(tmp_path: Path) -> None:

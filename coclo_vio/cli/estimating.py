@@ -23,7 +23,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
-from coclo_vio.equipment import LEG_MODES, default_modes
+from coclo_vio.equipment import compared_modes, default_mode
 from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.evaluation.evaluate import EvaluationConfig
@@ -36,7 +36,7 @@ from coclo_vio.sample import sample_path
 
 def demo(output: OutOption = Path("demo_out")) -> None:
     """Compare the estimators on the bundled bag of a Daisy at the stairs: table, plots, report."""
-    _compare([sample_path()], ",".join(LEG_MODES), resolve(robot="daisy"), output)
+    _compare([sample_path()], None, resolve(robot="daisy"), output)
 
 
 def run(
@@ -66,7 +66,7 @@ def run(
     if bag is not None:
         check_bag_path(bag)
     resolved, _ = resolve_if_known(dataset, robot, config, with_partial(settings, allow_partial))
-    mode = mode or default_modes(dataset, resolved)[0]
+    mode = mode or default_mode(dataset, resolved)
     with progress_bar() as progress:
         pictures_every = every if debug_images else None
         told = comparison.run_all(dataset, [mode], resolved, output, progress, pictures_every)
@@ -162,7 +162,7 @@ def _compare(
     fruitless: list[str] = []
     for name, dataset in zip(_distinct_names(datasets), datasets, strict=True):
         own = resolved or resolve_if_known(dataset, robot, config, settings)[0]
-        names = asked or default_modes(dataset, own)
+        names = asked or compared_modes(dataset, own)
         folder = output if len(datasets) == 1 else output / name
         with progress_bar() as progress:
             told = comparison.run_all(dataset, names, own, folder, progress)
