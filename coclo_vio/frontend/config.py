@@ -28,18 +28,25 @@ class DetectionConfig(StageConfig):
 
 
 class FlowConfig(StageConfig):
-    """Pyramidal Lucas-Kanade from frame to frame."""
+    """Pyramidal Lucas-Kanade from frame to frame: it only has to come near, patches make it exact."""
 
-    window_px: Annotated[int, Field(ge=5, le=61, description="side of the window, px")] = 21
+    window_px: Annotated[int, Field(ge=5, le=61, description="side of the window, px")] = 15
     levels: Annotated[int, Field(ge=0, le=8, description="halvings of the image when the motion is predicted")] = 2
-    search_levels: Annotated[int, Field(ge=0, le=8, description="halvings of the image when it is not")] = 4
-    iterations: Annotated[int, Field(ge=1, le=200, description="most iterations at a level")] = 30
-    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.01
+    search_levels: Annotated[
+        int, Field(ge=0, le=8, description="halvings of the image when it is not, or was wrong")
+    ] = 4
+    iterations: Annotated[int, Field(ge=1, le=200, description="most iterations at a level")] = 10
+    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.05
     round_trip_px: Annotated[
         float, Field(gt=0, le=10, description="most error of a point that is followed there and back, px")
-    ] = 0.5
+    ] = 1.0
     retry_share: Annotated[
-        float, Field(ge=0, le=1, description="fewer followed than this: the lost ones are sought without prediction")
+        float,
+        Field(
+            ge=0,
+            le=1,
+            description="fewer followed than this: the lost ones are sought again, farther and in evened light",
+        ),
     ] = 0.35
 
 
@@ -51,7 +58,7 @@ class PatchConfig(StageConfig):
     taper_px: Annotated[float, Field(gt=1, description="sigma of the weight about its middle, px")] = 6.0
     blur_px: Annotated[float, Field(gt=0, le=3, description="sigma of the blur that images get before, px")] = 1.0
     iterations: Annotated[int, Field(ge=1, le=100, description="most iterations")] = 8
-    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.02
+    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.05
     noise: Annotated[float, Field(gt=0, description="of the images, against what is expected, grey levels")] = 2.0
 
 

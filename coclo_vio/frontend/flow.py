@@ -22,20 +22,18 @@ class LucasKanade:
 
     Attributes:
         window_px: side of the patch, px.
-        levels: halvings of the images.
         iterations: most at a level.
         precision_px: a smaller step ends the iterations, px.
         round_trip_px: most error there and back, px.
     """
 
     window_px: int
-    levels: int
     iterations: int
     precision_px: float
     round_trip_px: float
 
     def follow(
-        self, before: ByteImage, after: ByteImage, points: Array, seeds: Array, levels: int | None = None
+        self, before: ByteImage, after: ByteImage, points: Array, seeds: Array, levels: int
     ) -> tuple[Array, BoolArray]:
         """Where points (N, 2) of one image are in another, (N, 2), and whether each was found, (N,).
 
@@ -44,11 +42,11 @@ class LucasKanade:
             after: the other one, of the same size.
             points: columns and rows in ``before``, px.
             seeds: where the search in ``after`` begins, px.
-            levels: halvings of the images if not the configured ones.
+            levels: halvings of the images: the more, the farther it sees.
         """
         if not len(points):
             return np.zeros((0, 2)), np.zeros(0, dtype=np.bool_)
-        there, found = self._run(before, after, points, seeds, self.levels if levels is None else levels)
+        there, found = self._run(before, after, points, seeds, levels)
         back, returned = self._run(after, before, there, points, _BACK_LEVELS)
         closes = np.abs(back - points).max(axis=1) < self.round_trip_px
         inside = (there >= 0.0).all(axis=1) & (there <= np.array(after.shape[::-1]) - 1.0).all(axis=1)
@@ -71,3 +69,8 @@ class LucasKanade:
         ends = np.asarray(moved, dtype=np.float64).reshape(-1, 2)
         sound = np.asarray(np.isfinite(ends).all(axis=1))
         return np.where(sound[:, None], ends, points), np.asarray(np.ravel(status) > 0) & sound
+
+
+def evened(image: ByteImage) -> ByteImage:
+    """The image (rows, columns) with as many pixels of each brightness: two exposures of one scene look alike in it."""
+    return np.asarray(cv2.equalizeHist(image), dtype=np.uint8)

@@ -15,7 +15,7 @@ from coclo_vio.arrays import Array, BoolArray, ByteImage
 from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.anchoring import Anchoring
 from coclo_vio.frontend.config import FrontendConfig
-from coclo_vio.frontend.flow import LucasKanade
+from coclo_vio.frontend.flow import LucasKanade, evened
 from coclo_vio.frontend.motion_check import MotionCheck, MotionVerdict
 from coclo_vio.frontend.patches import FloatArray, PatchAligner
 from coclo_vio.frontend.prediction import predicted, stretched
@@ -37,7 +37,7 @@ class Follower:
         self._rig = rig
         self._config = config.flow
         flow = config.flow
-        self._flow = LucasKanade(flow.window_px, flow.levels, flow.iterations, flow.precision_px, flow.round_trip_px)
+        self._flow = LucasKanade(flow.window_px, flow.iterations, flow.precision_px, flow.round_trip_px)
         self._motion_check = MotionCheck(rig, config.motion)
         self._anchoring = Anchoring(aligner, config.anchor, config.likeness)
         self._admits = admits
@@ -84,14 +84,17 @@ class Follower:
         """Where Lucas-Kanade has them now, (N, 2), and which it found, (N,)."""
         config = self._config
         if motion is None:
-            return self._flow.follow(image_before, image, before.left_px, before.left_px, config.search_levels)
-        seeds, _ = predicted(self._rig, before, motion)
-        places, found = self._flow.follow(image_before, image, before.left_px, seeds)
-        if found.mean() < config.retry_share:
-            self._counts["predictions_failed"] += 1
+            seeds, levels = before.left_px, config.search_levels
+        else:
+            (seeds, _), levels = predicted(self._rig, before, motion), config.levels
+        places, found = self._flow.follow(image_before, image, before.left_px, seeds, levels)
+        if found.mean() < config.retry_share:  # a jerk, or the light has changed
+            self._counts["retries"] += 1
             lost = np.flatnonzero(~found)
-            start = before.left_px[lost]
-            places[lost], found[lost] = self._flow.follow(image_before, image, start, start, config.search_levels)
+            even_before, even = evened(image_before), evened(image)
+            places[lost], found[lost] = self._flow.follow(
+                even_before, even, before.left_px[lost], before.left_px[lost], config.search_levels
+            )
         return places, found
 
     def _put_by_motion(

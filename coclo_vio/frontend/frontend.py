@@ -11,6 +11,7 @@ from coclo_vio.calibration import RectifiedStereo, StereoCalibration
 from coclo_vio.frontend import overlay, sight
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.detection import CornerDetector
+from coclo_vio.frontend.expected_motion import ExpectedMotion
 from coclo_vio.frontend.following import Follower
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
@@ -50,8 +51,7 @@ class StereoFrontend:
             0, np.zeros((0, 2)), self._aligner.templates(np.zeros((1, 1), np.float32), np.zeros((0, 2)))
         )
         self._live = self._nothing  # the tracks of the reference
-        self._motion: Array | None = np.eye(4)  # T_reference_current that is expected; None: unknown
-        self._last_motion: Array | None = None  # of the last frame in which it was found, for constant velocity
+        self._motion = ExpectedMotion()
         self._blind_frames = 0
         self._next_id = 0
         self._tails: deque[StereoTracks] = deque(maxlen=_TAIL_FRAMES)  # for the eye
@@ -75,16 +75,16 @@ class StereoFrontend:
         """
         self._counts["frames"] += 1
         pair = self._rectifier.rectified(frame)
-        self._expect(T_previous_current)
-        light = sight.Light.of(pair)
-        fault = sight.fault_of(light, self._config.sight) or self._frozen(pair)
+        self._motion.advance(frame.stamp_ns, T_previous_current)
+        light = sight.Light.of(pair, self._config.sight)
+        fault = light.left_fault or self._frozen(pair)
         if fault:
             return self._blind(frame.stamp_ns, pair, fault)
         smooth = SmoothPair(self._aligner.smoothed(pair.left), self._aligner.smoothed(pair.right))
         before = self._live
-        followed, verdict = self._follower.follow(
-            before, pair.left if self._reference is None else self._reference.left, pair.left, smooth.left, self._motion
-        )
+        image_before = pair.left if self._reference is None else self._reference.left
+        motion = self._motion.T_reference_current
+        followed, verdict = self._follower.follow(before, image_before, pair.left, smooth.left, motion)
         fresh = self._fresh(pair, smooth, followed)
         live = self._matcher.match(pair, smooth, followed.joined(fresh))
         self._counts["unmatched"] += int((~live.has_right).sum())
@@ -92,7 +92,7 @@ class StereoFrontend:
         if state is Sight.BLIND:
             return self._blind(frame.stamp_ns, pair, reason)
         self._reference, self._live, self._blind_frames = pair, live, 0
-        self._last_motion, self._motion = verdict.T_previous_current, np.eye(4)
+        self._motion.settle(verdict.T_previous_current)
         return self._told(frame.stamp_ns, pair, live, state, reason)
 
     def overlay(self) -> ByteImage:
@@ -105,10 +105,6 @@ class StereoFrontend:
             return np.zeros((rows, 2 * columns, 3), dtype=np.uint8)
         return overlay.drawn(*self._shown, self._tails)
 
-    def _expect(self, T_previous_current: Array | None) -> None:  # noqa: N803
-        step = T_previous_current if T_previous_current is not None else self._last_motion
-        self._motion = None if self._motion is None or step is None else self._motion @ step
-
     def _frozen(self, pair: RectifiedPair) -> str:
         """Why these images say nothing new, if they are those of the reference."""
         same = self._reference is not None and all(
@@ -118,7 +114,7 @@ class StereoFrontend:
                 (pair.right, self._reference.right),
             )
         )
-        return "both images are, to the bit, those of the frame before: the camera stands still in time" if same else ""
+        return "both images are, to the bit, those of an earlier frame: the camera hangs" if same else ""
 
     def _fresh(self, pair: RectifiedPair, smooth: SmoothPair, followed: LiveTracks) -> LiveTracks:
         """New points, so that there are enough."""
@@ -133,7 +129,8 @@ class StereoFrontend:
         self._counts["blind"] += 1
         self._blind_frames += 1
         if self._blind_frames > self._config.sight.patience_frames:
-            self._reference, self._live, self._last_motion, self._motion = None, self._nothing, None, np.eye(4)
+            self._reference, self._live = None, self._nothing
+            self._motion.forget()
         return self._told(stamp_ns, pair, self._nothing, Sight.BLIND, reason)
 
     def _told(self, stamp_ns: int, pair: RectifiedPair, live: LiveTracks, state: Sight, reason: str) -> StereoTracks:

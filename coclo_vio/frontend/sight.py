@@ -2,10 +2,12 @@
 """How well the cameras see, and the sentence that says why not better."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numpy as np
 
+from coclo_vio.arrays import ByteImage
 from coclo_vio.frontend.config import SightConfig
 from coclo_vio.frontend.motion_check import MotionVerdict
 from coclo_vio.frontend.rectification import RectifiedPair
@@ -18,37 +20,33 @@ class Light:
     """Brightness of the two images.
 
     Attributes:
-        mean: of left and right, grey levels.
-        contrast: their standard deviations, grey levels.
+        left: mean of the left one, grey levels.
+        right: mean of the right one.
+        left_fault: why nothing can be seen in the left one; empty where something can.
+        right_fault: the same of the right one.
     """
 
-    mean: tuple[float, float]
-    contrast: tuple[float, float]
+    left: float
+    right: float
+    left_fault: str
+    right_fault: str
 
     @classmethod
-    def of(cls, pair: RectifiedPair) -> "Light":
+    def of(cls, pair: RectifiedPair, config: SightConfig) -> Self:
         """The light in a pair of images."""
-        values = [np.asarray(cv2.meanStdDev(image)).ravel() for image in (pair.left, pair.right)]
-        return cls((float(values[0][0]), float(values[1][0])), (float(values[0][1]), float(values[1][1])))
+        (left, left_fault), (right, right_fault) = (
+            _measured(image, side, config) for image, side in ((pair.left, "left"), (pair.right, "right"))
+        )
+        return cls(left, right, left_fault, right_fault)
 
-
-def fault_of(light: Light, config: SightConfig) -> str:
-    """Why nothing can be seen in such light; empty where something can."""
-    for side, mean, contrast in zip(("left", "right"), light.mean, light.contrast, strict=True):
-        if contrast >= config.least_contrast:
-            continue
-        if mean < config.dark_level:
-            return f"the {side} image is dark: mean brightness {mean:.0f} of 255"
-        if mean > config.bright_level:
-            return f"the {side} image is overexposed: mean brightness {mean:.0f} of 255"
-        return f"the {side} image is featureless: brightness {mean:.0f} +- {contrast:.1f} of 255"
-    return ""
+    def __str__(self) -> str:
+        return self.right_fault or f"mean brightness {self.left:.0f} and {self.right:.0f} of 255"
 
 
 def judged(
     tracks: LiveTracks, followed: int, before: int, verdict: MotionVerdict, light: Light, config: SightConfig
 ) -> tuple[Sight, str]:
-    """The state of sight and why, of a frame in whose light something could be seen.
+    """The state of sight and why it is not healthy, of a frame in whose left image something could be seen.
 
     Args:
         tracks: what is left, new points included.
@@ -59,15 +57,27 @@ def judged(
         config: the limits.
     """
     matched = int(tracks.has_right.sum())
-    brightness = f"mean brightness {light.mean[0]:.0f} and {light.mean[1]:.0f} of 255"
-    if matched < config.blind_tracks:
-        return Sight.BLIND, f"only {matched} of {len(tracks)} points were found in both images ({brightness})"
+    few = f"only {matched} of {len(tracks)} points were found in both images ({light})"
+    if matched < config.blind_tracks and followed < config.degraded_tracks:
+        return Sight.BLIND, few
     if matched < config.degraded_tracks:
-        return Sight.DEGRADED, f"only {matched} of {len(tracks)} points were found in both images ({brightness})"
+        return Sight.DEGRADED, few
     if before and followed < config.kept_share * before:
-        return Sight.DEGRADED, f"only {followed} of {before} points were followed from the last frame ({brightness})"
+        return Sight.DEGRADED, f"only {followed} of {before} points were followed from the last frame ({light})"
     if verdict.judged and verdict.T_previous_current is None:
         return Sight.DEGRADED, (
-            f"no motion explains the points: the best one {verdict.agreeing} of {verdict.judged}; none was dropped"
+            f"no motion explains the points: the best one {verdict.agreeing} of {verdict.judged}; all are kept"
         )
     return Sight.HEALTHY, ""
+
+
+def _measured(image: ByteImage, side: str, config: SightConfig) -> tuple[float, str]:
+    """Mean brightness of an image, and why nothing can be seen in it."""
+    mean, contrast = (float(value) for value in np.ravel(cv2.meanStdDev(image)))
+    if contrast >= config.least_contrast:
+        return mean, ""
+    if mean < config.dark_level:
+        return mean, f"the {side} image is dark: mean brightness {mean:.0f} of 255"
+    if mean > config.bright_level:
+        return mean, f"the {side} image is overexposed: mean brightness {mean:.0f} of 255"
+    return mean, f"the {side} image is featureless: brightness {mean:.0f} +- {contrast:.1f} of 255"
