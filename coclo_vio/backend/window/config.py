@@ -23,6 +23,10 @@ class PixelNoiseConfig(StageConfig):
         float,
         Field(gt=0, le=100, description="one sigma of its later disparities, which repeat the first one's error, px"),
     ] = 3.0
+    walk_px: Annotated[
+        float,
+        Field(ge=0, le=50, description="how far a track wanders off its point from keyframe to keyframe, one sigma, px"),
+    ] = 0.0
     huber: Annotated[float, Field(gt=0, le=100, description="residuals beyond this many sigmas count less (Huber)")] = (
         1.5
     )
@@ -60,9 +64,6 @@ class MotionPriorConfig(StageConfig):
     memory_s: Annotated[
         float, Field(gt=0, description="without sight, velocity is believed to fade with this time constant, s")
     ] = 0.5
-    bridged_below: Annotated[
-        int, Field(ge=0, description="keyframes with fewer tracks in common are tied by the motion prior too")
-    ] = 10
 
 
 class InertialConfig(StageConfig):
@@ -144,6 +145,9 @@ class SmootherConfig(StageConfig):
     min_disparity_px: Annotated[
         float, Field(gt=0, description="points with less disparity give no landmark until parallax places them, px")
     ] = 1.0
+    spacing_px: Annotated[
+        float, Field(ge=0, description="a new point nearer than this to another one repeats its errors: left out, px")
+    ] = 6.0
     most_kept_landmarks: Annotated[
         int, Field(ge=0, description="landmarks still seen whose past the marginal prior keeps; others forget it")
     ] = 60

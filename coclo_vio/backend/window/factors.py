@@ -15,9 +15,9 @@ _LANDMARK = gtsam.symbol("l", 0)
 _POSE, _VELOCITY, _BIAS = gtsam.symbol("x", 0), gtsam.symbol("v", 0), gtsam.symbol("b", 0)
 
 
-def landmark_key(track_id: int) -> int:
+def landmark_key(landmark_id: int) -> int:
     """The key of a landmark."""
-    return int(_LANDMARK + track_id)
+    return int(_LANDMARK + landmark_id)
 
 
 def pose_key(number: int) -> int:
@@ -60,9 +60,9 @@ class SightingFactors:
         alone = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
         self._mono_noise = gtsam.noiseModel.Robust.Create(huber, alone)
 
-    def make(self, number: int, track_id: int, sighting: Array, *, is_first: bool) -> Term:
+    def make(self, number: int, landmark_id: int, sighting: Array, *, is_first: bool) -> Term:
         """The factor of a sighting (left column, row, right column or NaN), px, (3,)."""
-        pose, point = pose_key(number), landmark_key(track_id)
+        pose, point = pose_key(number), landmark_key(landmark_id)
         left, row, right = (float(value) for value in sighting)
         if np.isnan(right):
             factor = gtsam.GenericProjectionFactorCal3_S2(

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.window.config import SmootherConfig
@@ -21,6 +22,7 @@ class Landmark:
     """A point of the world.
 
     Attributes:
+        track_id: the track that sees it.
         point_world: where it is, m, (3,); None until it can be placed.
         sightings: by the number of the keyframe: left column, row, right column (NaN: not seen there), px, (3,).
         placed_by: the keyframe whose disparity counts; None as long as there is none.
@@ -28,6 +30,7 @@ class Landmark:
         is_retired: whether it was found wrong: it takes no more sightings and leaves at the next occasion.
     """
 
+    track_id: int
     point_world: Array | None = None
     sightings: dict[int, Array] = field(default_factory=dict)
     placed_by: int | None = None
@@ -39,20 +42,30 @@ class Landmark:
         """Whether it ties keyframes together: it has a place, and more than one keyframe or the prior knows it."""
         return self.is_in_prior or (self.point_world is not None and len(self.sightings) > 1)
 
+    def observe(self, number: int, sighting: Array) -> None:
+        """Take what keyframe ``number`` sees, (3,); the first disparity is the one that places it."""
+        self.sightings[number] = sighting
+        if self.placed_by is None and not np.isnan(sighting[2]):
+            self.placed_by = number
+
 
 class LandmarkMap:
-    """Landmarks by the identity of their track."""
+    """Landmarks by an identity of their own, and which of them each track sees."""
 
     def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
         self._rig, self._config = rig, config
         self._by_id: dict[int, Landmark] = {}
+        self._of_track: dict[int, int] = {}  # the landmark that a track sees at present
+        self._next_id = 0
+        noise = config.noise
+        self._most_sightings = np.inf if noise.walk_px == 0.0 else max(2.0, (noise.track_px / noise.walk_px) ** 2)
         self._largest_px = rig.focal_px[0] * rig.baseline_m / config.nearest_m
 
     def __len__(self) -> int:
         return len(self._by_id)
 
-    def __getitem__(self, track_id: int) -> Landmark:
-        return self._by_id[track_id]
+    def __getitem__(self, landmark_id: int) -> Landmark:
+        return self._by_id[landmark_id]
 
     def items(self) -> list[tuple[int, Landmark]]:
         """All landmarks by identity, in the order in which they came."""
@@ -66,22 +79,46 @@ class LandmarkMap:
 
     def known(self, tracks: StereoTracks) -> tuple[BoolArray, Array]:
         """Which tracks (N,) have a placed landmark, and where those are, m, (M, 3)."""
-        found = [self._by_id.get(int(each)) for each in tracks.track_ids]
+        found = [self._seen_by(int(each)) for each in tracks.track_ids]
         points = [one.point_world for one in found if one is not None and one.point_world is not None]
         is_known = np.array([one is not None and one.point_world is not None for one in found], dtype=np.bool_)
         return is_known, np.array(points).reshape(-1, 3)
 
     def observe(self, number: int, tracks: StereoTracks, is_wrong: BoolArray) -> None:
         """Add what keyframe ``number`` sees; sightings that are wrong are left out."""
-        for track_id, sighting, wrong in zip(tracks.track_ids, self.sightings(tracks), is_wrong, strict=True):
-            landmark = self._by_id.get(int(track_id))
-            if wrong or (landmark is not None and landmark.is_retired):
+        is_crowded = self._is_crowded(tracks, is_wrong)
+        sightings = self.sightings(tracks)
+        for track_id, sighting, unused in zip(tracks.track_ids.tolist(), sightings, is_wrong | is_crowded, strict=True):
+            landmark = self._seen_by(track_id)
+            if unused or (landmark is not None and landmark.is_retired):
                 continue
-            if landmark is None:
-                landmark = self._by_id[int(track_id)] = Landmark()
-            landmark.sightings[number] = sighting
-            if landmark.placed_by is None and not np.isnan(sighting[2]):
-                landmark.placed_by = number
+            if landmark is not None:
+                landmark.observe(number, sighting)
+                if len(landmark.sightings) < self._most_sightings:
+                    continue
+                landmark.is_retired = True  # its track may have wandered off: what it sees from now on is another point
+            self._add(track_id).observe(number, sighting)
+
+    def _seen_by(self, track_id: int) -> Landmark | None:
+        landmark_id = self._of_track.get(track_id)
+        return None if landmark_id is None else self._by_id[landmark_id]
+
+    def _add(self, track_id: int) -> Landmark:
+        landmark = self._by_id[self._next_id] = Landmark(track_id)
+        self._of_track[track_id] = self._next_id
+        self._next_id += 1
+        return landmark
+
+    def _is_crowded(self, tracks: StereoTracks, is_wrong: BoolArray) -> BoolArray:
+        """New tracks (N,) that are too near to a known or an earlier one: they repeat its errors."""
+        is_known = np.array([each in self._of_track for each in tracks.track_ids.tolist()], dtype=np.bool_)
+        order = np.concatenate((np.flatnonzero(is_known & ~is_wrong), np.flatnonzero(~is_known)))
+        near = cKDTree(tracks.left_px[order]).query_pairs(self._config.spacing_px, output_type="ndarray")
+        is_crowded = np.zeros(len(tracks), dtype=np.bool_)
+        for earlier, later in near[np.lexsort((near[:, 1], near[:, 0]))]:
+            if not is_crowded[order[earlier]] and not is_known[order[later]]:
+                is_crowded[order[later]] = True
+        return is_crowded
 
     def place(self, poses: Mapping[int, Array]) -> None:
         """Place anew what the solver does not hold: by the first disparity, or by parallax.
@@ -118,13 +155,15 @@ class LandmarkMap:
         is_usable = self._config.nearest_m < depth < _FARTHEST * self._rig.baseline_m
         return point if is_usable else None
 
-    def forget(self, track_id: int) -> None:
+    def forget(self, landmark_id: int) -> None:
         """Remove a landmark."""
-        del self._by_id[track_id]
+        landmark = self._by_id.pop(landmark_id)
+        if self._of_track.get(landmark.track_id) == landmark_id:
+            del self._of_track[landmark.track_id]
 
     def forget_keyframe(self, number: int) -> None:
         """Remove what a keyframe saw, and the landmarks that nothing knows any more."""
-        for track_id, landmark in self.items():
+        for landmark_id, landmark in self.items():
             landmark.sightings.pop(number, None)
             if not landmark.sightings and not landmark.is_in_prior:
-                self.forget(track_id)
+                self.forget(landmark_id)

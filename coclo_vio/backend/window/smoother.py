@@ -141,7 +141,8 @@ class SlidingWindowSmoother:
         motion = self._expected(tracks.stamp_ns, odometry)
         is_wrong, located = self._located(self._window, tracks, motion)
         self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry)
-        self._steady.add(tracks.stamp_ns, self._last.T_world_body, is_seen=located is not None)
+        seen_at = motion.T_world_body if located is None else located.T_world_body
+        self._steady.add(tracks.stamp_ns, seen_at, self._last.T_world_body, is_seen=located is not None)
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
 
     def _frame(
@@ -388,15 +389,11 @@ class SlidingWindowSmoother:
             terms.append(factors.velocity_prior(end, motion.velocity_world, wide))
             terms.append(factors.bias_prior(end, bias[:3], bias[3:], sigmas))
             self._tell(keyframe.stamp_ns, "imu_gap", "the IMU was silent too long to be integrated; eyes alone tie")
-        inliers = 0 if located is None else int(np.count_nonzero(located.is_inlier))
-        if odometry is None and inliers < self.config.motion.bridged_below:
+        if odometry is None:
             age_s = (keyframe.stamp_ns - window.newest.stamp_ns) / _NS_PER_S
-            shift = self.config.motion.acceleration_mps2 * age_s**2 + _HELD
-            turn = self.config.motion.turn_acceleration_radps2 * age_s**2 + _HELD
-            covariance = np.diag(np.square(np.repeat([turn, shift], 3)))
+            covariance = self._steady.covariance(age_s)
             T_start_end = se3.inverse(window.pose(start)) @ motion.T_world_body
             terms.append(factors.relative_pose(start, end, T_start_end, covariance))
-            self._counts["bridged_keyframes"] += 1
         return terms
 
     def _try_to_solve(self, window: Window, tracks: StereoTracks) -> Solution | None:

@@ -115,16 +115,16 @@ class Window:
             SmootherError: the problem is not determined, or its solution is not finite.
         """
         terms = [*self._terms()]
-        seen = [(track_id, one) for track_id, one in self.landmarks.items() if one.is_solvable]
+        seen = [(landmark_id, one) for landmark_id, one in self.landmarks.items() if one.is_solvable]
         values = gtsam.Values(self.values)
-        for track_id, landmark in seen:
-            values.insert_or_assign(factors.landmark_key(track_id), landmark.point_world)
+        for landmark_id, landmark in seen:
+            values.insert_or_assign(factors.landmark_key(landmark_id), landmark.point_world)
         graph = gtsam.NonlinearFactorGraph()
         for term in terms:
             graph.push_back(term.factor)
-        solved, iterations = self._optimised(graph, values, self._ordering([track_id for track_id, _ in seen]))
+        solved, iterations = self._optimised(graph, values, self._ordering([landmark_id for landmark_id, _ in seen]))
         covariance = marginal_covariance(graph.linearize(solved), self._newest_keys())
-        self._take(solved, [track_id for track_id, _ in seen])
+        self._take(solved, [landmark_id for landmark_id, _ in seen])
         rms = self._cull()
         self._place()
         return Solution(iterations, len(terms), len(seen), rms, covariance)
@@ -146,10 +146,10 @@ class Window:
             raise SmootherError(f"the window of {len(self.keyframes)} keyframes has no finite solution")
         return solved, int(optimizer.iterations())
 
-    def _take(self, solved: gtsam.Values, track_ids: Sequence[int]) -> None:
-        for track_id in track_ids:
-            key = factors.landmark_key(track_id)
-            self.landmarks[track_id].point_world = np.asarray(solved.atPoint3(key))
+    def _take(self, solved: gtsam.Values, landmark_ids: Sequence[int]) -> None:
+        for landmark_id in landmark_ids:
+            key = factors.landmark_key(landmark_id)
+            self.landmarks[landmark_id].point_world = np.asarray(solved.atPoint3(key))
             solved.erase(key)
         self.values = solved
 
@@ -158,25 +158,27 @@ class Window:
         for keyframe in self.keyframes:
             yield from keyframe.terms
             yield from keyframe.rest_terms
-        for track_id, landmark in self.landmarks.items():
+        for landmark_id, landmark in self.landmarks.items():
             if landmark.is_solvable:
                 for number in landmark.sightings:
-                    yield self._sighting(track_id, number)
+                    yield self._sighting(landmark_id, number)
 
-    def _sighting(self, track_id: int, number: int) -> Term:
-        term = self._cache.get((track_id, number))
+    def _sighting(self, landmark_id: int, number: int) -> Term:
+        term = self._cache.get((landmark_id, number))
         if term is None:
-            landmark = self.landmarks[track_id]
+            landmark = self.landmarks[landmark_id]
             is_first = landmark.placed_by == number
             sighting = landmark.sightings[number]
-            term = self._cache[track_id, number] = self._sightings.make(number, track_id, sighting, is_first=is_first)
+            term = self._cache[landmark_id, number] = self._sightings.make(
+                number, landmark_id, sighting, is_first=is_first
+            )
         return term
 
-    def _ordering(self, track_ids: Sequence[int]) -> gtsam.Ordering:
+    def _ordering(self, landmark_ids: Sequence[int]) -> gtsam.Ordering:
         """Landmarks first, those that the prior ties together after the free ones, then states, the newest last."""
         ordering = gtsam.Ordering()
-        for track_id in sorted(track_ids, key=lambda each: self.landmarks[each].is_in_prior):
-            ordering.push_back(factors.landmark_key(track_id))
+        for landmark_id in sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior):
+            ordering.push_back(factors.landmark_key(landmark_id))
         for keyframe in self.keyframes:
             for key in self._keys_of(keyframe.number):
                 ordering.push_back(key)
@@ -195,8 +197,8 @@ class Window:
         total, count = 0.0, 0
         for keyframe in self.keyframes:
             seen_here = [
-                (track_id, landmark, landmark.sightings[keyframe.number])
-                for track_id, landmark in self.landmarks.items()
+                (landmark_id, landmark, landmark.sightings[keyframe.number])
+                for landmark_id, landmark in self.landmarks.items()
                 if landmark.is_solvable and keyframe.number in landmark.sightings
             ]
             if not seen_here:
@@ -208,10 +210,10 @@ class Window:
             residuals = (sightings - self._pixels.seen(pose, points))[~is_wrong]
             total += float(np.nansum(np.square(residuals)))
             count += int(np.count_nonzero(~np.isnan(residuals)))
-            for (track_id, landmark, _), wrong in zip(seen_here, is_wrong, strict=True):
+            for (landmark_id, landmark, _), wrong in zip(seen_here, is_wrong, strict=True):
                 if wrong:
                     del landmark.sightings[keyframe.number]
-                    self._cache.pop((track_id, keyframe.number), None)
+                    self._cache.pop((landmark_id, keyframe.number), None)
                     landmark.is_retired |= keyframe is self.newest
         return float(np.sqrt(total / max(count, 1)))
 
@@ -229,24 +231,24 @@ class Window:
         leaving = [factors.landmark_key(each) for each in lost] + self._keys_of(oldest.number)
         touched, untouched = self._touched(set(leaving), oldest, lost, kept)
         values = gtsam.Values(self.values)
-        for track_id in [*lost, *kept]:
-            values.insert_or_assign(factors.landmark_key(track_id), self.landmarks[track_id].point_world)
+        for landmark_id in [*lost, *kept]:
+            values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks[landmark_id].point_world)
         prior = marginal_prior(touched, leaving, values)
         self.prior = untouched + prior
         self._forget(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
-        for track_id, landmark in self.landmarks.items():
-            landmark.is_in_prior = factors.landmark_key(track_id) in in_prior
+        for landmark_id, landmark in self.landmarks.items():
+            landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
 
     def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
         """Landmarks that the oldest keyframe or the prior know: those to eliminate, and those that stay in the prior."""
         lost, alive = [], []
-        for track_id, landmark in self.landmarks.items():
+        for landmark_id, landmark in self.landmarks.items():
             is_seen_here = oldest in landmark.sightings and landmark.is_solvable
             if not (is_seen_here or landmark.is_in_prior):
                 continue
             is_alive = self.newest.number in landmark.sightings and not landmark.is_retired
-            (alive if is_alive else lost).append(track_id)
+            (alive if is_alive else lost).append(landmark_id)
         known = [each for each in alive if self.landmarks[each].is_in_prior]
         fresh = [each for each in alive if self._is_worth_keeping(self.landmarks[each], oldest)]
         fresh.sort(key=lambda each: -len(self.landmarks[each].sightings))
@@ -266,22 +268,22 @@ class Window:
         for keyframe in self.keyframes[:2]:
             tied = [*keyframe.terms, *keyframe.rest_terms]
             touched += [term for term in tied if leaving.intersection(term.keys)]
-        for track_id in lost:
-            touched += [self._sighting(track_id, number) for number in self.landmarks[track_id].sightings]
-        for track_id in kept:
-            if oldest.number in self.landmarks[track_id].sightings:
-                touched.append(self._sighting(track_id, oldest.number))
+        for landmark_id in lost:
+            touched += [self._sighting(landmark_id, number) for number in self.landmarks[landmark_id].sightings]
+        for landmark_id in kept:
+            if oldest.number in self.landmarks[landmark_id].sightings:
+                touched.append(self._sighting(landmark_id, oldest.number))
         return touched, untouched
 
     def _forget(self, oldest: Keyframe, lost: Sequence[int]) -> None:
         for key in self._keys_of(oldest.number):
             self.values.erase(key)
-        for track_id in lost:
-            for number in self.landmarks[track_id].sightings:
-                self._cache.pop((track_id, number), None)
-            self.landmarks.forget(track_id)
-        for track_id, _ in self.landmarks.items():
-            self._cache.pop((track_id, oldest.number), None)
+        for landmark_id in lost:
+            for number in self.landmarks[landmark_id].sightings:
+                self._cache.pop((landmark_id, number), None)
+            self.landmarks.forget(landmark_id)
+        for landmark_id, _ in self.landmarks.items():
+            self._cache.pop((landmark_id, oldest.number), None)
         self.landmarks.forget_keyframe(oldest.number)
         self.keyframes.pop(0)
         gone = factors.pose_key(oldest.number)
