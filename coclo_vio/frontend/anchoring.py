@@ -27,18 +27,21 @@ class Anchoring:
         self._likeness = likeness
         self._spreads = np.array([_ANYWHERE_PX, _ANYWHERE_PX, *[config.shape_spread] * 4])
 
-    def corrected(self, smooth_left: FloatArray, tracks: LiveTracks) -> tuple[LiveTracks, BoolArray]:
+    def corrected(
+        self, smooth_left: FloatArray, tracks: LiveTracks, believed: BoolArray
+    ) -> tuple[LiveTracks, BoolArray]:
         """The tracks at corrected places, and which still look as they did, (N,).
 
         Args:
             smooth_left: the left image, smoothed.
             tracks: points where Lucas-Kanade has found them, with the shapes that their motion predicts.
+            believed: whose places are right even if most points look different, as in a blurred frame, (N,).
         """
         found = self._aligner.align(tracks.templates, smooth_left, tracks.left_px, tracks.shapes, self._spreads)
         near = np.abs(found.centres - tracks.left_px).max(axis=1) < self._config.correction_px
         same = alike(found, self._likeness) & near
-        if len(tracks) and same.mean() < 1.0 - self._config.lost_share:
-            return self._anchored(smooth_left, tracks, np.ones(len(tracks), dtype=np.bool_)), np.ones_like(same)
+        if believed.any() and same.mean() < 1.0 - self._config.lost_share:
+            return self._anchored(smooth_left, tracks, np.ones(len(tracks), dtype=np.bool_)), same | believed
         places = np.where(same[:, None], found.centres, tracks.left_px)
         moved = replace(tracks, left_px=places, shapes=found.shapes)
         return self._anchored(smooth_left, moved, same & self._is_stretched(found.shapes)), same

@@ -85,10 +85,10 @@ class LikenessConfig(StageConfig):
     score: Annotated[float, Field(ge=0, lt=1, description="least correlation of two patches")] = 0.8
     residual_ratio: Annotated[
         float, Field(gt=1, description="most residual of a stereo match in those of the middle one of the frame")
-    ] = 1.7
+    ] = 1.6
     contrast_share: Annotated[
         float, Field(ge=0, lt=1, description="so much of its contrast may be left over besides")
-    ] = 0.05
+    ] = 0.08
 
 
 class StereoConfig(StageConfig):
@@ -135,6 +135,10 @@ class MotionCheckConfig(StageConfig):
     least_share: Annotated[
         float, Field(gt=0, lt=1, description="where fewer agree on a motion, none is dropped for it")
     ] = 0.4
+    sure_share: Annotated[
+        float,
+        Field(gt=0, lt=1, description="a motion that fewer of all points share says nothing of the others"),
+    ] = 0.25
 
 
 class SightConfig(StageConfig):

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage
+from coclo_vio.arrays import Array, BoolArray, ByteImage, IntArray
 from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.anchoring import Anchoring
 from coclo_vio.frontend.config import FrontendConfig
@@ -39,6 +39,7 @@ class Follower:
         flow = config.flow
         self._flow = LucasKanade(flow.window_px, flow.iterations, flow.precision_px, flow.round_trip_px)
         self._motion_check = MotionCheck(rig, config.motion)
+        self._sure_share = config.motion.sure_share
         self._anchoring = Anchoring(aligner, config.anchor, config.likeness)
         self._admits = admits
         self._counts = counts
@@ -67,13 +68,17 @@ class Follower:
         places, found = self._flowed(before, image_before, image, motion)
         coarse = self._motion_check.judge(before.select(found), places[found])
         found[np.flatnonzero(found)] = coarse.agrees
-        before, moved = self._put_by_motion(before, places, found, coarse.T_previous_current)
-        corrected, same = self._anchoring.corrected(smooth, moved)
+        is_sure = coarse.agreeing >= self._sure_share * before.has_right.sum()
+        known_motion = coarse.T_previous_current if is_sure else None
+        chosen, moved = self._put_by_motion(before, places, found, known_motion)
+        believed = found[chosen] if known_motion is not None else np.zeros(len(chosen), dtype=np.bool_)
+        before = before.select(chosen)
+        corrected, same = self._anchoring.corrected(smooth, moved, believed)
         same &= self._admits(corrected.left_px)
         self._counts["changed"] += int((~same).sum())
         before, corrected = before.select(same), corrected.select(same)
-        if coarse.T_previous_current is None:
-            return corrected, coarse
+        if known_motion is None:
+            return corrected, replace(coarse, T_previous_current=None)
         fine = self._motion_check.judge(before, corrected.left_px, is_fine=True)
         self._counts["contradicted"] += int((~fine.agrees).sum())
         return corrected.select(fine.agrees), fine if fine.T_previous_current is not None else coarse
@@ -99,8 +104,8 @@ class Follower:
 
     def _put_by_motion(
         self, before: LiveTracks, places: Array, found: BoolArray, motion: Array | None
-    ) -> tuple[LiveTracks, LiveTracks]:
-        """The points to be aligned as they were, and where and how they should be now.
+    ) -> tuple[IntArray, LiveTracks]:
+        """Which points are to be aligned, and where and how they should be now.
 
         Those that were not found are put where the motion has them, if there is one and their depths are known.
         """
@@ -113,5 +118,5 @@ class Follower:
         right_px = places - np.column_stack((disparity, np.zeros(len(places))))
         shapes = stretched(self._rig, before, T) @ before.shapes
         moved = replace(before, left_px=places, right_px=right_px, ages=before.ages + 1, shapes=shapes)
-        chosen = (found | sought) & self._admits(places)
-        return before.select(chosen), moved.select(chosen)
+        chosen = np.flatnonzero((found | sought) & self._admits(places))
+        return chosen, moved.select(chosen)

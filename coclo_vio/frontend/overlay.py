@@ -11,6 +11,7 @@ from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.measurements import Sight, StereoTracks
 
 _OLD_FRAMES = 30
+_TEXT_SCALE = 0.45
 _COLOURS = {Sight.HEALTHY: (80, 220, 80), Sight.DEGRADED: (40, 180, 255), Sight.BLIND: (60, 60, 255)}
 _LONE = (60, 60, 255)
 
@@ -56,6 +57,7 @@ def _place(pixel: Array) -> tuple[int, int]:
 
 
 def _write(picture: ByteImage, text: str, line: int, colour: tuple[int, int, int]) -> None:
-    at = (8, 18 + 18 * line)
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    at = (8, 18 + 20 * line)
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _TEXT_SCALE, 1)
+    cv2.rectangle(picture, (at[0] - 4, at[1] - height - 4), (at[0] + width + 4, at[1] + below), (0, 0, 0), -1)
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, _TEXT_SCALE, colour, 1, cv2.LINE_AA)

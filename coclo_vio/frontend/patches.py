@@ -24,6 +24,7 @@ _GAINS = (0.3, 3.0)
 _LONGEST_STEP_PX = 1.5
 _LEAST_VARIANCE = 1e-3
 _ALL_ITERATE = 3  # copying what is not settled yet costs more than iterating all
+_ROUNDING = 0.3  # standard deviation that eight bits make, grey levels
 _FEW = 10  # fewer patches say nothing about the usual residual
 
 
@@ -93,7 +94,7 @@ def alike(alignment: Alignment, config: LikenessConfig) -> BoolArray:
     sound = alignment.is_settled & (alignment.scores > config.score)
     if sound.sum() < _FEW:
         return sound
-    usual = float(np.median(alignment.residuals[sound]))
+    usual = max(float(np.median(alignment.residuals[sound])), _ROUNDING)
     contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.scores**2, _LEAST_VARIANCE))
     return sound & (alignment.residuals < np.hypot(config.residual_ratio * usual, config.contrast_share * contrast))
 

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import numpy as np
+from textured_room import textures
+
+from coclo_vio.frontend.config import DetectionConfig
+from coclo_vio.frontend.detection import CornerDetector
+
+ROWS, COLUMNS = 360, 480
+IMAGE = np.rint(textures()[0][:ROWS, :COLUMNS]).astype(np.uint8)
+EVERYWHERE = np.full((ROWS, COLUMNS), 255, dtype=np.uint8)
+NONE = np.zeros((0, 2))
+
+
+def detector(seen: np.ndarray = EVERYWHERE, **config: object) -> CornerDetector:
+    return CornerDetector(DetectionConfig.parse(config, "detection"), seen)
+
+
+def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points[:, None] - others[None], axis=2)
+
+
+def test_as_many_points_as_wanted_keep_their_distance_from_each_other() -> None:
+    points = detector().find(IMAGE, NONE)
+    assert len(points) == 150
+    gaps = nearest(points, points) + 1e9 * np.eye(150)
+    assert gaps.min() >= 15.0
+
+
+def test_new_points_keep_their_distance_from_live_ones() -> None:
+    live = detector().find(IMAGE, NONE)[:90]
+    fresh = detector().find(IMAGE, live)
+    assert len(fresh) > 40
+    assert nearest(fresh, live).min() >= 14.0
+
+
+def test_points_are_spread_over_the_image() -> None:
+    """One half has ten times the contrast and gets no more than its share."""
+    image = IMAGE.astype(float)
+    image[:, : COLUMNS // 2] = 120.0 + 0.1 * (image[:, : COLUMNS // 2] - 120.0)
+    points = detector(tracks=80).find(np.rint(image).astype(np.uint8), NONE)
+    assert 0.35 < (points[:, 0] < COLUMNS // 2).mean() < 0.65
+
+
+def test_empty_cells_are_filled_first() -> None:
+    left = detector().find(IMAGE, NONE)
+    live = left[left[:, 0] < COLUMNS // 2]
+    fresh = detector(tracks=len(live) + 15).find(IMAGE, live)
+    assert len(fresh) == 15
+    assert (fresh[:, 0] > COLUMNS // 2 - 10).all()
+
+
+def test_with_enough_points_none_are_sought() -> None:
+    live = detector().find(IMAGE, NONE)
+    assert len(detector().find(IMAGE, live[:148])) == 0
+
+
+def test_no_point_is_where_no_camera_saw_or_at_the_edge() -> None:
+    seen = EVERYWHERE.copy()
+    seen[:, :120] = 0
+    finder = detector(seen)
+    points = finder.find(IMAGE, NONE)
+    assert len(points) > 50
+    assert points[:, 0].min() >= 120 + 8
+    assert points[:, 1].min() >= 8
+    assert points[:, 1].max() < ROWS - 8
+    assert finder.admits(points).all()
+    outside = np.array([[60.0, 100.0], [124.0, 100.0], [300.0, 3.0], [-5.0, 10.0], [1e5, 1e5]])
+    assert not finder.admits(outside).any()
+
+
+def test_a_blank_image_has_no_corners() -> None:
+    assert len(detector().find(np.full((ROWS, COLUMNS), 80, dtype=np.uint8), NONE)) == 0
+
+
+def test_noise_has_few_corners() -> None:
+    noise = np.clip(120.0 + 3.0 * np.random.default_rng(0).standard_normal((ROWS, COLUMNS)), 0, 255).astype(np.uint8)
+    assert len(detector().find(noise, NONE)) < 15
+
+
+def test_detectors_agree() -> None:
+    one, other = detector(), detector()
+    for _ in range(3):
+        np.testing.assert_array_equal(one.find(IMAGE, NONE), other.find(IMAGE, NONE))

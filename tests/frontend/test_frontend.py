@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The front end in a room whose every depth and every motion is known."""
+
+import cv2
+import numpy as np
+import pytest
+from textured_room import BASELINE_M, FOCAL_PX, HEIGHT, PERIOD_NS, WIDTH, Room, rig
+
+from coclo_vio.errors import DatasetError
+from coclo_vio.frontend.config import FrontendConfig
+from coclo_vio.frontend.frontend import StereoFrontend
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import Sight, StereoFrame, StereoTracks
+
+Walk = tuple[list[StereoFrame], np.ndarray]
+CENTRE = np.array([239.5, 179.5])
+
+
+def even(level: float, stamp_ns: int = 1) -> StereoFrame:
+    image = np.full((HEIGHT, WIDTH), level, dtype=np.uint8)
+    return StereoFrame(stamp_ns, image, image)
+
+
+def noise(stamp_ns: int) -> StereoFrame:
+    rng = np.random.default_rng(stamp_ns)
+    left, right = (rng.integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8) for _ in range(2))
+    return StereoFrame(stamp_ns, left, right)
+
+
+def changed(frame: StereoFrame, gain: float, offset: float, sides: str = "both") -> StereoFrame:
+    def exposed(image: np.ndarray) -> np.ndarray:
+        return np.clip(np.rint(gain * image + offset), 0, 255).astype(np.uint8)
+
+    return StereoFrame(frame.stamp_ns, exposed(frame.left) if sides == "both" else frame.left, exposed(frame.right))
+
+
+def matched(tracks: StereoTracks) -> np.ndarray:
+    return np.isfinite(tracks.right_px[:, 0])
+
+
+def drift_px(room: Room, cameras: np.ndarray, told: list[StereoTracks]) -> np.ndarray:
+    """How far each followed point of the last frame is from what it stood on when it was first seen, px."""
+    first: dict[int, np.ndarray] = {}
+    for T_world_camera, tracks in zip(cameras, told, strict=True):
+        depth = room.depth(T_world_camera, tracks.left_px)
+        rays = np.column_stack(((tracks.left_px - CENTRE) / FOCAL_PX, np.ones(len(tracks))))
+        points = se3.apply(T_world_camera, rays * depth[:, None])
+        for number, point in zip(tracks.track_ids.tolist(), points, strict=True):
+            first.setdefault(number, point)
+    last = told[-1]
+    old = last.ages > 5
+    points = np.array([first[number] for number in last.track_ids[old].tolist()])
+    seen = se3.apply(se3.inverse(cameras[-1]), points)
+    return np.linalg.norm(seen[:, :2] / seen[:, 2:] * FOCAL_PX + CENTRE - last.left_px[old], axis=1)
+
+
+@pytest.fixture(scope="module")
+def told(walked: Walk) -> list[StereoTracks]:
+    frontend = StereoFrontend(rig())
+    return [frontend.track(frame) for frame in walked[0]]
+
+
+def test_a_walk_is_followed_without_creeping(room: Room, walked: Walk, told: list[StereoTracks]) -> None:
+    assert all(len(tracks) > 140 for tracks in told)
+    assert all(tracks.sight is Sight.HEALTHY and tracks.reason == "" for tracks in told)
+    assert (told[-1].ages == len(told)).mean() > 0.6
+    drift = drift_px(room, walked[1], told)
+    assert len(drift) > 100
+    assert np.median(drift) < 0.05
+    assert (drift < 0.5).mean() > 0.97
+
+
+def test_disparities_stay_true(room: Room, walked: Walk, told: list[StereoTracks]) -> None:
+    for T_world_camera, tracks in zip(walked[1], told, strict=True):
+        both = matched(tracks)
+        assert both.sum() > 125
+        disparity = (tracks.left_px - tracks.right_px)[both, 0]
+        error = disparity - FOCAL_PX * BASELINE_M / room.depth(T_world_camera, tracks.left_px[both])
+        assert (np.abs(error) < 0.2).mean() > 0.95
+
+
+def test_identities_are_kept_and_never_used_again(told: list[StereoTracks]) -> None:
+    gone: set[int] = set()
+    before: dict[int, int] = {}
+    for tracks in told:
+        now = dict(zip(tracks.track_ids.tolist(), tracks.ages.tolist(), strict=True))
+        assert not gone & set(now)
+        assert all(now[number] == before[number] + 1 for number in set(now) & set(before))
+        fresh = sorted(set(now) - set(before))
+        assert all(now[number] == 1 for number in fresh)
+        assert not fresh or not before or min(fresh) > max(before)
+        gone |= set(before) - set(now)
+        before = now
+    assert gone
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_same_frames_make_the_same_tracks(walked: Walk, told: list[StereoTracks], threads: int) -> None:
+    used = cv2.getNumThreads()
+    cv2.setNumThreads(threads)
+    try:
+        frontend = StereoFrontend(rig())
+        again = [frontend.track(frame) for frame in walked[0]]
+    finally:
+        cv2.setNumThreads(used)
+    for one, other in zip(told, again, strict=True):
+        np.testing.assert_array_equal(one.track_ids, other.track_ids)
+        np.testing.assert_array_equal(one.left_px, other.left_px)
+        np.testing.assert_array_equal(one.right_px, other.right_px)
+
+
+def test_a_prediction_finds_points_after_a_jump(room: Room) -> None:
+    """A turn of 0.25 rad moves the picture by 77 px; the true motion says so."""
+    start = se3.transform(np.eye(3), np.array([0.0, 0.0, 0.4]))
+    turned = start @ se3.exp(np.array([0.0, 0.0, 0.25, 0.02, 0.0, 0.0]))
+    frames = [room.frame(0, start), room.frame(PERIOD_NS, turned)]
+    T_body_camera = rig().T_body_left_camera
+    motion = se3.inverse(start @ T_body_camera) @ turned @ T_body_camera
+    config = FrontendConfig.parse({"flow": {"search_levels": 1, "levels": 1}}, "frontend")
+    followed = []
+    for prediction in (None, motion):
+        frontend = StereoFrontend(rig(), config)
+        frontend.track(frames[0])
+        followed.append(int((frontend.track(frames[1], prediction).ages == 2).sum()))
+    assert followed[1] > 80
+    assert followed[1] > 2 * followed[0]
+
+
+def test_a_wrong_prediction_does_not_lose_the_points(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    tracks = frontend.track(walked[0][1], se3.exp(np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])))
+    assert (tracks.ages == 2).sum() > 110
+    assert frontend.counts["retries"] == 1
+
+
+@pytest.mark.parametrize(("level", "words"), [(0, "dark"), (255, "overexposed"), (127, "featureless")])
+def test_an_even_image_is_blind_and_says_why(walked: Walk, level: int, words: str) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    tracks = frontend.track(even(level))
+    assert tracks.sight is Sight.BLIND
+    assert len(tracks) == 0
+    assert words in tracks.reason
+
+
+def test_the_first_image_may_be_black() -> None:
+    assert StereoFrontend(rig()).track(even(0)).sight is Sight.BLIND
+
+
+def test_noise_alone_is_blind(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    for stamp_ns in (1, 2, 3):
+        assert frontend.track(noise(stamp_ns)).sight is Sight.BLIND
+
+
+def test_points_are_found_again_after_a_blackout(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    for frame in walked[0][:3]:
+        before = frontend.track(frame)
+    for number in (3, 4):
+        assert frontend.track(even(0, number * PERIOD_NS)).sight is Sight.BLIND
+    after = frontend.track(walked[0][5])
+    assert after.sight is Sight.HEALTHY
+    assert len(np.intersect1d(before.track_ids, after.track_ids)) > 90
+
+
+def test_after_a_long_blackout_all_points_are_new(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    before = frontend.track(walked[0][0])
+    for number in range(1, 9):
+        frontend.track(even(0, number))
+    after = frontend.track(walked[0][9])
+    assert after.sight is Sight.HEALTHY
+    assert after.track_ids.min() > before.track_ids.max()
+
+
+def test_frames_that_are_missing_are_bridged(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    for frame in walked[0][:3]:
+        before = frontend.track(frame)
+    after = frontend.track(walked[0][7])
+    assert len(np.intersect1d(before.track_ids, after.track_ids)) > 75
+
+
+def test_a_camera_that_hangs_is_blind_not_at_rest(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    stuck = StereoFrame(PERIOD_NS, walked[0][0].left, walked[0][0].right)
+    tracks = frontend.track(stuck)
+    assert tracks.sight is Sight.BLIND
+    assert "the camera hangs" in tracks.reason
+    assert frontend.track(walked[0][1]).sight is Sight.HEALTHY
+
+
+def test_at_rest_points_stay_where_they_are(room: Room) -> None:
+    frontend, pose = StereoFrontend(rig()), se3.transform(np.eye(3), np.array([0.0, 0.0, 0.4]))
+    told = [frontend.track(room.frame(number * PERIOD_NS, pose)) for number in range(4)]
+    _, first, last = np.intersect1d(told[0].track_ids, told[-1].track_ids, return_indices=True)
+    assert len(first) > 130
+    assert np.abs(told[0].left_px[first] - told[-1].left_px[last]).mean() < 0.02
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.4, 0.0), (1.3, -30.0)])
+def test_light_that_changes_at_once_loses_few_points(walked: Walk, gain: float, offset: float) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    tracks = frontend.track(changed(walked[0][1], gain, offset))
+    assert tracks.sight is Sight.HEALTHY
+    assert (tracks.ages == 2).sum() > 100
+    assert matched(tracks).sum() > 120
+
+
+def test_a_covered_right_camera_leaves_the_left_tracks(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    covered = changed(walked[0][1], 0.0, 0.0, sides="right")
+    tracks = frontend.track(covered)
+    assert tracks.sight is Sight.DEGRADED
+    assert "the right image is dark" in tracks.reason
+    assert (tracks.ages == 2).sum() > 110
+    assert not matched(tracks).any()
+    after = frontend.track(walked[0][2])
+    assert after.sight is Sight.HEALTHY
+    assert (after.ages == 3).sum() > 90
+
+
+def test_images_of_another_size_are_refused_in_a_sentence() -> None:
+    small = np.zeros((HEIGHT // 2, WIDTH // 2), dtype=np.uint8)
+    with pytest.raises(DatasetError, match="have 240 x 180 px"):
+        StereoFrontend(rig()).track(StereoFrame(0, small, small))
+
+
+def test_images_of_a_few_pixels_are_no_trouble() -> None:
+    tiny = rig().left.model_copy(update={"width_px": 24, "height_px": 20})
+    frontend = StereoFrontend(rig().model_copy(update={"left": tiny, "right": tiny}))
+    for stamp_ns in (1, 2):
+        image = np.random.default_rng(stamp_ns).integers(0, 256, (20, 24), dtype=np.uint8)
+        assert frontend.track(StereoFrame(stamp_ns, image, image)).sight is Sight.BLIND
+
+
+def test_the_picture_shows_both_images_with_points_and_state(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    assert frontend.overlay().shape == (HEIGHT, 2 * WIDTH, 3)
+    assert not frontend.overlay().any()
+    tracks = frontend.track(walked[0][0])
+    picture = frontend.overlay()
+    assert picture.dtype == np.uint8
+    coloured = np.ptp(picture.astype(int), axis=2) > 60
+    for pixel, shift in ((tracks.left_px, 0), (tracks.right_px[matched(tracks)], WIDTH)):
+        column, row = np.rint(pixel + np.array([shift, 0.0])).astype(int).T
+        near = [coloured[y - 4 : y + 5, x - 4 : x + 5].any() for x, y in zip(column, row, strict=True)]
+        assert np.mean(near) > 0.98
+    frontend.track(even(0))
+    assert not np.array_equal(frontend.overlay(), picture)
+
+
+def test_counts_tell_what_happened(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frontend.track(walked[0][0])
+    frontend.track(even(0))
+    assert frontend.counts["frames"] == 2
+    assert frontend.counts["blind"] == 1
+    assert frontend.counts["detected"] >= 140
