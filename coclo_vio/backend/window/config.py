@@ -25,7 +25,9 @@ class PixelNoiseConfig(StageConfig):
     ] = 3.0
     walk_px: Annotated[
         float,
-        Field(ge=0, le=50, description="how far a track wanders off its point from keyframe to keyframe, one sigma, px"),
+        Field(
+            ge=0, le=50, description="how far a track wanders off its point from keyframe to keyframe, one sigma, px"
+        ),
     ] = 0.0
     huber: Annotated[float, Field(gt=0, le=100, description="residuals beyond this many sigmas count less (Huber)")] = (
         1.5

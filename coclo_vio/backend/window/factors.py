@@ -65,7 +65,7 @@ class SightingFactors:
         pose, point = pose_key(number), landmark_key(landmark_id)
         left, row, right = (float(value) for value in sighting)
         if np.isnan(right):
-            factor = gtsam.GenericProjectionFactorCal3_S2(
+            factor: Any = gtsam.GenericProjectionFactorCal3_S2(
                 np.array([left, row]), self._mono_noise, pose, point, self._mono, self._T_body_camera
             )
         else:

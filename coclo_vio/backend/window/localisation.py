@@ -44,7 +44,7 @@ class PixelModel:
         self._sigmas_px = np.array([noise.track_px, noise.track_px, noise.repeated_disparity_px])
 
     def seen(self, T_world_body: Array, points_world: Array) -> Array:  # noqa: N803 -- a transform is T
-        """Sightings (N, 3), px, of points (N, 3) of the world; far outside every image where a point is behind."""
+        """Sightings (N, 3), px, of points (N, 3) from one pose or (N, 4, 4); far outside every image if behind."""
         return self._project(self._in_camera(T_world_body, points_world))
 
     def weighed(self, residuals_px: Array) -> Array:
@@ -60,12 +60,12 @@ class PixelModel:
 
     def locate(
         self,
-        T_expected: Array,
+        T_expected: Array,  # noqa: N803
         covariance: Array,
         points_world: Array,
-        sightings: Array,  # noqa: N803
+        sightings: Array,
     ) -> Located:
-        """The pose that fits sightings and expectation best, by Gauss-Newton with Huber's weights, then without outliers.
+        """The pose that fits sightings and expectation best: Gauss-Newton with Huber's weights, then without outliers.
 
         Args:
             T_expected: where the body is expected, (4, 4).
@@ -82,7 +82,7 @@ class PixelModel:
         is_inlier = np.asarray(misfit < self._noise.outlier)
         residuals = (sightings - self.seen(T, points_world))[is_inlier]
         rms = float(np.sqrt(np.nanmean(np.square(residuals)))) if is_inlier.any() else 0.0
-        return Located(T, np.linalg.inv(hessian), is_inlier, rms)
+        return Located(T, np.asarray(np.linalg.inv(hessian), dtype=np.float64), is_inlier, rms)
 
     def _iterate(
         self,
@@ -113,10 +113,10 @@ class PixelModel:
 
     def _jacobian(
         self,
-        T_world_body: Array,
+        T_world_body: Array,  # noqa: N803
         points_world: Array,
         points_camera: Array,
-        has_right: BoolArray,  # noqa: N803
+        has_right: BoolArray,
     ) -> Array:
         """Derivatives (N, 3, 6) of weighed sightings to a right/local change of the pose."""
         (fx, fy), baseline = self._rig.focal_px, self._rig.baseline_m

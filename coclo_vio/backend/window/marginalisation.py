@@ -7,10 +7,9 @@ The prior is linear at the estimate at which it was made (``LinearContainerFacto
 from collections.abc import Iterable, Sequence
 
 import gtsam
-import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.factors import Term
+from coclo_vio.backend.window.solver import ordered
 from coclo_vio.errors import SmootherError
 
 
@@ -29,34 +28,13 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
     for term in terms:
         graph.push_back(term.factor)
     try:
-        _, remaining = graph.linearize(values).eliminatePartialMultifrontal(_ordering(leaving))
+        _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
     except RuntimeError as error:
         raise SmootherError(f"what leaves the window is not determined: {error}") from error
     kept = []
     for index in range(remaining.size()):
         factor = remaining.at(index)
-        if factor is not None and factor.keys():
-            container = gtsam.LinearContainerFactor(factor, values)
-            kept.append(Term(container, tuple(int(key) for key in factor.keys())))
+        keys = () if factor is None else tuple(int(key) for key in factor.keys())  # noqa: SIM118 -- a factor is no mapping
+        if keys:
+            kept.append(Term(gtsam.LinearContainerFactor(factor, values), keys))
     return kept
-
-
-def marginal_covariance(graph: gtsam.GaussianFactorGraph, keys: Sequence[int]) -> Array:
-    """Covariance of ``keys`` in their order, from a linear graph.
-
-    Raises:
-        SmootherError: the graph does not determine them.
-    """
-    try:
-        net = graph.marginalMultifrontalBayesNet(_ordering(keys))
-        information, _ = gtsam.GaussianFactorGraph(net).hessian(_ordering(keys))
-        return np.asarray(np.linalg.inv(information))
-    except (RuntimeError, np.linalg.LinAlgError) as error:
-        raise SmootherError(f"the newest keyframe is not determined: {error}") from error
-
-
-def _ordering(keys: Sequence[int]) -> gtsam.Ordering:
-    ordering = gtsam.Ordering()
-    for key in keys:
-        ordering.push_back(key)
-    return ordering

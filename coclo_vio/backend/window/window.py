@@ -3,7 +3,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import gtsam
 import numpy as np
@@ -14,12 +13,10 @@ from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import SightingFactors, Term
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
 from coclo_vio.backend.window.localisation import PixelModel
-from coclo_vio.backend.window.marginalisation import marginal_covariance, marginal_prior
+from coclo_vio.backend.window.marginalisation import marginal_prior
+from coclo_vio.backend.window.solver import minimise
 from coclo_vio.calibration import RectifiedStereo
-from coclo_vio.errors import SmootherError
 from coclo_vio.measurements import StereoTracks
-
-_FIRST_DAMPING = 1e-5
 
 
 @dataclass(slots=True, eq=False)
@@ -115,36 +112,26 @@ class Window:
             SmootherError: the problem is not determined, or its solution is not finite.
         """
         terms = [*self._terms()]
-        seen = [(landmark_id, one) for landmark_id, one in self.landmarks.items() if one.is_solvable]
+        seen = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
         values = gtsam.Values(self.values)
-        for landmark_id, landmark in seen:
-            values.insert_or_assign(factors.landmark_key(landmark_id), landmark.point_world)
+        for landmark_id in seen:
+            values.insert(factors.landmark_key(landmark_id), self.landmarks[landmark_id].point_world)
         graph = gtsam.NonlinearFactorGraph()
         for term in terms:
             graph.push_back(term.factor)
-        solved, iterations = self._optimised(graph, values, self._ordering([landmark_id for landmark_id, _ in seen]))
-        covariance = marginal_covariance(graph.linearize(solved), self._newest_keys())
-        self._take(solved, [landmark_id for landmark_id, _ in seen])
+        elimination = self._elimination(seen)
+        found = minimise(
+            graph,
+            values,
+            elimination,
+            len(self._newest_keys()),
+            most_iterations=self._config.iterations,
+            tolerance=self._config.tolerance,
+        )
+        self._take(found.values, seen)
         rms = self._cull()
         self._place()
-        return Solution(iterations, len(terms), len(seen), rms, covariance)
-
-    def _optimised(
-        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ordering: gtsam.Ordering
-    ) -> tuple[Any, int]:
-        params = gtsam.LevenbergMarquardtParams()
-        params.setMaxIterations(self._config.iterations)
-        params.setRelativeErrorTol(self._config.tolerance)
-        params.setAbsoluteErrorTol(1e-10)
-        params.setlambdaInitial(_FIRST_DAMPING)
-        try:
-            optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, ordering, params)
-            solved = optimizer.optimize()
-        except RuntimeError as error:
-            raise SmootherError(f"the window of {len(self.keyframes)} keyframes cannot be solved: {error}") from error
-        if not np.isfinite(optimizer.error()):
-            raise SmootherError(f"the window of {len(self.keyframes)} keyframes has no finite solution")
-        return solved, int(optimizer.iterations())
+        return Solution(found.iterations, len(terms), len(seen), rms, self._pose_first(found.covariance))
 
     def _take(self, solved: gtsam.Values, landmark_ids: Sequence[int]) -> None:
         for landmark_id in landmark_ids:
@@ -174,48 +161,50 @@ class Window:
             )
         return term
 
-    def _ordering(self, landmark_ids: Sequence[int]) -> gtsam.Ordering:
+    def _elimination(self, landmark_ids: Sequence[int]) -> list[int]:
         """Landmarks first, those that the prior ties together after the free ones, then states, the newest last."""
-        ordering = gtsam.Ordering()
-        for landmark_id in sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior):
-            ordering.push_back(factors.landmark_key(landmark_id))
+        by_freedom = sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior)
+        keys = [factors.landmark_key(landmark_id) for landmark_id in by_freedom]
         for keyframe in self.keyframes:
-            for key in self._keys_of(keyframe.number):
-                ordering.push_back(key)
-        return ordering
+            keys += self._keys_of(keyframe.number)
+        return keys
 
     def _keys_of(self, number: int) -> list[int]:
         keys = [factors.bias_key(number), factors.velocity_key(number), factors.pose_key(number)]
         return [key for key in keys if self.values.exists(key)]
 
     def _newest_keys(self) -> list[int]:
-        keys = [factors.pose_key(self.newest.number), factors.velocity_key(self.newest.number)]
-        return [key for key in keys if self.values.exists(key)]
+        """Velocity, where there is one, and pose."""
+        return [key for key in self._keys_of(self.newest.number) if key != factors.bias_key(self.newest.number)]
+
+    @staticmethod
+    def _pose_first(covariance: Array) -> Array:
+        """The covariance of [velocity, pose] as that of [pose, velocity]."""
+        order = np.roll(np.arange(len(covariance)), 6)
+        return np.asarray(covariance[np.ix_(order, order)])
 
     def _cull(self) -> float:
-        """Remove sightings that do not fit, and landmarks that are behind or too near; the rest's RMS residual, px."""
-        total, count = 0.0, 0
-        for keyframe in self.keyframes:
-            seen_here = [
-                (landmark_id, landmark, landmark.sightings[keyframe.number])
-                for landmark_id, landmark in self.landmarks.items()
-                if landmark.is_solvable and keyframe.number in landmark.sightings
-            ]
-            if not seen_here:
-                continue
-            pose = self.pose(keyframe.number)
-            points = np.array([landmark.point_world for _, landmark, _ in seen_here])
-            sightings = np.array([sighting for _, _, sighting in seen_here])
-            is_wrong = self._pixels.misfit(pose, points, sightings) > self._config.noise.outlier
-            residuals = (sightings - self._pixels.seen(pose, points))[~is_wrong]
-            total += float(np.nansum(np.square(residuals)))
-            count += int(np.count_nonzero(~np.isnan(residuals)))
-            for (landmark_id, landmark, _), wrong in zip(seen_here, is_wrong, strict=True):
-                if wrong:
-                    del landmark.sightings[keyframe.number]
-                    self._cache.pop((landmark_id, keyframe.number), None)
-                    landmark.is_retired |= keyframe is self.newest
-        return float(np.sqrt(total / max(count, 1)))
+        """Remove sightings that do not fit or are of points behind the camera; the rest's RMS residual, px."""
+        rows = [
+            (landmark_id, number)
+            for landmark_id, landmark in self.landmarks.items()
+            if landmark.is_solvable
+            for number in landmark.sightings
+        ]
+        if not rows:
+            return 0.0
+        poses = {keyframe.number: self.pose(keyframe.number) for keyframe in self.keyframes}
+        T_world_body = np.array([poses[number] for _, number in rows])
+        points = np.array([self.landmarks[landmark_id].point_world for landmark_id, _ in rows])
+        sightings = np.array([self.landmarks[landmark_id].sightings[number] for landmark_id, number in rows])
+        is_wrong = self._pixels.misfit(T_world_body, points, sightings) > self._config.noise.outlier
+        for index in np.flatnonzero(is_wrong):
+            landmark_id, number = rows[index]
+            del self.landmarks[landmark_id].sightings[number]
+            self._cache.pop((landmark_id, number), None)
+            self.landmarks[landmark_id].is_retired |= number == self.newest.number
+        residuals = (sightings - self._pixels.seen(T_world_body, points))[~is_wrong]
+        return float(np.sqrt(np.nanmean(np.square(residuals)))) if len(residuals) else 0.0
 
     def drop_oldest(self) -> None:
         """Marginalise the oldest keyframe, and the landmarks that it and the prior know and that are lost from sight.
@@ -241,8 +230,9 @@ class Window:
             landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
 
     def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
-        """Landmarks that the oldest keyframe or the prior know: those to eliminate, and those that stay in the prior."""
-        lost, alive = [], []
+        """Landmarks that the oldest keyframe or the prior know: those to eliminate, and those that the prior keeps."""
+        lost: list[int] = []
+        alive: list[int] = []
         for landmark_id, landmark in self.landmarks.items():
             is_seen_here = oldest in landmark.sightings and landmark.is_solvable
             if not (is_seen_here or landmark.is_in_prior):

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gauss-Newton on a factor graph, with the covariance of its last variables for nothing; Levenberg-Marquardt if it fails.
+
+GTSAM linearises and eliminates. The last elimination also gives the covariance of what was eliminated last, which its
+optimisers do not hand out; asking them costs as much as another iteration.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.errors import SmootherError
+
+_TINY = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Minimum:
+    """Where the cost is least.
+
+    Attributes:
+        values: of all variables.
+        iterations: linear systems solved.
+        covariance: of the variables that were asked for, in their order.
+    """
+
+    values: gtsam.Values
+    iterations: int
+    covariance: Array
+
+
+def minimise(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    elimination: Sequence[int],
+    last: int,
+    *,
+    most_iterations: int,
+    tolerance: float,
+) -> Minimum:
+    """The least cost near ``values``.
+
+    Iterates until the linear model foretells what a step gains to within ``tolerance`` of the cost.
+
+    Args:
+        graph: the factors.
+        values: where to start.
+        elimination: keys of all variables in the order in which they are eliminated.
+        last: how many keys at its end the covariance is wanted of.
+        most_iterations: after so many the result is taken as it is.
+        tolerance: relative to the cost.
+
+    Raises:
+        SmootherError: the factors do not determine the variables, or there is no finite minimum.
+    """
+    ordering = ordered(elimination)
+    cost = graph.error(values)
+    try:
+        for iteration in range(1, most_iterations + 1):
+            linear = graph.linearize(values)
+            net = linear.eliminateSequential(ordering)
+            step = net.optimize()
+            proposed = values.retract(step)
+            proposed_cost = graph.error(proposed)
+            if not proposed_cost <= cost * (1.0 + tolerance) + _TINY:
+                return _damped(graph, values, elimination, last, most_iterations)
+            foretold = linear.error(values.zeroVectors()) - linear.error(step)
+            is_settled = abs(cost - proposed_cost - foretold) <= tolerance * proposed_cost
+            values, cost = proposed, proposed_cost
+            if is_settled:
+                break
+        return Minimum(values, iteration, _covariance(net, elimination[-last:]))
+    except RuntimeError:  # "Indeterminate linear system", as GTSAM has it
+        return _damped(graph, values, elimination, last, most_iterations)
+
+
+def _damped(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    elimination: Sequence[int],
+    last: int,
+    most_iterations: int,
+) -> Minimum:
+    ordering = ordered(elimination)
+    params = gtsam.LevenbergMarquardtParams()
+    params.setMaxIterations(most_iterations)
+    try:
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, ordering, params)
+        solved = optimizer.optimize()
+        net = graph.linearize(solved).eliminateSequential(ordering)
+        covariance = _covariance(net, elimination[-last:])
+    except RuntimeError as error:
+        raise SmootherError(f"a problem of {graph.size()} factors cannot be solved: {error}") from error
+    if not np.isfinite(optimizer.error()):
+        raise SmootherError(f"a problem of {graph.size()} factors has no finite solution")
+    return Minimum(solved, int(optimizer.iterations()), covariance)
+
+
+def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
+    """Of the variables eliminated last, in the order of ``keys``."""
+    end = gtsam.GaussianFactorGraph()
+    for index in range(net.size() - len(keys), net.size()):
+        end.push_back(net.at(index))
+    information, _ = end.hessian(ordered(keys))
+    try:
+        covariance = np.asarray(np.linalg.inv(information))
+    except np.linalg.LinAlgError as error:
+        raise SmootherError("the newest keyframe is not determined") from error
+    if not np.isfinite(covariance).all():
+        raise SmootherError("the newest keyframe has no finite covariance")
+    return covariance
+
+
+def ordered(keys: Sequence[int]) -> gtsam.Ordering:
+    """Keys as GTSAM wants them in a given order."""
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
