@@ -14,13 +14,16 @@ class DetectionConfig(StageConfig):
     tracks: Annotated[int, Field(ge=20, le=1000, description="points to follow at a time")] = 150
     min_distance_px: Annotated[float, Field(ge=3, le=100, description="of a new point from every other one, px")] = 15.0
     cell_px: Annotated[int, Field(ge=24, le=400, description="side of the cells over which points are spread, px")] = 64
-    cell_most: Annotated[int, Field(ge=1, le=50, description="most points in a cell")] = 5
+    cell_most: Annotated[int, Field(ge=1, le=50, description="most points in a cell")] = 7
     quality: Annotated[
         float, Field(gt=0, lt=1, description="least corner strength as a share of the strongest one of its cell")
     ] = 0.05
     noise_ratio: Annotated[
         float, Field(ge=0, description="least corner strength in those that the image's noise alone would make")
-    ] = 4.0
+    ] = 6.0
+    strong_ratio: Annotated[
+        float, Field(ge=0, description="corners below this are only taken where there are not enough stronger ones")
+    ] = 16.0
     refill_share: Annotated[
         float, Field(gt=0, le=1, description="new points are sought once fewer than this share of tracks is left")
     ] = 0.95
