@@ -135,6 +135,15 @@ class FailureConfig(StageConfig):
     ] = 60.0
 
 
+class TwistConfig(StageConfig):
+    """How far a measured body twist is believed: weakly, for wheels slip and rates lag."""
+
+    rate_noise_density: Annotated[float, Field(gt=0, description="white noise of the rate, rad/s/sqrt(Hz)")] = 0.03
+    velocity_noise_density: Annotated[float, Field(gt=0, description="white noise of the velocity, m/s/sqrt(Hz)")] = (
+        0.05
+    )
+
+
 class SmootherConfig(StageConfig):
     """Everything about the sliding window."""
 
@@ -158,5 +167,6 @@ class SmootherConfig(StageConfig):
     motion: Annotated[MotionPriorConfig, Field(description="motion that nothing measures")] = MotionPriorConfig()
     inertial: Annotated[InertialConfig, Field(description="the IMU")] = InertialConfig()
     standstill: Annotated[StandstillWindowConfig, Field(description="rest")] = StandstillWindowConfig()
+    twist: Annotated[TwistConfig, Field(description="a body twist as odometry")] = TwistConfig()
     start: Annotated[StartConfig, Field(description="the first keyframe")] = StartConfig()
     failure: Annotated[FailureConfig, Field(description="when sight is lost")] = FailureConfig()
