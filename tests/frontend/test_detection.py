@@ -34,11 +34,20 @@ def test_new_points_keep_their_distance_from_live_ones() -> None:
 
 
 def test_points_are_spread_over_the_image() -> None:
-    """One half has ten times the contrast and gets no more than its share."""
+    """One half has twice the contrast, so corners four times as strong, and gets no more than its share."""
     image = IMAGE.astype(float)
-    image[:, : COLUMNS // 2] = 120.0 + 0.1 * (image[:, : COLUMNS // 2] - 120.0)
+    image[:, : COLUMNS // 2] = 120.0 + 0.5 * (image[:, : COLUMNS // 2] - 120.0)
     points = detector(tracks=80).find(np.rint(image).astype(np.uint8), NONE)
     assert 0.35 < (points[:, 0] < COLUMNS // 2).mean() < 0.65
+
+
+def test_weak_corners_are_taken_only_where_strong_ones_are_missing() -> None:
+    image = IMAGE.astype(float)
+    image[:, : COLUMNS // 2] = 120.0 + 0.2 * (image[:, : COLUMNS // 2] - 120.0)
+    noisy = np.rint(image + 2.0 * np.random.default_rng(0).standard_normal(image.shape)).clip(0, 255).astype(np.uint8)
+    few, many = (detector(tracks=tracks).find(noisy, NONE) for tracks in (50, 200))
+    assert (few[:, 0] < COLUMNS // 2).mean() < 0.1
+    assert (many[:, 0] < COLUMNS // 2).sum() > 20
 
 
 def test_empty_cells_are_filled_first() -> None:

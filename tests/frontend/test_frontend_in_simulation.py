@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pictures of the simulated cameras, with their blur, noise and vignetting, against rays cast through the model."""
 
-
 import cv2
 import mujoco
 import numpy as np
