@@ -7,6 +7,7 @@ from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import KeyframeConfig
 from coclo_vio.measurements import StereoTracks
 
+_NS_PER_S = 1_000_000_000
 _REFERENCE_FOCAL_PX = 460.0
 _FEWEST_STILL = 5
 
@@ -23,15 +24,16 @@ def stand_still(before: StereoTracks, now: StereoTracks, most_px: float) -> bool
     return len(moved) >= _FEWEST_STILL and float(np.median(moved)) < most_px
 
 
+def has_turned_over(config: KeyframeConfig, before: StereoTracks, now: StereoTracks) -> bool:
+    """Whether too much of what ``before`` saw is out of sight, or too much of what is seen is new."""
+    common = len(np.intersect1d(before.track_ids, now.track_ids, assume_unique=True))
+    is_lost = common < config.least_kept_share * len(before)
+    return is_lost or len(now) - common > config.most_new_share * max(len(now), 1)
+
+
 def is_keyframe(config: KeyframeConfig, before: StereoTracks, now: StereoTracks, focal_px: float) -> bool:
     """Whether ``now`` should be a keyframe after the keyframe ``before``."""
-    age_s = (now.stamp_ns - before.stamp_ns) / 1e9
-    if age_s >= config.longest_s:
+    if (now.stamp_ns - before.stamp_ns) / _NS_PER_S >= config.longest_s or has_turned_over(config, before, now):
         return True
     moved = displacements_px(before, now)
-    common = len(moved)
-    if common < config.least_kept_share * len(before):
-        return True
-    if len(now) - common > config.most_new_share * max(len(now), 1):
-        return True
-    return common > 0 and float(np.mean(moved)) > config.parallax_px * focal_px / _REFERENCE_FOCAL_PX
+    return len(moved) > 0 and float(np.mean(moved)) > config.parallax_px * focal_px / _REFERENCE_FOCAL_PX

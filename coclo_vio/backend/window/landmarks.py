@@ -67,6 +67,12 @@ class LandmarkMap:
     def __getitem__(self, landmark_id: int) -> Landmark:
         return self._by_id[landmark_id]
 
+    def point(self, landmark_id: int) -> Array:
+        """Where a placed landmark is, m, world frame, (3,)."""
+        point = self._by_id[landmark_id].point_world
+        assert point is not None
+        return point
+
     def items(self) -> list[tuple[int, Landmark]]:
         """All landmarks by identity, in the order in which they came."""
         return list(self._by_id.items())
@@ -129,11 +135,11 @@ class LandmarkMap:
         for landmark in self._by_id.values():
             if landmark.is_solvable or not landmark.sightings:
                 continue
-            sighting = landmark.sightings.get(-1 if landmark.placed_by is None else landmark.placed_by)
-            if sighting is not None:
-                T_world_camera = poses[landmark.placed_by] @ self._rig.T_body_camera
+            number = landmark.placed_by
+            if number is not None and number in landmark.sightings:
+                sighting = landmark.sightings[number]
                 point = self._rig.points(sighting[None, :2], sighting[:1] - sighting[2:])
-                landmark.point_world = se3.apply(T_world_camera, point)[0]
+                landmark.point_world = se3.apply(poses[number] @ self._rig.T_body_camera, point)[0]
             elif len(landmark.sightings) > 1:
                 landmark.point_world = self._triangulated(landmark, poses)
 

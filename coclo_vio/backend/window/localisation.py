@@ -51,7 +51,7 @@ class PixelModel:
         """Residuals (N, 3) = [left column, row, disparity] in sigmas; 0 for the disparity of a right column of NaN."""
         left, row, right = residuals_px.T
         disparity = np.nan_to_num(left - right, nan=0.0)
-        return np.column_stack((left, row, disparity)) / self._sigmas_px
+        return np.asarray(np.column_stack((left, row, disparity)) / self._sigmas_px)
 
     def misfit(self, T_world_body: Array, points_world: Array, sightings: Array) -> Array:  # noqa: N803
         """How many sigmas each sighting (N, 3) is away from where its point is, (N,)."""
@@ -73,7 +73,7 @@ class PixelModel:
             points_world: landmarks, m, (N, 3).
             sightings: where they are seen, px, (N, 3).
         """
-        information = np.linalg.inv(covariance)
+        information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         everyone = np.ones(len(sightings), dtype=np.bool_)
         T = self._iterate(T_expected, T_expected, information, points_world, sightings, everyone)[0]
         is_inlier = self.misfit(T, points_world, sightings) < self._noise.outlier

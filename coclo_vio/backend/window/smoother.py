@@ -8,7 +8,6 @@ sensors", 2019 (VINS-Fusion); what is ours is the prior on landmarks still seen,
 """
 
 import time
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,22 +17,25 @@ import numpy as np
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.diary import Diary
+from coclo_vio.backend.window.expectation import Expectation
 from coclo_vio.backend.window.inertial import InertialWatch, Preintegration, Quiet
-from coclo_vio.backend.window.keyframe_choice import is_keyframe, stand_still
+from coclo_vio.backend.window.keyframe_choice import has_turned_over, is_keyframe, stand_still
 from coclo_vio.backend.window.localisation import Located, PixelModel
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
+from coclo_vio.backend.window.start import Starter
 from coclo_vio.backend.window.window import Keyframe, Solution, Window
 from coclo_vio.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.errors import SmootherError
 from coclo_vio.estimates import Event, KeyframeHealth, NavState, OdometryDelta, StateEstimate
-from coclo_vio.geometry import se3, so3
+from coclo_vio.geometry import se3
 from coclo_vio.measurements import InertialReading, StereoTracks
 
 _NS_PER_S = 1_000_000_000
-_HELD = 1e-4  # rad and m, one sigma: the first keyframe is where the world is
 _UNSURE = 10.0  # how many times its sigma an expectation may be off that most sightings contradict
 _REST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
 _HELD_SOLVE_NS = 500_000_000  # how often a standstill teaches the biases
+_NO_KNOWLEDGE = 1e3  # m/s^2, of an accelerometer's bias by a standstill alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,22 +77,20 @@ class SlidingWindowSmoother:
         self._imu = Preintegration(self._imu_calibration, self.config.inertial) if uses_imu else None
         self._watch = InertialWatch(self.config.standstill)
         self._steady = SteadyMotion(self.config.motion, self.config.start.moving_velocity_mps)
+        self._expectation = Expectation(self.config, self._imu, self._steady)
         self._window: Window | None = None
         self._last: Frame | None = None
         self._bias = gtsam.imuBias.ConstantBias()
         self._keyframe_covariance = np.eye(9)
-        self._first_ns: int | None = None
+        self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
         self._silent_until_ns = 0
         self._held_ns: int | None = None  # last time that a standstill was solved for
-        self._counts: Counter[str] = Counter()
-        self._events: list[Event] = []
-        self._health: list[KeyframeHealth] = []
-        self._is_blind = False
+        self._diary = Diary()
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Frames, keyframes, frames without sight, standstills, restarts, stamps refused."""
-        return {name: count for name, count in sorted(self._counts.items()) if count}
+        return self._diary.counts
 
     @property
     def latest_pose(self) -> Array | None:
@@ -104,13 +104,11 @@ class SlidingWindowSmoother:
 
     def take_events(self) -> tuple[Event, ...]:
         """What happened since the last call."""
-        events, self._events = tuple(self._events), []
-        return events
+        return self._diary.take_events()
 
     def take_health(self) -> tuple[KeyframeHealth, ...]:
         """The keyframes since the last call."""
-        health, self._health = tuple(self._health), []
-        return health
+        return self._diary.take_health()
 
     def push_imu(self, sample: InertialReading) -> None:
         """Take an IMU reading; readings come before the frame that they lead to."""
@@ -120,7 +118,7 @@ class SlidingWindowSmoother:
 
     def predicted_pose(self, stamp_ns: int) -> Array | None:
         """``T_world_body`` expected at ``stamp_ns``, (4, 4); None before the start."""
-        return None if self._window is None else self._expected(stamp_ns, None).T_world_body
+        return None if self._window is None else self._expected(self._window, stamp_ns, None).T_world_body
 
     def push_tracks(self, tracks: StereoTracks, odometry: OdometryDelta | None = None) -> StateEstimate | None:
         """Take a frame; its estimate, or None before the start and for a frame that is not newer than the last.
@@ -130,15 +128,15 @@ class SlidingWindowSmoother:
             odometry: the motion from ``keyframe_ns`` to the frame as something else measured it.
         """
         if self._last is not None and tracks.stamp_ns <= self._last.stamp_ns:
-            self._counts["frame_stamp_refused"] += 1
+            self._diary.count("frame_stamp_refused")
             return None
-        self._counts["frames"] += 1
+        self._diary.count("frames")
         if self._window is None:
             return self._try_to_start(tracks)
         if odometry is not None and odometry.start_ns != self._window.newest.stamp_ns:
             odometry = None
-            self._counts["odometry_refused"] += 1
-        motion = self._expected(tracks.stamp_ns, odometry)
+            self._diary.count("odometry_refused")
+        motion = self._expected(self._window, tracks.stamp_ns, odometry)
         is_wrong, located = self._located(self._window, tracks, motion)
         self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry)
         seen_at = motion.T_world_body if located is None else located.T_world_body
@@ -154,7 +152,7 @@ class SlidingWindowSmoother:
         is_wrong: BoolArray,
         odometry: OdometryDelta | None,
     ) -> Frame:
-        self._tell_sight(tracks, located)
+        self._diary.tell_sight(tracks, is_blind=located is None)
         quiet = self._watch.quiet
         if quiet is not None and self._imu is not None and located is not None and self._stands(window, tracks):
             return self._hold(window, tracks, quiet)
@@ -166,42 +164,26 @@ class SlidingWindowSmoother:
         return self._between(tracks, motion, located)
 
     def _try_to_start(self, tracks: StereoTracks) -> StateEstimate | None:
-        self._first_ns = tracks.stamp_ns if self._first_ns is None else self._first_ns
-        waited_s = (tracks.stamp_ns - self._first_ns) / _NS_PER_S
-        quiet, means = self._watch.quiet, self._watch.means
-        is_waiting = quiet is None and waited_s < self.config.start.rest_timeout_s
-        if (is_waiting and (means is not None or self._imu is not None)) or not self._sees_enough(tracks):
+        start = self._starter.try_at(tracks.stamp_ns, self._watch) if self._sees_enough(tracks) else None
+        if start is None:
             return None
-        level = quiet or means
-        T = np.eye(4)
-        if level is not None:
-            T[:3, :3] = so3.from_gravity(self._imu_calibration.T_body_imu[:3, :3] @ level.specific_force)
-        if self._imu is not None and quiet is None:
-            self._tell(tracks.stamp_ns, "moving_start", "no rest to start from: gravity is found on the way")
-            self._silent_until_ns = tracks.stamp_ns + round(self.config.start.alignment_s * _NS_PER_S)
-        if quiet is not None:
-            self._bias = gtsam.imuBias.ConstantBias(np.zeros(3), quiet.angular_velocity)
-        self._begin(tracks, T, self._start_covariance(T, is_level=quiet is not None), np.zeros(3), quiet is not None)
+        if start.rest is not None:
+            self._bias = gtsam.imuBias.ConstantBias(np.zeros(3), start.rest.angular_velocity)
+        elif self._imu is not None:
+            self._diary.tell(tracks.stamp_ns, "moving_start", "no rest to start from: gravity is found on the way")
+        self._silent_until_ns = start.silent_until_ns
+        knows_rate = start.rest is not None
+        self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3), knows_rate=knows_rate)
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
-
-    def _start_covariance(self, T: Array, *, is_level: bool) -> Array:  # noqa: N803
-        """Of pose and velocity of the first keyframe, (9, 9): the world is where it is, up to what gravity tells."""
-        start = self.config.start
-        tilt = start.rest_tilt_rad if is_level else start.moving_tilt_rad
-        tilt = tilt if self._imu is not None else _HELD
-        covariance = np.zeros((9, 9))
-        covariance[:3, :3] = T[:3, :3].T @ np.diag([tilt**2, tilt**2, _HELD**2]) @ T[:3, :3]
-        covariance[3:6, 3:6] = np.eye(3) * _HELD**2
-        covariance[6:, 6:] = np.eye(3) * (start.rest_velocity_mps if is_level else start.moving_velocity_mps) ** 2
-        return covariance
 
     def _begin(
         self,
         tracks: StereoTracks,
-        T: Array,
+        T: Array,  # noqa: N803 -- a transform is T
         covariance: Array,
         velocity: Array,
-        knows_rate: bool,  # noqa: N803
+        *,
+        knows_rate: bool,
     ) -> None:
         """A window of one keyframe."""
         number = 0 if self._window is None else self._window.newest.number + 1
@@ -220,29 +202,10 @@ class SlidingWindowSmoother:
         self._steady.restart(tracks.stamp_ns, T)
         self._keyframe_covariance = covariance
         self._last = Frame(tracks.stamp_ns, T, velocity, covariance)
-        self._counts["keyframes"] += 1
 
-    def _expected(self, stamp_ns: int, odometry: OdometryDelta | None) -> Motion:
-        """Where the body should be at a frame; an odometry is believed before the IMU, the IMU before steadiness."""
-        steady = self._steady.at(stamp_ns)
-        window = self._window
-        if window is None:
-            return steady
-        newest = window.newest.number
-        is_felt = self._imu is not None and self._imu.advance(stamp_ns)
-        if odometry is not None:
-            T = window.pose(newest) @ odometry.T_start_end
-            velocity = steady.velocity_world
-            return Motion(T, velocity, odometry.covariance + np.eye(6) * _HELD**2, is_measured=True)
-        if self._imu is None or not is_felt:
-            return steady
-        state = gtsam.NavState(gtsam.Pose3(window.pose(newest)), window.velocity(newest))
-        felt = self._imu.measured.predict(state, self._bias)
-        dt_s = self._imu.measured.deltaTij()
-        covariance = np.array(self._imu.measured.preintMeasCov())[:6, :6] + np.eye(6) * _HELD**2
-        R = np.asarray(felt.pose().rotation().matrix())
-        covariance[3:, 3:] += R.T @ self._keyframe_covariance[6:, 6:] @ R * dt_s**2
-        return Motion(np.asarray(felt.pose().matrix()), np.asarray(felt.velocity()), covariance, is_measured=True)
+    def _expected(self, window: Window, stamp_ns: int, odometry: OdometryDelta | None) -> Motion:
+        velocity_covariance = self._keyframe_covariance[6:, 6:]
+        return self._expectation.of_frame(window, stamp_ns, odometry, self._bias, velocity_covariance)
 
     def _located(self, window: Window, tracks: StereoTracks, motion: Motion) -> tuple[BoolArray, Located | None]:
         """Which tracks do not fit the landmarks, (N,), and the frame's pose against those that do."""
@@ -262,7 +225,8 @@ class SlidingWindowSmoother:
 
     def _sees_enough(self, tracks: StereoTracks) -> bool:
         disparity = tracks.left_px[:, 0] - tracks.right_px[:, 0]
-        return np.count_nonzero(disparity > self.config.min_disparity_px) >= self.config.failure.fewest_inliers
+        seen = int(np.count_nonzero(disparity > self.config.min_disparity_px))
+        return seen >= self.config.failure.fewest_inliers
 
     def _is_overdue(self, window: Window, tracks: StereoTracks) -> bool:
         """Whether readings have been integrated for long enough to want a keyframe, seen or not."""
@@ -270,23 +234,10 @@ class SlidingWindowSmoother:
         return self._imu is not None and age_s >= self.config.keyframe.longest_s
 
     def _stands(self, window: Window, tracks: StereoTracks) -> bool:
-        return stand_still(window.newest.tracks, tracks, self.config.standstill.motion_px)
-
-    def _tell_sight(self, tracks: StereoTracks, located: Located | None) -> None:
-        if located is None:
-            self._counts["blind_frames"] += 1
-        if (located is None) == self._is_blind:
-            return
-        self._is_blind = located is None
-        if self._is_blind:
-            why = tracks.reason or f"{len(tracks)} tracks, too few that fit the landmarks"
-            self._tell(tracks.stamp_ns, "blind", f"{why}; carried on without sight")
-        else:
-            self._tell(tracks.stamp_ns, "sight", "the landmarks are seen again")
-
-    def _tell(self, stamp_ns: int, kind: str, detail: str) -> None:
-        self._counts[kind] += 1
-        self._events.append(Event(stamp_ns, kind, detail))
+        before = window.newest.tracks
+        return stand_still(before, tracks, self.config.standstill.motion_px) and not has_turned_over(
+            self.config.keyframe, before, tracks
+        )
 
     def _unseen(self, tracks: StereoTracks, motion: Motion) -> Frame:
         return Frame(tracks.stamp_ns, motion.T_world_body, motion.velocity_world, self._widened(motion, None))
@@ -314,10 +265,10 @@ class SlidingWindowSmoother:
         """Nothing moves: the frame is the keyframe, which learns that it stands and what the gyroscope reads then."""
         assert self._imu is not None
         number, stamp_ns = window.newest.number, tracks.stamp_ns
-        self._counts["standstill_frames"] += 1
+        self._diary.count("standstill_frames")
         if self._held_ns is None or stamp_ns - self._held_ns >= _HELD_SOLVE_NS:
             self._held_ns = stamp_ns
-            sigmas = np.repeat([1e3, max(_REST_RATE_RADPS, self._gyroscope_noise(quiet.span_s))], 3)
+            sigmas = np.repeat([_NO_KNOWLEDGE, max(_REST_RATE_RADPS, self._gyroscope_noise(quiet.span_s))], 3)
             rest = [
                 factors.velocity_prior(number, np.zeros(3), self.config.standstill.velocity_mps),
                 factors.bias_prior(number, np.zeros(3), quiet.angular_velocity, sigmas),
@@ -344,8 +295,12 @@ class SlidingWindowSmoother:
         """A new keyframe: the window with it solved, the oldest one marginalised."""
         began_s = time.process_time()
         before = window.newest
-        keyframe = Keyframe(before.number + 1, tracks.stamp_ns, tracks)
-        keyframe.terms = self._ties(window, keyframe, motion, located, odometry)
+        ties = [*self._expectation.ties(window, tracks.stamp_ns, motion, odometry, self._bias)]
+        keyframe = Keyframe(before.number + 1, tracks.stamp_ns, tracks, ties)
+        if self._imu is not None and not self._expectation.has_inertial_tie:
+            self._diary.tell(
+                tracks.stamp_ns, "imu_gap", "the IMU was silent for too long: this keyframe does without it"
+            )
         T = motion.T_world_body if located is None else located.T_world_body
         window.add(keyframe, T, is_wrong)
         if self._imu is not None:
@@ -353,7 +308,6 @@ class SlidingWindowSmoother:
         solution = self._try_to_solve(window, tracks)
         if solution is None:
             return self._restarted(tracks, motion)
-        self._counts["keyframes"] += 1
         if len(window.keyframes) > self.config.keyframes:
             self._drop_oldest(window, tracks.stamp_ns)
         if self._imu is not None:
@@ -368,41 +322,13 @@ class SlidingWindowSmoother:
         dt_s = (window.newest.stamp_ns - before.stamp_ns) / _NS_PER_S
         return np.asarray((window.pose(window.newest.number)[:3, 3] - window.pose(before.number)[:3, 3]) / dt_s)
 
-    def _ties(
-        self,
-        window: Window,
-        keyframe: Keyframe,
-        motion: Motion,
-        located: Located | None,
-        odometry: OdometryDelta | None,
-    ) -> list[factors.Term]:
-        """What ties a keyframe to the one before it, besides landmarks."""
-        start, end = window.newest.number, keyframe.number
-        terms = []
-        if odometry is not None:
-            terms.append(factors.relative_pose(start, end, odometry.T_start_end, odometry.covariance))
-        if self._imu is not None:
-            if self._imu.start_ns is not None and not self._imu.has_gap and self._imu.measured.deltaTij() > 0.0:
-                return [*terms, factors.inertial(start, end, self._imu.measured)]
-            bias, sigmas = self._bias.vector(), np.repeat([0.05, 0.005], 3)
-            wide = self.config.start.moving_velocity_mps
-            terms.append(factors.velocity_prior(end, motion.velocity_world, wide))
-            terms.append(factors.bias_prior(end, bias[:3], bias[3:], sigmas))
-            self._tell(keyframe.stamp_ns, "imu_gap", "the IMU was silent too long to be integrated; eyes alone tie")
-        if odometry is None:
-            age_s = (keyframe.stamp_ns - window.newest.stamp_ns) / _NS_PER_S
-            covariance = self._steady.covariance(age_s)
-            T_start_end = se3.inverse(window.pose(start)) @ motion.T_world_body
-            terms.append(factors.relative_pose(start, end, T_start_end, covariance))
-        return terms
-
     def _try_to_solve(self, window: Window, tracks: StereoTracks) -> Solution | None:
         """Solve and take over biases and covariance; None where it failed or ran away."""
         try:
             solution = window.solve()
             self._check_speed(window)
         except SmootherError as error:
-            self._tell(tracks.stamp_ns, "solver_failed", str(error))
+            self._diary.tell(tracks.stamp_ns, "solver_failed", str(error))
             return None
         self._keyframe_covariance = np.zeros((9, 9))
         size = len(solution.covariance)
@@ -426,7 +352,7 @@ class SlidingWindowSmoother:
     def _restarted(self, tracks: StereoTracks, motion: Motion) -> Frame:
         """A window anew from where the body is expected."""
         covariance = self._widened(motion, None)
-        self._tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
+        self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
         velocity = motion.velocity_world
         self._begin(tracks, motion.T_world_body, covariance, velocity, knows_rate=False)
         return Frame(tracks.stamp_ns, motion.T_world_body, velocity, covariance)
@@ -435,14 +361,14 @@ class SlidingWindowSmoother:
         try:
             window.drop_oldest()
         except SmootherError as error:
-            self._tell(stamp_ns, "prior_lost", f"{error}; the past is kept as a prior on the oldest pose alone")
+            self._diary.tell(stamp_ns, "prior_lost", f"{error}; the past is kept as a prior on the oldest pose alone")
             window.discard_oldest(self._keyframe_covariance)
 
     def _note(
         self, window: Window, tracks: StereoTracks, is_wrong: BoolArray, solution: Solution, compute_s: float
     ) -> None:
         axes = np.linalg.eigvalsh(self._keyframe_covariance[:6, :6])
-        self._health.append(
+        self._diary.note(
             KeyframeHealth(
                 stamp_ns=tracks.stamp_ns,
                 keyframes=len(window.keyframes),

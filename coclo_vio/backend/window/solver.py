@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Gauss-Newton on a factor graph, with the covariance of its last variables for nothing; Levenberg-Marquardt if it fails.
+"""Gauss-Newton on a factor graph, with the covariance of its last variables for nothing; damped where that fails.
 
 GTSAM linearises and eliminates. The last elimination also gives the covariance of what was eliminated last, which its
 optimisers do not hand out; asking them costs as much as another iteration.
@@ -57,9 +57,10 @@ def minimise(
         SmootherError: the factors do not determine the variables, or there is no finite minimum.
     """
     ordering = ordered(elimination)
-    cost = graph.error(values)
+    cost, iterations = graph.error(values), 0
     try:
-        for iteration in range(1, most_iterations + 1):
+        for _ in range(most_iterations):
+            iterations += 1
             linear = graph.linearize(values)
             net = linear.eliminateSequential(ordering)
             step = net.optimize()
@@ -72,7 +73,7 @@ def minimise(
             values, cost = proposed, proposed_cost
             if is_settled:
                 break
-        return Minimum(values, iteration, _covariance(net, elimination[-last:]))
+        return Minimum(values, iterations, _covariance(net, elimination[-last:]))
     except RuntimeError:  # "Indeterminate linear system", as GTSAM has it
         return _damped(graph, values, elimination, last, most_iterations)
 

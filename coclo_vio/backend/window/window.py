@@ -115,7 +115,7 @@ class Window:
         seen = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
         values = gtsam.Values(self.values)
         for landmark_id in seen:
-            values.insert(factors.landmark_key(landmark_id), self.landmarks[landmark_id].point_world)
+            values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
         graph = gtsam.NonlinearFactorGraph()
         for term in terms:
             graph.push_back(term.factor)
@@ -195,7 +195,7 @@ class Window:
             return 0.0
         poses = {keyframe.number: self.pose(keyframe.number) for keyframe in self.keyframes}
         T_world_body = np.array([poses[number] for _, number in rows])
-        points = np.array([self.landmarks[landmark_id].point_world for landmark_id, _ in rows])
+        points = np.array([self.landmarks.point(landmark_id) for landmark_id, _ in rows])
         sightings = np.array([self.landmarks[landmark_id].sightings[number] for landmark_id, number in rows])
         is_wrong = self._pixels.misfit(T_world_body, points, sightings) > self._config.noise.outlier
         for index in np.flatnonzero(is_wrong):
@@ -221,7 +221,7 @@ class Window:
         touched, untouched = self._touched(set(leaving), oldest, lost, kept)
         values = gtsam.Values(self.values)
         for landmark_id in [*lost, *kept]:
-            values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks[landmark_id].point_world)
+            values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
         prior = marginal_prior(touched, leaving, values)
         self.prior = untouched + prior
         self._forget(oldest, lost)

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the smoother tells of itself: counts, events, and its health at each keyframe."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+from coclo_vio.estimates import Event, KeyframeHealth
+from coclo_vio.measurements import StereoTracks
+
+
+class Diary:
+    """Counts for ever; keeps events and health until somebody takes them, so memory stays flat."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._events: list[Event] = []
+        self._health: list[KeyframeHealth] = []
+        self._is_blind = False
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each thing happened, by name."""
+        return {name: count for name, count in sorted(self._counts.items()) if count}
+
+    def count(self, name: str) -> None:
+        """Count something that is nothing out of the ordinary."""
+        self._counts[name] += 1
+
+    def tell(self, stamp_ns: int, kind: str, detail: str) -> None:
+        """Count an event and keep it."""
+        self._counts[kind] += 1
+        self._events.append(Event(stamp_ns, kind, detail))
+
+    def tell_sight(self, tracks: StereoTracks, *, is_blind: bool) -> None:
+        """Count a frame without sight; its beginning and its end are events."""
+        self._counts["blind_frames"] += is_blind
+        if is_blind == self._is_blind:
+            return
+        self._is_blind = is_blind
+        if is_blind:
+            why = tracks.reason or f"{len(tracks)} tracks, too few that fit the landmarks"
+            self.tell(tracks.stamp_ns, "blind", f"{why}; carried on without sight")
+        else:
+            self.tell(tracks.stamp_ns, "sight", "landmarks are seen again")
+
+    def note(self, health: KeyframeHealth) -> None:
+        """Keep the health of a keyframe."""
+        self._counts["keyframes"] += 1
+        self._health.append(health)
+
+    def take_events(self) -> tuple[Event, ...]:
+        """What happened since the last call."""
+        events, self._events = tuple(self._events), []
+        return events
+
+    def take_health(self) -> tuple[KeyframeHealth, ...]:
+        """The keyframes since the last call."""
+        health, self._health = tuple(self._health), []
+        return health

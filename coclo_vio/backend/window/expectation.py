@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is known of a frame besides what it sees: the IMU's word, an odometry's, or that motion goes on."""
+
+from collections.abc import Iterator
+
+import gtsam
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.motion import Motion, SteadyMotion
+from coclo_vio.backend.window.start import HELD_SIGMA
+from coclo_vio.backend.window.window import Window
+from coclo_vio.estimates import OdometryDelta
+from coclo_vio.geometry import se3
+
+_NS_PER_S = 1_000_000_000
+_CARRIED_BIAS = (0.05, 0.005)  # m/s^2 and rad/s: how well biases are known across a silence of the IMU
+
+
+class Expectation:
+    """Motion since the last keyframe; an odometry is believed before the IMU, the IMU before steadiness."""
+
+    def __init__(self, config: SmootherConfig, imu: Preintegration | None, steady: SteadyMotion) -> None:
+        self._config, self._imu, self._steady = config, imu, steady
+
+    def of_frame(
+        self,
+        window: Window,
+        stamp_ns: int,
+        odometry: OdometryDelta | None,
+        bias: gtsam.imuBias.ConstantBias,
+        velocity_covariance: Array,
+    ) -> Motion:
+        """Where the body should be at ``stamp_ns``.
+
+        Args:
+            window: whose newest keyframe the motion starts from.
+            stamp_ns: not before what the IMU has been integrated to.
+            odometry: the motion since that keyframe, if something measured it.
+            bias: of the IMU.
+            velocity_covariance: of that keyframe's velocity, (3, 3).
+        """
+        steady = self._steady.at(stamp_ns)
+        newest = window.newest.number
+        is_felt = self._imu is not None and self._imu.advance(stamp_ns)
+        if odometry is not None:
+            covariance = odometry.covariance + np.eye(6) * HELD_SIGMA**2
+            T = window.pose(newest) @ odometry.T_start_end
+            return Motion(T, steady.velocity_world, covariance, is_measured=True)
+        if self._imu is None or not is_felt:
+            return steady
+        state = gtsam.NavState(gtsam.Pose3(window.pose(newest)), window.velocity(newest))
+        felt = self._imu.measured.predict(state, bias)
+        covariance = np.array(self._imu.measured.preintMeasCov())[:6, :6] + np.eye(6) * HELD_SIGMA**2
+        R = np.asarray(felt.pose().rotation().matrix())
+        covariance[3:, 3:] += R.T @ velocity_covariance @ R * self._imu.measured.deltaTij() ** 2
+        return Motion(np.asarray(felt.pose().matrix()), np.asarray(felt.velocity()), covariance, is_measured=True)
+
+    @property
+    def has_inertial_tie(self) -> bool:
+        """Whether the readings since the last keyframe can be integrated."""
+        imu = self._imu
+        return imu is not None and imu.start_ns is not None and not imu.has_gap and imu.measured.deltaTij() > 0.0
+
+    def ties(
+        self,
+        window: Window,
+        stamp_ns: int,
+        motion: Motion,
+        odometry: OdometryDelta | None,
+        bias: gtsam.imuBias.ConstantBias,
+    ) -> Iterator[factors.Term]:
+        """What ties the next keyframe, at ``stamp_ns``, to the newest one, besides landmarks."""
+        start, end = window.newest.number, window.newest.number + 1
+        if odometry is not None:
+            yield factors.relative_pose(start, end, odometry.T_start_end, odometry.covariance)
+        if self._imu is not None and self.has_inertial_tie:
+            yield factors.inertial(start, end, self._imu.measured)
+            return
+        if self._imu is not None:
+            known = bias.vector()
+            yield factors.velocity_prior(end, motion.velocity_world, self._config.start.moving_velocity_mps)
+            yield factors.bias_prior(end, known[:3], known[3:], np.repeat(_CARRIED_BIAS, 3))
+        if odometry is None:
+            age_s = (stamp_ns - window.newest.stamp_ns) / _NS_PER_S
+            T_start_end = se3.inverse(window.pose(start)) @ motion.T_world_body
+            yield factors.relative_pose(start, end, T_start_end, self._steady.covariance(age_s))
