@@ -15,6 +15,8 @@ from coclo_vio.arrays import Array
 from coclo_vio.errors import SmootherError
 
 _TINY = 1e-12
+_ROUNDING = 1e-9
+_LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step that are tried one after the other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,18 +66,29 @@ def minimise(
             linear = graph.linearize(values)
             net = linear.eliminateSequential(ordering)
             step = net.optimize()
-            proposed = values.retract(step)
-            proposed_cost = graph.error(proposed)
-            if not proposed_cost <= cost * (1.0 + tolerance) + _TINY:
+            length, proposed, proposed_cost = _shortened(graph, values, cost, step)
+            if length == 0.0:
                 return _damped(graph, values, elimination, last, most_iterations)
             foretold = linear.error(values.zeroVectors()) - linear.error(step)
-            is_settled = abs(cost - proposed_cost - foretold) <= tolerance * proposed_cost
+            is_settled = length == 1.0 and abs(cost - proposed_cost - foretold) <= tolerance * proposed_cost
             values, cost = proposed, proposed_cost
             if is_settled:
                 break
         return Minimum(values, iterations, _covariance(net, elimination[-last:]))
     except RuntimeError:  # "Indeterminate linear system", as GTSAM has it
         return _damped(graph, values, elimination, last, most_iterations)
+
+
+def _shortened(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, cost: float, step: gtsam.VectorValues
+) -> tuple[float, gtsam.Values, float]:
+    """The longest share of a step that does not raise the cost, the values there and their cost; 0 if there is none."""
+    for length in _LENGTHS:
+        proposed = values.retract(step.scale(length))
+        proposed_cost = graph.error(proposed)
+        if proposed_cost <= cost * (1.0 + _ROUNDING) + _TINY:
+            return length, proposed, proposed_cost
+    return 0.0, values, cost
 
 
 def _damped(
