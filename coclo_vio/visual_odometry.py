@@ -247,7 +247,7 @@ def visual_odometry(
     if uses_twist:
         from coclo_vio.backend.window.twist_odometry import TwistOdometry  # noqa: PLC0415
 
-        twist = TwistOdometry(config.smoother.twist)
+        twist = TwistOdometry(smoother.twist)
     eyes = StereoFrontend(stereo, frontend) if has_frames else None
     rig = RectifiedStereo.of(stereo) if eyes is None else eyes.rig
     return VisualOdometry(

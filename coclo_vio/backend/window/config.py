@@ -22,7 +22,7 @@ class PixelNoiseConfig(StageConfig):
     repeated_disparity_px: Annotated[
         float,
         Field(gt=0, le=100, description="one sigma of its later disparities, which repeat the first one's error, px"),
-    ] = 3.0
+    ] = 1.0
     walk_px: Annotated[
         float,
         Field(
@@ -84,7 +84,7 @@ class InertialConfig(StageConfig):
         float, Field(ge=0, description="least random walk of the bias, m/s^3/sqrt(Hz)")
     ] = 1e-3
     gyroscope_bias: Annotated[float, Field(gt=0, description="one sigma before the start, rad/s")] = 0.05
-    accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma before the start, m/s^2")] = 0.2
+    accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma before the start, m/s^2")] = 0.5
     max_gap_s: Annotated[
         float, Field(gt=0, description="a longer silence of the IMU between two frames is not integrated over, s")
     ] = 0.2
@@ -115,7 +115,7 @@ class StartConfig(StageConfig):
     alignment_s: Annotated[
         float, Field(ge=0, description="after a start on the move, time until gravity is known and poses go out, s")
     ] = 1.5
-    rest_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch from rest, rad")] = 0.02
+    rest_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch from rest, rad")] = 0.05
     moving_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch on the move, rad")] = 0.3
     rest_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of velocity from rest, m/s")] = 0.01
     moving_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of velocity on the move, m/s")] = 10.0

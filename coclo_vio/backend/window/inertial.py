@@ -13,6 +13,7 @@ import numpy as np
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
 from coclo_vio.calibration import ImuCalibration
+from coclo_vio.geometry import so3
 from coclo_vio.measurements import InertialReading
 
 _NS_PER_S = 1_000_000_000
@@ -38,9 +39,11 @@ class Quiet:
 
 
 class Preintegration:
-    """The motion since the last keyframe as the IMU felt it.
+    """The motion of the body since the last keyframe as the IMU felt it.
 
-    Readings are joined by straight lines; one that ends after the asked time is cut there.
+    Readings are joined by straight lines; one that ends after the asked time is cut there. GTSAM takes the force of a
+    step for constant in the axes of its beginning, and of a lever arm it knows the centripetal part only: here the
+    force is turned by half the step, and freed of what angular acceleration adds at the end of the arm.
     """
 
     def __init__(self, imu: ImuCalibration, config: InertialConfig) -> None:
@@ -56,6 +59,9 @@ class Preintegration:
         params.setBiasAccCovariance(np.eye(3) * max(imu.accelerometer_bias_walk, config.accelerometer_bias_walk) ** 2)
         params.setBodyPSensor(gtsam.Pose3(self.T_body_imu))
         self._params = params
+        self._lever_imu = self.T_body_imu[:3, :3].T @ self.T_body_imu[:3, 3]
+        self._gyroscope_bias, self._accelerometer_bias = np.zeros(3), np.zeros(3)
+        self._rate: Array | None = None  # angular velocity up to which the lever arm has been accounted for
         self._pim = gtsam.PreintegratedCombinedMeasurements(params)
         self._waiting: deque[InertialReading] = deque()
         self._last: InertialReading | None = None
@@ -84,6 +90,9 @@ class Preintegration:
     def restart(self, stamp_ns: int, bias: gtsam.imuBias.ConstantBias) -> None:
         """Start to integrate anew at ``stamp_ns``, up to which everything has been taken."""
         self._pim = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
+        self._gyroscope_bias = np.asarray(bias.gyroscope())
+        self._accelerometer_bias = np.asarray(bias.accelerometer())
+        self._rate = self._rate if stamp_ns == self._now_ns else None
         self.start_ns = self._now_ns = stamp_ns
         self.has_gap = False
 
@@ -93,7 +102,8 @@ class Preintegration:
             self._take(self._waiting.popleft())
         if self._last is not None and self._now_ns < stamp_ns:
             ahead = self._waiting[0] if self._waiting else self._last
-            self._integrate(self._last, _between(self._last, ahead, stamp_ns), stamp_ns)
+            begin, end = (_between(self._last, ahead, when_ns) for when_ns in (self._now_ns, stamp_ns))
+            self._integrate(begin, end, stamp_ns)
         return self._last is not None and not self.has_gap and self._pim.deltaTij() > 0.0
 
     def _take(self, sample: InertialReading) -> None:
@@ -105,9 +115,14 @@ class Preintegration:
     def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
         dt_s = (stamp_ns - self._now_ns) / _NS_PER_S
         self.has_gap = self.has_gap or dt_s > self._config.max_gap_s
-        force = 0.5 * (begin.specific_force + end.specific_force)
-        self._pim.integrateMeasurement(force, 0.5 * (begin.angular_velocity + end.angular_velocity), dt_s)
-        self._now_ns = stamp_ns
+        rate = 0.5 * (begin.angular_velocity + end.angular_velocity)
+        felt = 0.5 * (begin.specific_force + end.specific_force)
+        speeding_up = (end.angular_velocity - (begin.angular_velocity if self._rate is None else self._rate)) / dt_s
+        turning = rate - self._gyroscope_bias
+        taken_off_later = np.cross(turning, np.cross(turning, self._lever_imu)) + self._accelerometer_bias  # by GTSAM
+        at_origin = felt - np.cross(speeding_up, self._lever_imu) - taken_off_later
+        self._pim.integrateMeasurement(so3.exp(0.5 * dt_s * turning) @ at_origin + taken_off_later, rate, dt_s)
+        self._rate, self._now_ns = end.angular_velocity, stamp_ns
 
 
 def _between(before: InertialReading, after: InertialReading, stamp_ns: int) -> InertialReading:
