@@ -164,7 +164,7 @@ class SlidingWindowSmoother:
         return self._between(tracks, motion, located)
 
     def _try_to_start(self, tracks: StereoTracks) -> StateEstimate | None:
-        start = self._starter.try_at(tracks.stamp_ns, self._watch) if self._sees_enough(tracks) else None
+        start = self._starter.try_at(tracks.stamp_ns, self._watch)
         if start is None:
             return None
         if start.rest is not None:
