@@ -21,6 +21,7 @@ _GRAVITY_MPS2 = 9.81
 _INTEGRATION_NOISE = 1e-4  # m/sqrt(s): what midpoints between samples miss
 _FEWEST_SAMPLES = 5
 _SPANNED = 0.8  # share of the window that the samples have to span
+_REMEMBERED_NS = 1_000_000_000  # readings that are kept for a start in the past
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +65,9 @@ class Preintegration:
         self._rate: Array | None = None  # angular velocity up to which the lever arm has been accounted for
         self._pim = gtsam.PreintegratedCombinedMeasurements(params)
         self._waiting: deque[InertialReading] = deque()
-        self._last: InertialReading | None = None
+        self._taken: deque[InertialReading] = deque()
+        self._last: InertialReading | None = None  # up to which everything is integrated
+        self._newest: InertialReading | None = None
         self.start_ns: int | None = None
         self._now_ns = 0
         self.has_gap = False
@@ -76,6 +79,7 @@ class Preintegration:
             self._waiting.append(sample)
         if self.start_ns is None and len(self._waiting) > 1:  # nobody asks yet
             self._last = self._waiting.popleft()
+            self._remember(self._last)
 
     @property
     def measured(self) -> gtsam.PreintegratedCombinedMeasurements:
@@ -84,11 +88,16 @@ class Preintegration:
 
     @property
     def rate_body(self) -> Array:
-        """The newest angular velocity, bias and all, rad/s, body frame, (3,)."""
-        return np.zeros(3) if self._last is None else np.asarray(self.T_body_imu[:3, :3] @ self._last.angular_velocity)
+        """The newest angular velocity that was taken, bias and all, rad/s, body frame, (3,)."""
+        if self._newest is None:
+            return np.zeros(3)
+        return np.asarray(self.T_body_imu[:3, :3] @ self._newest.angular_velocity)
 
     def restart(self, stamp_ns: int, bias: gtsam.imuBias.ConstantBias) -> None:
-        """Start to integrate anew at ``stamp_ns``, up to which everything has been taken."""
+        """Start to integrate anew at ``stamp_ns``, at most a second before what has been taken."""
+        while self._taken and self._taken[-1].stamp_ns > stamp_ns:
+            self._waiting.appendleft(self._taken.pop())
+            self._last = self._taken[-1] if self._taken else self._waiting[0]
         self._pim = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
         self._gyroscope_bias = np.asarray(bias.gyroscope())
         self._accelerometer_bias = np.asarray(bias.accelerometer())
@@ -108,9 +117,16 @@ class Preintegration:
 
     def _take(self, sample: InertialReading) -> None:
         before, self._last = self._last or sample, sample
+        self._remember(sample)
         if sample.stamp_ns > self._now_ns:
             begin = _between(before, sample, self._now_ns)
             self._integrate(begin, sample, sample.stamp_ns)
+
+    def _remember(self, sample: InertialReading) -> None:
+        self._newest = sample
+        self._taken.append(sample)
+        while sample.stamp_ns - self._taken[0].stamp_ns > _REMEMBERED_NS:
+            self._taken.popleft()
 
     def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
         dt_s = (stamp_ns - self._now_ns) / _NS_PER_S

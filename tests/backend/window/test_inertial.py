@@ -291,3 +291,29 @@ def test_what_is_over_is_forgotten() -> None:
         watch.push(InertialReading(k * STEP_NS, np.zeros(3), UP))
     assert watch.quiet is not None
     np.testing.assert_array_equal(watch.quiet.angular_velocity, 0.0)
+
+
+def test_it_can_start_again_a_little_before_what_it_has_taken() -> None:
+    """What is found to have been rest is left out, and what came after it is not lost."""
+    motion = felt_on_the_walk(2.0, 2.5)
+    motion.restart(2_203_300_000, NO_BIAS)
+    assert motion.advance(2_500_000_000)
+    anew = felt_on_the_walk(2.2033, 2.5)
+    assert motion.measured.deltaTij() == pytest.approx(0.2967)
+    state = pose_at(WALK, 2_203_300_000), velocity_at(WALK, 2_203_300_000)
+    for one, other in zip(predicted(motion, *state), predicted(anew, *state), strict=True):
+        np.testing.assert_allclose(one, other, atol=5e-6)
+
+
+def test_the_newest_rate_stays_when_it_starts_in_the_past() -> None:
+    samples = [as_read(k * STEP_NS, SPIN * k, UP) for k in range(-3, 11)]
+    motion = integrated(samples, 50_000_000)
+    motion.restart(20_000_000, NO_BIAS)
+    np.testing.assert_allclose(motion.rate_body, 10.0 * SPIN)
+
+
+def test_readings_before_the_memory_are_gone_and_that_is_a_gap() -> None:
+    motion = integrated([as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 601)], 3 * NS_PER_S)
+    motion.restart(NS_PER_S, NO_BIAS)
+    assert not motion.advance(3 * NS_PER_S)
+    assert motion.has_gap
