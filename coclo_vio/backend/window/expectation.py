@@ -9,12 +9,12 @@ import numpy as np
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.inertial import GRAVITY_MPS2, Preintegration
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
 from coclo_vio.estimates import OdometryDelta
-from coclo_vio.geometry import se3
+from coclo_vio.geometry import se3, so3
 
 _NS_PER_S = 1_000_000_000
 _CARRIED_BIAS = (0.05, 0.005)  # m/s^2 and rad/s: how well biases are known across a silence of the IMU
@@ -32,7 +32,7 @@ class Expectation:
         stamp_ns: int,
         odometry: OdometryDelta | None,
         bias: gtsam.imuBias.ConstantBias,
-        velocity_covariance: Array,
+        keyframe_covariance: Array,
     ) -> Motion:
         """Where the body should be at ``stamp_ns``.
 
@@ -41,7 +41,7 @@ class Expectation:
             stamp_ns: not before what the IMU has been integrated to.
             odometry: the motion since that keyframe, if something measured it.
             bias: of the IMU.
-            velocity_covariance: of that keyframe's velocity, (3, 3).
+            keyframe_covariance: of that keyframe's [pose, velocity, accelerometer and gyroscope bias], (15, 15).
         """
         steady = self._steady.at(stamp_ns)
         newest = window.newest.number
@@ -49,15 +49,41 @@ class Expectation:
         if odometry is not None:
             covariance = odometry.covariance + np.eye(6) * HELD_SIGMA**2
             T = window.pose(newest) @ odometry.T_start_end
-            return Motion(T, steady.velocity_world, covariance, is_measured=True)
+            return Motion(T, steady.velocity_world, covariance, np.zeros((3, 3)), is_measured=True)
         if self._imu is None or not is_felt:
             return steady
-        state = gtsam.NavState(gtsam.Pose3(window.pose(newest)), window.velocity(newest))
-        felt = self._imu.measured.predict(state, bias)
-        covariance = np.array(self._imu.measured.preintMeasCov())[:6, :6] + np.eye(6) * HELD_SIGMA**2
-        R = np.asarray(felt.pose().rotation().matrix())
-        covariance[3:, 3:] += R.T @ velocity_covariance @ R * self._imu.measured.deltaTij() ** 2
-        return Motion(np.asarray(felt.pose().matrix()), np.asarray(felt.velocity()), covariance, is_measured=True)
+        return self._felt(self._imu, window, bias, keyframe_covariance)
+
+    @staticmethod
+    def _felt(
+        imu: Preintegration, window: Window, bias: gtsam.imuBias.ConstantBias, keyframe_covariance: Array
+    ) -> Motion:
+        """The motion that the IMU felt, relative to the keyframe and so to the landmarks around it.
+
+        Position and velocity at the end err together: by velocity, tilt and accelerometer bias of the keyframe and by
+        the readings' noise (Forster et al. 2017, equations 37 and 63, biases to first order over a short time).
+        """
+        number, dt_s = window.newest.number, imu.measured.deltaTij()
+        before = gtsam.NavState(gtsam.Pose3(window.pose(number)), window.velocity(number))
+        felt = imu.measured.predict(before, bias)
+        to_body = np.asarray(before.pose().rotation().matrix()).T
+        gravity, speed = to_body @ np.array([0.0, 0.0, -GRAVITY_MPS2]), to_body @ window.velocity(number)
+        mounted = imu.T_body_imu[:3, :3]
+        shift, swing = np.zeros((3, 15)), np.zeros((3, 15))  # of position and velocity, axes of the keyframe's body
+        shift[:, :3] = so3.hat(speed * dt_s + 0.5 * gravity * dt_s**2)
+        swing[:, :3] = so3.hat(speed + gravity * dt_s)
+        shift[:, 6:9], swing[:, 6:9] = to_body * dt_s, to_body
+        shift[:, 9:12], swing[:, 9:12] = -0.5 * mounted * dt_s**2, -mounted * dt_s
+        noise = np.array(imu.measured.preintMeasCov())
+        position = shift @ keyframe_covariance @ shift.T + noise[3:6, 3:6] + np.eye(3) * HELD_SIGMA**2
+        both = swing @ keyframe_covariance @ shift.T + noise[6:9, 3:6]
+        turned = np.asarray(felt.pose().rotation().matrix()).T @ to_body.T  # axes of the keyframe's body to the frame's
+        covariance = np.zeros((6, 6))
+        drift = mounted @ keyframe_covariance[12:, 12:] @ mounted.T * dt_s**2
+        covariance[:3, :3] = turned @ (noise[:3, :3] + drift) @ turned.T + np.eye(3) * HELD_SIGMA**2
+        covariance[3:, 3:] = turned @ position @ turned.T
+        gain = to_body.T @ both @ np.linalg.inv(position) @ to_body
+        return Motion(np.asarray(felt.pose().matrix()), np.asarray(felt.velocity()), covariance, gain, is_measured=True)
 
     @property
     def has_inertial_tie(self) -> bool:

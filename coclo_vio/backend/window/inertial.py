@@ -17,7 +17,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.measurements import InertialReading
 
 _NS_PER_S = 1_000_000_000
-_GRAVITY_MPS2 = 9.81
+GRAVITY_MPS2 = 9.81
 _INTEGRATION_NOISE = 1e-4  # m/sqrt(s): what midpoints between samples miss
 _FEWEST_SAMPLES = 5
 _SPANNED = 0.8  # share of the window that the samples have to span
@@ -50,7 +50,7 @@ class Preintegration:
     def __init__(self, imu: ImuCalibration, config: InertialConfig) -> None:
         self._config = config
         self.T_body_imu = imu.T_body_imu
-        params = gtsam.PreintegrationCombinedParams.MakeSharedU(_GRAVITY_MPS2)
+        params = gtsam.PreintegrationCombinedParams.MakeSharedU(GRAVITY_MPS2)
         gyroscope = max(imu.gyroscope_noise_density, config.gyroscope_noise_density)
         accelerometer = max(imu.accelerometer_noise_density, config.accelerometer_noise_density)
         params.setGyroscopeCovariance(np.eye(3) * gyroscope**2)

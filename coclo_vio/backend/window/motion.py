@@ -23,12 +23,14 @@ class Motion:
         T_world_body: (4, 4).
         velocity_world: m/s, (3,).
         covariance: of the right/local error of the pose since the last frame or keyframe, (6, 6).
+        velocity_gain: m/s that the velocity is off for each metre that the position is, world frame, (3, 3).
         is_measured: whether an IMU or an odometry says so; otherwise it is a belief.
     """
 
     T_world_body: Array
     velocity_world: Array
     covariance: Array
+    velocity_gain: Array
     is_measured: bool
 
 
@@ -81,7 +83,7 @@ class SteadyMotion:
         if len(self._path) < 2:
             shift, turn = self._unknown_speed * dt_s, 0.2 * self._unknown_speed * dt_s
             covariance = np.diag(np.square(np.repeat([turn + _FLOOR, shift + _FLOOR], 3)))
-        return Motion(T, last[:3, :3] @ self.twist[3:] * fading, covariance, is_measured=False)
+        return Motion(T, last[:3, :3] @ self.twist[3:] * fading, covariance, np.zeros((3, 3)), is_measured=False)
 
     def covariance(self, dt_s: float, reach_s: float | None = None) -> Array:
         """How far motion is from steady over ``dt_s``, the twist being ``reach_s`` old at its end, (6, 6)."""

@@ -81,7 +81,7 @@ class SlidingWindowSmoother:
         self._window: Window | None = None
         self._last: Frame | None = None
         self._bias = gtsam.imuBias.ConstantBias()
-        self._keyframe_covariance = np.eye(9)
+        self._keyframe_covariance = np.eye(15)  # of [pose, velocity, accelerometer bias, gyroscope bias]
         self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
         self._silent_until_ns = 0
         self._held_ns: int | None = None  # last time that a standstill was solved for
@@ -194,18 +194,18 @@ class SlidingWindowSmoother:
             inertial = self.config.inertial
             gyroscope = _REST_RATE_RADPS if knows_rate else inertial.gyroscope_bias
             sigmas = np.repeat([inertial.accelerometer_bias, gyroscope], 3)
+            self._keyframe_covariance[9:, 9:] = np.diag(np.square(sigmas))
             keyframe.terms.append(factors.velocity_prior(number, velocity, float(np.sqrt(covariance[6, 6]))))
             bias = self._bias.vector()
             keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
             self._window.set_inertial(number, velocity, self._bias)
             self._imu.restart(tracks.stamp_ns, self._bias)
         self._steady.restart(tracks.stamp_ns, T)
-        self._keyframe_covariance = covariance
+        self._keyframe_covariance[:9, :9] = covariance
         self._last = Frame(tracks.stamp_ns, T, velocity, covariance)
 
     def _expected(self, window: Window, stamp_ns: int, odometry: OdometryDelta | None) -> Motion:
-        velocity_covariance = self._keyframe_covariance[6:, 6:]
-        return self._expectation.of_frame(window, stamp_ns, odometry, self._bias, velocity_covariance)
+        return self._expectation.of_frame(window, stamp_ns, odometry, self._bias, self._keyframe_covariance)
 
     def _located(self, window: Window, tracks: StereoTracks, motion: Motion) -> tuple[BoolArray, Located | None]:
         """Which tracks do not fit the landmarks, (N,), and the frame's pose against those that do."""
@@ -244,7 +244,8 @@ class SlidingWindowSmoother:
 
     def _between(self, tracks: StereoTracks, motion: Motion, located: Located) -> Frame:
         """A frame that is no keyframe."""
-        velocity = motion.velocity_world
+        off = located.T_world_body[:3, 3] - motion.T_world_body[:3, 3]
+        velocity = motion.velocity_world + motion.velocity_gain @ off
         if not motion.is_measured:
             velocity = located.T_world_body[:3, :3] @ self._steady.twist[3:]
         return Frame(tracks.stamp_ns, located.T_world_body, velocity, self._widened(motion, located))
@@ -254,7 +255,7 @@ class SlidingWindowSmoother:
         assert self._window is not None
         T_now = motion.T_world_body if located is None else located.T_world_body
         moved = se3.adjoint(se3.inverse(T_now) @ self._window.pose(self._window.newest.number))
-        covariance = self._keyframe_covariance.copy()
+        covariance = self._keyframe_covariance[:9, :9].copy()
         covariance[:6, :6] = moved @ covariance[:6, :6] @ moved.T
         covariance[:6, :6] += motion.covariance if located is None else located.covariance
         covariance[:6, 6:] = moved @ covariance[:6, 6:]
@@ -276,7 +277,7 @@ class SlidingWindowSmoother:
             window.newest.rest_terms = rest
             self._try_to_solve(window, tracks)
         self._imu.restart(stamp_ns, self._bias)
-        covariance = self._keyframe_covariance
+        covariance = self._keyframe_covariance[:9, :9]
         return Frame(stamp_ns, window.pose(number), window.velocity(number), covariance)
 
     def _gyroscope_noise(self, span_s: float) -> float:
@@ -314,7 +315,7 @@ class SlidingWindowSmoother:
             self._imu.restart(tracks.stamp_ns, self._bias)
         self._note(window, tracks, is_wrong, solution, time.process_time() - began_s)
         T, velocity = window.pose(keyframe.number), self._velocity(window, before)
-        return Frame(tracks.stamp_ns, T, velocity, self._keyframe_covariance)
+        return Frame(tracks.stamp_ns, T, velocity, self._keyframe_covariance[:9, :9])
 
     def _velocity(self, window: Window, before: Keyframe) -> Array:
         if self._imu is not None:
@@ -330,13 +331,13 @@ class SlidingWindowSmoother:
         except SmootherError as error:
             self._diary.tell(tracks.stamp_ns, "solver_failed", str(error))
             return None
-        self._keyframe_covariance = np.zeros((9, 9))
+        self._keyframe_covariance = np.zeros((15, 15))
         size = len(solution.covariance)
         self._keyframe_covariance[:size, :size] = solution.covariance
         if self._imu is not None:
             self._bias = window.bias(window.newest.number)
         else:
-            self._keyframe_covariance[6:, 6:] = np.eye(3) * self.config.motion.acceleration_mps2**2 * 0.01
+            self._keyframe_covariance[6:9, 6:9] = np.eye(3) * self.config.motion.acceleration_mps2**2 * 0.01
         return solution
 
     def _check_speed(self, window: Window) -> None:

@@ -18,6 +18,8 @@ from coclo_vio.backend.window.solver import minimise
 from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.measurements import StereoTracks
 
+_POSE = 6  # dimensions
+
 
 @dataclass(slots=True, eq=False)
 class Keyframe:
@@ -47,7 +49,8 @@ class Solution:
         factors: in the problem.
         landmarks: in the problem.
         reprojection_px: root mean square of what is left of the sightings, px.
-        covariance: of the newest pose, and of its velocity where there is one, (6, 6) or (9, 9).
+        covariance: of the newest pose, and of velocity and biases (accelerometer, gyroscope) where the IMU is used,
+            (6, 6) or (15, 15).
     """
 
     iterations: int
@@ -124,7 +127,7 @@ class Window:
             graph,
             values,
             elimination,
-            len(self._newest_keys()),
+            len(self._keys_of(self.newest.number)),
             most_iterations=self._config.iterations,
             tolerance=self._config.tolerance,
         )
@@ -173,14 +176,11 @@ class Window:
         keys = [factors.bias_key(number), factors.velocity_key(number), factors.pose_key(number)]
         return [key for key in keys if self.values.exists(key)]
 
-    def _newest_keys(self) -> list[int]:
-        """Velocity, where there is one, and pose."""
-        return [key for key in self._keys_of(self.newest.number) if key != factors.bias_key(self.newest.number)]
-
     @staticmethod
     def _pose_first(covariance: Array) -> Array:
-        """The covariance of [velocity, pose] as that of [pose, velocity]."""
-        order = np.roll(np.arange(len(covariance)), 6)
+        """The covariance of [biases, velocity, pose] as that of [pose, velocity, biases]."""
+        size = len(covariance)
+        order = np.arange(size) if size == _POSE else np.r_[9:15, 6:9, 0:6]
         return np.asarray(covariance[np.ix_(order, order)])
 
     def _cull(self) -> float:
@@ -281,7 +281,7 @@ class Window:
         following.terms = [term for term in following.terms if gone not in term.keys]
 
     def discard_oldest(self, covariance: Array) -> None:
-        """Let the oldest keyframe go without its information; the next one gets a prior of ``covariance`` (9, 9)."""
+        """Let the oldest keyframe go without its information; the next one gets a prior of ``covariance`` (15, 15)."""
         oldest = self.keyframes[0]
         self.prior = []
         lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
@@ -289,7 +289,7 @@ class Window:
         number = self.keyframes[0].number
         self.prior.append(factors.pose_prior(number, self.pose(number), covariance[:6, :6]))
         if self.values.exists(factors.velocity_key(number)):
-            sigma = float(np.sqrt(np.trace(covariance[6:, 6:])))
+            sigma = float(np.sqrt(np.trace(covariance[6:9, 6:9])))
             self.prior.append(factors.velocity_prior(number, self.velocity(number), sigma))
             bias = self.bias(number).vector()
             self.prior.append(factors.bias_prior(number, bias[:3], bias[3:], np.repeat([0.05, 0.002], 3)))
