@@ -128,8 +128,11 @@ class FailureConfig(StageConfig):
         int, Field(ge=1, description="a frame with fewer tracks that fit the landmarks is blind")
     ] = 3
     longest_blind_s: Annotated[
-        float, Field(gt=0, description="after a longer time without sight the window starts anew, s")
+        float, Field(gt=0, description="blind for longer, the IMU's velocity is given up and the window starts anew, s")
     ] = 5.0
+    blind_speed_mps: Annotated[float, Field(gt=0, description="one sigma of the speed that is believed then, m/s")] = (
+        0.5
+    )
     fastest_mps: Annotated[
         float, Field(gt=0, description="a solution that moves faster than this has diverged, m/s")
     ] = 60.0

@@ -4,8 +4,13 @@
 from collections import Counter
 from collections.abc import Mapping
 
+import numpy as np
+
+from coclo_vio.backend.window.window import Solution
 from coclo_vio.estimates import Event, KeyframeHealth
 from coclo_vio.measurements import StereoTracks
+
+_SMALLEST = 1e-300  # keeps a quotient finite
 
 
 class Diary:
@@ -43,10 +48,31 @@ class Diary:
         else:
             self.tell(tracks.stamp_ns, "sight", "landmarks are seen again")
 
-    def note(self, health: KeyframeHealth) -> None:
-        """Keep the health of a keyframe."""
+    def note(self, stamp_ns: int, tracks: int, keyframes: int, solution: Solution, compute_s: float) -> None:
+        """Count a keyframe and keep its health.
+
+        Args:
+            stamp_ns: its time.
+            tracks: points that were matched to landmarks or began one.
+            keyframes: in the window.
+            solution: of the window.
+            compute_s: processor time, s.
+        """
         self._counts["keyframes"] += 1
-        self._health.append(health)
+        axes = np.linalg.eigvalsh(solution.covariance[:6, :6])
+        self._health.append(
+            KeyframeHealth(
+                stamp_ns=stamp_ns,
+                keyframes=keyframes,
+                tracks=tracks,
+                landmarks=solution.landmarks,
+                factors=solution.factors,
+                reprojection_px=solution.reprojection_px,
+                iterations=solution.iterations,
+                compute_s=compute_s,
+                condition=float(np.sqrt(max(axes[-1], 0.0) / max(axes[0], _SMALLEST))),
+            )
+        )
 
     def take_events(self) -> tuple[Event, ...]:
         """What happened since the last call."""

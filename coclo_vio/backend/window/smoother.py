@@ -84,6 +84,7 @@ class SlidingWindowSmoother:
         self._keyframe_covariance = np.eye(15)  # of [pose, velocity, accelerometer bias, gyroscope bias]
         self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
         self._silent_until_ns = 0
+        self._seen_ns = 0  # last time that the eyes saw anything
         self._held_ns: int | None = None  # last time that a standstill was solved for
         self._diary = Diary()
 
@@ -157,7 +158,14 @@ class SlidingWindowSmoother:
         if quiet is not None and self._imu is not None and located is not None and self._stands(window, tracks):
             return self._hold(window, tracks, quiet)
         self._held_ns = None
-        if located is None and not self._sees_enough(tracks) and not self._is_overdue(window, tracks):
+        sees_nothing = located is None and not self._sees_enough(tracks)
+        if not sees_nothing:
+            self._seen_ns = tracks.stamp_ns
+        elif (
+            tracks.stamp_ns - self._seen_ns > self.config.failure.longest_blind_s * _NS_PER_S and self._imu is not None
+        ):
+            return self._lost(tracks, motion)
+        if sees_nothing and not self._is_overdue(window, tracks):
             return self._unseen(tracks, motion)
         if located is None or is_keyframe(self.config.keyframe, window.newest.tracks, tracks, self._rig.focal_px[0]):
             return self._solved(window, tracks, motion, located, is_wrong, odometry)
@@ -172,8 +180,10 @@ class SlidingWindowSmoother:
         elif self._imu is not None:
             self._diary.tell(tracks.stamp_ns, "moving_start", "no rest to start from: gravity is found on the way")
         self._silent_until_ns = start.silent_until_ns
-        knows_rate = start.rest is not None
-        self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3), knows_rate=knows_rate)
+        inertial, self._seen_ns = self.config.inertial, tracks.stamp_ns
+        gyroscope = inertial.gyroscope_bias if start.rest is None else _REST_RATE_RADPS
+        self._keyframe_covariance[9:, 9:] = np.diag(np.repeat([inertial.accelerometer_bias, gyroscope], 3) ** 2)
+        self._last = self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
 
     def _begin(
@@ -182,27 +192,22 @@ class SlidingWindowSmoother:
         T: Array,  # noqa: N803 -- a transform is T
         covariance: Array,
         velocity: Array,
-        *,
-        knows_rate: bool,
-    ) -> None:
-        """A window of one keyframe."""
+    ) -> Frame:
+        """A window of one keyframe, with the covariance (9, 9) of its pose and velocity."""
         number = 0 if self._window is None else self._window.newest.number + 1
         self._window = Window(self._rig, self.config)
         keyframe = Keyframe(number, tracks.stamp_ns, tracks, [factors.pose_prior(number, T, covariance[:6, :6])])
         self._window.add(keyframe, T, np.zeros(len(tracks), dtype=np.bool_))
         if self._imu is not None:
-            inertial = self.config.inertial
-            gyroscope = _REST_RATE_RADPS if knows_rate else inertial.gyroscope_bias
-            sigmas = np.repeat([inertial.accelerometer_bias, gyroscope], 3)
-            self._keyframe_covariance[9:, 9:] = np.diag(np.square(sigmas))
+            sigmas, bias = np.sqrt(np.diag(self._keyframe_covariance)[9:]), self._bias.vector()
             keyframe.terms.append(factors.velocity_prior(number, velocity, float(np.sqrt(covariance[6, 6]))))
-            bias = self._bias.vector()
             keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
             self._window.set_inertial(number, velocity, self._bias)
             self._imu.restart(tracks.stamp_ns, self._bias)
         self._steady.restart(tracks.stamp_ns, T)
+        self._keyframe_covariance[:9, :] = self._keyframe_covariance[:, :9] = 0.0
         self._keyframe_covariance[:9, :9] = covariance
-        self._last = Frame(tracks.stamp_ns, T, velocity, covariance)
+        return Frame(tracks.stamp_ns, T, velocity, covariance)
 
     def _expected(self, window: Window, stamp_ns: int, odometry: OdometryDelta | None) -> Motion:
         return self._expectation.of_frame(window, stamp_ns, odometry, self._bias, self._keyframe_covariance)
@@ -313,7 +318,8 @@ class SlidingWindowSmoother:
             self._drop_oldest(window, tracks.stamp_ns)
         if self._imu is not None:
             self._imu.restart(tracks.stamp_ns, self._bias)
-        self._note(window, tracks, is_wrong, solution, time.process_time() - began_s)
+        used, compute_s = int(np.count_nonzero(~is_wrong)), time.process_time() - began_s
+        self._diary.note(tracks.stamp_ns, used, len(window.keyframes), solution, compute_s)
         T, velocity = window.pose(keyframe.number), self._velocity(window, before)
         return Frame(tracks.stamp_ns, T, velocity, self._keyframe_covariance[:9, :9])
 
@@ -352,11 +358,17 @@ class SlidingWindowSmoother:
 
     def _restarted(self, tracks: StereoTracks, motion: Motion) -> Frame:
         """A window anew from where the body is expected."""
-        covariance = self._widened(motion, None)
         self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
-        velocity = motion.velocity_world
-        self._begin(tracks, motion.T_world_body, covariance, velocity, knows_rate=False)
-        return Frame(tracks.stamp_ns, motion.T_world_body, velocity, covariance)
+        return self._begin(tracks, motion.T_world_body, self._widened(motion, None), motion.velocity_world)
+
+    def _lost(self, tracks: StereoTracks, motion: Motion) -> Frame:
+        """Blind for so long that what the IMU says of velocity is worth less than that bodies stop."""
+        limit_s, self._seen_ns = self.config.failure.longest_blind_s, tracks.stamp_ns
+        self._diary.tell(tracks.stamp_ns, "lost", f"blind for {limit_s} s: velocity is not integrated any further")
+        covariance = self._widened(motion, None)
+        covariance[6:] = covariance[:, 6:] = 0.0
+        covariance[6:, 6:] = np.eye(3) * self.config.failure.blind_speed_mps**2
+        return self._begin(tracks, motion.T_world_body, covariance, np.zeros(3))
 
     def _drop_oldest(self, window: Window, stamp_ns: int) -> None:
         try:
@@ -364,24 +376,6 @@ class SlidingWindowSmoother:
         except SmootherError as error:
             self._diary.tell(stamp_ns, "prior_lost", f"{error}; the past is kept as a prior on the oldest pose alone")
             window.discard_oldest(self._keyframe_covariance)
-
-    def _note(
-        self, window: Window, tracks: StereoTracks, is_wrong: BoolArray, solution: Solution, compute_s: float
-    ) -> None:
-        axes = np.linalg.eigvalsh(self._keyframe_covariance[:6, :6])
-        self._diary.note(
-            KeyframeHealth(
-                stamp_ns=tracks.stamp_ns,
-                keyframes=len(window.keyframes),
-                tracks=len(tracks) - int(np.count_nonzero(is_wrong)),
-                landmarks=solution.landmarks,
-                factors=solution.factors,
-                reprojection_px=solution.reprojection_px,
-                iterations=solution.iterations,
-                compute_s=compute_s,
-                condition=float(np.sqrt(max(axes[-1], 0.0) / max(axes[0], 1e-300))),
-            )
-        )
 
     def _answer(self) -> StateEstimate:
         assert self._last is not None
