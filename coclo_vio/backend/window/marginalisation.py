@@ -29,7 +29,7 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
         graph.push_back(term.factor)
     try:
         _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:  # ValueError: no term touches something that leaves
         raise SmootherError(f"what leaves the window is not determined: {error}") from error
     kept = []
     for index in range(remaining.size()):

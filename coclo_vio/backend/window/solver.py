@@ -115,9 +115,11 @@ def _damped(
 
 def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
     """Of the variables eliminated last, in the order of ``keys``."""
-    end = gtsam.GaussianFactorGraph()
-    for index in range(net.size() - len(keys), net.size()):
-        end.push_back(net.at(index))
+    end, wanted = gtsam.GaussianFactorGraph(), set(keys)
+    for index in range(net.size()):  # its last ones need not be those keys: parts that nothing ties come in any order
+        conditional = net.at(index)
+        if conditional.firstFrontalKey() in wanted:
+            end.push_back(conditional)
     information, _ = end.hessian(ordered(keys))
     try:
         covariance = np.asarray(np.linalg.inv(information))
