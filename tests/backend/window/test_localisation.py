@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Projection by hand, its derivatives, and a pose found among wrong matches."""
+
+import numpy as np
+import pytest
+from worlds import RIG, WALK, pose_at, scattered
+
+from coclo_vio.backend.window.config import PixelNoiseConfig
+from coclo_vio.backend.window.localisation import PixelModel
+from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.geometry import se3, so3
+
+NOISE = PixelNoiseConfig(track_px=0.8, disparity_px=0.5, repeated_disparity_px=2.0)
+MODEL = PixelModel(RIG, NOISE)
+UPRIGHT = RectifiedStereo((100.0, 200.0), (50.0, 60.0), 0.5, np.eye(4))  # a camera that is the body
+WIDE = np.diag(np.square(np.repeat([1.0, 3.0], 3)))
+POSE = se3.exp(np.array([0.3, -0.2, 0.9, 1.0, -2.0, 0.4]))
+
+
+def points_ahead(count: int = 40, seed: int = 4) -> np.ndarray:
+    """World points in front of the rig at ``POSE``."""
+    random = np.random.default_rng(seed)
+    in_camera = random.uniform((-1.5, -1.0, 2.0), (1.5, 1.0, 6.0), (count, 3))
+    return se3.apply(POSE @ RIG.T_body_camera, in_camera)
+
+
+def test_a_point_is_seen_where_the_pinhole_puts_it() -> None:
+    """x = 1, y = 2, z = 4: column 100/4 + 50, row 200 * 2/4 + 60, disparity 100 * 0.5 / 4."""
+    seen = PixelModel(UPRIGHT, NOISE).seen(np.eye(4), np.array([[1.0, 2.0, 4.0]]))
+    np.testing.assert_allclose(seen, [[75.0, 160.0, 62.5]])
+
+
+def test_the_body_and_its_camera_are_taken_into_account() -> None:
+    points = points_ahead()
+    in_camera = se3.apply(se3.inverse(POSE @ RIG.T_body_camera), points)
+    left_px, disparity = RIG.pixels(in_camera)
+    np.testing.assert_allclose(MODEL.seen(POSE, points), np.column_stack((left_px, left_px[:, 0] - disparity)))
+
+
+def test_each_point_may_have_a_pose_of_its_own() -> None:
+    points, other = points_ahead(2), POSE @ se3.exp(np.array([0.0, 0.1, 0.0, 0.2, 0.0, 0.0]))
+    both = MODEL.seen(np.array([POSE, other]), points)
+    np.testing.assert_allclose(both[0], MODEL.seen(POSE, points[:1])[0])
+    np.testing.assert_allclose(both[1], MODEL.seen(other, points[1:])[0])
+
+
+@pytest.mark.parametrize("depth", [0.0, -0.5, -3.0])
+def test_what_is_behind_the_camera_fits_no_sighting(depth: float) -> None:
+    behind = np.array([[0.1, 0.2, depth]])
+    seen = PixelModel(UPRIGHT, NOISE).seen(np.eye(4), behind)
+    assert np.isfinite(seen).all()
+    assert PixelModel(UPRIGHT, NOISE).misfit(np.eye(4), behind, np.array([[50.0, 60.0, 40.0]]))[0] > 1e4
+
+
+def test_residuals_are_weighed_by_track_and_repeated_disparity() -> None:
+    """Left 1.6 px, row -0.8 px, right -0.4 px: the disparity is off by 2 px."""
+    weighed = MODEL.weighed(np.array([[1.6, -0.8, -0.4], [0.8, 0.0, np.nan]]))
+    np.testing.assert_allclose(weighed, [[2.0, -1.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+def test_misfit_is_the_length_of_the_weighed_residual() -> None:
+    points = points_ahead(1)
+    sighting = MODEL.seen(POSE, points) + np.array([1.6, -0.8, -0.4])
+    assert MODEL.misfit(POSE, points, sighting)[0] == pytest.approx(np.sqrt(6.0))
+
+
+@pytest.mark.parametrize("pose", [POSE, np.eye(4), se3.transform(so3.exp(np.array([0, 3.1, 0])), np.ones(3))])
+def test_the_jacobian_is_the_derivative_of_the_weighed_sighting(pose: np.ndarray) -> None:
+    """At a generic pose, at zero rotation and near pi; the covariance of ``locate`` is built of it."""
+    random = np.random.default_rng(2)
+    in_camera = random.uniform((-1.5, -1.0, 2.0), (1.5, 1.0, 6.0), (12, 3))
+    points = se3.apply(pose @ RIG.T_body_camera, in_camera)
+    sightings = MODEL.seen(pose, points)
+    sightings[3, 2] = np.nan
+
+    def weighed(step: np.ndarray) -> np.ndarray:
+        return MODEL.weighed(sightings - MODEL.seen(pose @ se3.exp(step), points))
+
+    step = 1e-6
+    columns = [(weighed(step * axis) - weighed(-step * axis)) / (2.0 * step) for axis in np.eye(6)]
+    rows = np.stack(columns, axis=2).reshape(-1, 6)
+    located = MODEL.locate(pose, WIDE, points, sightings)
+    hessian = rows.T @ rows + np.linalg.inv(WIDE)
+    np.testing.assert_allclose(located.covariance, np.linalg.inv(hessian), rtol=1e-6, atol=1e-12)
+
+
+def test_exact_sightings_give_the_exact_pose() -> None:
+    start = POSE @ se3.exp(np.array([0.1, -0.08, 0.12, 0.2, 0.1, -0.3]))
+    located = MODEL.locate(start, 1e6 * WIDE, points_ahead(), MODEL.seen(POSE, points_ahead()))
+    assert np.abs(se3.log(se3.inverse(POSE) @ located.T_world_body)).max() < 1e-9
+    assert located.is_inlier.all()
+    assert located.reprojection_px < 1e-7
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_pose_is_found_from_afar_with_a_third_of_the_matches_wrong_and_they_are_marked(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    points = points_ahead(60, seed)
+    sightings = MODEL.seen(POSE, points) + 0.2 * random.standard_normal((60, 3))
+    is_wrong = random.permutation(60) < 18
+    angles = random.uniform(0.0, 2.0 * np.pi, 18)
+    sightings[is_wrong, :2] += 60.0 * np.column_stack((np.cos(angles), np.sin(angles)))
+    start = POSE @ se3.exp(np.array([0.06, -0.05, 0.08, 0.15, 0.1, -0.1]))
+    located = MODEL.locate(start, WIDE, points, sightings)
+    np.testing.assert_array_equal(located.is_inlier, ~is_wrong)
+    error = se3.log(se3.inverse(POSE) @ located.T_world_body)
+    assert np.abs(error[:3]).max() < 1e-3
+    assert np.abs(error[3:]).max() < 5e-3
+    assert 0.1 < located.reprojection_px < 0.3
+
+
+def test_sightings_of_the_left_camera_alone_place_a_frame_as_well() -> None:
+    sightings = MODEL.seen(POSE, points_ahead())
+    sightings[:, 2] = np.nan
+    start = POSE @ se3.exp(np.array([0.05, -0.04, 0.05, 0.1, 0.05, -0.1]))
+    located = MODEL.locate(start, 1e6 * WIDE, points_ahead(), sightings)
+    assert np.abs(se3.log(se3.inverse(POSE) @ located.T_world_body)).max() < 1e-8
+    stereo = MODEL.locate(start, 1e6 * WIDE, points_ahead(), MODEL.seen(POSE, points_ahead()))
+    assert np.trace(located.covariance) > np.trace(stereo.covariance)
+
+
+def test_without_sightings_the_expectation_stands() -> None:
+    located = MODEL.locate(POSE, WIDE, np.zeros((0, 3)), np.zeros((0, 3)))
+    np.testing.assert_allclose(located.T_world_body, POSE)
+    np.testing.assert_allclose(located.covariance, WIDE)
+    assert located.reprojection_px == 0.0
+
+
+def test_the_expectation_counts_as_much_as_its_covariance_says() -> None:
+    """One point straight ahead in the middle says nothing of depth beyond its disparity: by hand for one number."""
+    rig = RectifiedStereo((100.0, 100.0), (0.0, 0.0), 0.5, np.eye(4))
+    model = PixelModel(rig, PixelNoiseConfig(track_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0))
+    point = np.array([[0.0, 0.0, 10.0]])  # disparity 5 px, 0.5 px per metre
+    sighting = np.array([[0.0, 0.0, -5.5]])
+    covariance = np.diag(np.square([1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 0.2]))
+    located = model.locate(np.eye(4), covariance, point, sighting)
+    information = 1.0 / 0.2**2
+    gain = 0.5 / (0.5**2 + information)
+    assert located.T_world_body[2, 3] == pytest.approx(gain * 0.5, rel=0.02)
+    assert located.covariance[5, 5] == pytest.approx(1.0 / (0.5**2 + information), rel=0.02)
+
+
+def test_noisy_frames_are_off_by_what_the_covariance_says() -> None:
+    """Mean of the squared error in sigmas, over 200 frames and 6 numbers: 1 +- 0.06."""
+    random = np.random.default_rng(9)
+    points = points_ahead(50)
+    exact = MODEL.seen(POSE, points)
+    squares = []
+    for _ in range(200):
+        track, disparity = 0.8 * random.standard_normal((50, 2)), 2.0 * random.standard_normal(50)
+        sightings = exact + np.column_stack((track, track[:, 0] - disparity))
+        located = PixelModel(RIG, NOISE.model_copy(update={"huber": 50.0, "outlier": 90.0})).locate(
+            POSE, 1e4 * WIDE, points, sightings
+        )
+        error = se3.log(se3.inverse(located.T_world_body) @ POSE)
+        squares.append(error @ np.linalg.solve(located.covariance, error) / 6.0)
+    assert 0.85 < np.mean(squares) < 1.15
+
+
+def test_a_frame_of_a_world_is_placed_against_it() -> None:
+    world = scattered()
+    tracks = world.seen_from(0, pose_at(WALK, 4_000_000_000))
+    sightings = np.column_stack((tracks.left_px, tracks.right_px[:, 0]))
+    start = pose_at(WALK, 4_000_000_000) @ se3.exp(np.full(6, 0.03))
+    located = MODEL.locate(start, WIDE, world.points[tracks.track_ids], sightings)
+    assert np.abs(se3.log(se3.inverse(pose_at(WALK, 4_000_000_000)) @ located.T_world_body)).max() < 1e-6

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The window of keyframes: exact measurements, information that is kept or given up, sightings that do not fit."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from worlds import FRAME_NS, RIG, WALK, frames, pose_at, scattered
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
+from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.errors import SmootherError
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import StereoTracks
+
+PLAIN = PixelNoiseConfig(track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0)
+EXACT = SmootherConfig(tolerance=0.0, iterations=4, spacing_px=0.0, most_kept_landmarks=10_000, noise=PLAIN)
+WORLD = scattered(count=800)  # 60 points in sight
+HELD = 1e-8 * np.eye(6)
+STAMPS = range(1_500_000_000, 6_500_000_000, 3 * FRAME_NS)
+
+
+def never_again(seen: list[StereoTracks]) -> list[StereoTracks]:
+    """A point that comes back into sight gets a new identity, as a tracker would give it."""
+    named: dict[int, int] = {}
+    fresh, result = 0, []
+    for tracks in seen:
+        now = {}
+        for point in tracks.track_ids.tolist():
+            if point not in named:
+                fresh += 1
+            now[point] = named.get(point, fresh)
+        named = now
+        result.append(replace(tracks, track_ids=np.array([*now.values()])))
+    return result
+
+
+def add(window: Window, number: int, tracks: StereoTracks, pose: Array, *terms: factors.Term) -> None:
+    window.add(Keyframe(number, tracks.stamp_ns, tracks, [*terms]), pose, np.zeros(len(tracks), dtype=np.bool_))
+
+
+def filled(
+    config: SmootherConfig, seen: list[StereoTracks], longest: int | None = None, disturbed: float = 0.0
+) -> tuple[Window, Solution]:
+    """A window that was fed keyframes of the walk, never longer than ``longest``."""
+    random = np.random.default_rng(6)
+    window = Window(RIG, config)
+    solution = None
+    for number, tracks in enumerate(seen):
+        pose = pose_at(WALK, tracks.stamp_ns)
+        off = se3.exp(disturbed * random.standard_normal(6)) if number else np.eye(4)
+        terms = [] if number else [factors.pose_prior(0, pose, HELD)]
+        add(window, number, tracks, pose @ off, *terms)
+        if longest is not None:
+            solution = window.solve()
+            if len(window.keyframes) > longest:
+                window.drop_oldest()
+    return window, window.solve() if solution is None else solution
+
+
+def worst_pose(window: Window) -> float:
+    return max(
+        np.abs(se3.log(se3.inverse(pose_at(WALK, each.stamp_ns)) @ window.pose(each.number))).max()
+        for each in window.keyframes
+    )
+
+
+def test_exact_measurements_are_met_to_1e_8_from_disturbed_values() -> None:
+    """Poses off by 6 cm and 3 deg, points placed from those poses."""
+    seen = frames(WALK, STAMPS[:8], WORLD)
+    config = EXACT.model_copy(update={"iterations": 15})
+    window, solution = filled(config, seen, disturbed=0.05)
+    assert worst_pose(window) < 1e-8
+    assert solution.reprojection_px < 1e-6
+    points = WORLD.points
+    placed = [(one.track_id, one.point_world) for _, one in window.landmarks.items() if one.is_solvable]
+    assert len(placed) == solution.landmarks > 50
+    assert max(np.abs(point - points[track]).max() for track, point in placed if point is not None) < 1e-7
+
+
+def test_the_default_configuration_gets_there_as_well_from_an_ordinary_start() -> None:
+    seen = frames(WALK, STAMPS[:8], WORLD)
+    window, _ = filled(SmootherConfig(tolerance=0.0, iterations=15), seen, disturbed=0.005)
+    assert worst_pose(window) < 1e-8
+
+
+@pytest.mark.parametrize("longest", [4, 6])
+def test_a_window_that_slides_knows_what_the_batch_knows(longest: int) -> None:
+    """Noise of 1e-5 px makes a linear problem of it: estimate and covariance agree far below what noise does."""
+    seen = never_again(frames(WALK, STAMPS, WORLD, noise_px=1e-5))
+    batch, whole = filled(EXACT, seen)
+    window, slid = filled(EXACT, seen, longest)
+    newest = len(seen) - 1
+    apart = se3.log(se3.inverse(batch.pose(newest)) @ window.pose(newest))
+    off = se3.log(se3.inverse(pose_at(WALK, seen[-1].stamp_ns)) @ batch.pose(newest))
+    assert np.abs(apart).max() < 1e-9
+    assert np.abs(apart).max() < 1e-2 * np.abs(off).max()
+    np.testing.assert_allclose(slid.covariance, whole.covariance, rtol=1e-4, atol=1e-9)
+
+
+def test_landmarks_that_forget_their_past_give_away_information() -> None:
+    seen = never_again(frames(WALK, STAMPS, WORLD))
+    kept = filled(EXACT, seen, 4)[1].covariance
+    some = filled(EXACT.model_copy(update={"most_kept_landmarks": 20}), seen, 4)[1].covariance
+    none = filled(EXACT.model_copy(update={"most_kept_landmarks": 0}), seen, 4)[1].covariance
+    for less, more in ((some, kept), (none, some)):
+        assert np.linalg.eigvalsh(less - more).min() > -1e-6 * np.trace(more)
+        assert np.trace(less) > 1.05 * np.trace(more)
+
+
+def test_covariance_is_of_pose_velocity_and_biases_in_this_order() -> None:
+    window = Window(RIG, EXACT)
+    tracks = frames(WALK, STAMPS[:1], WORLD)[0]
+    pose_covariance = np.diag(np.square([0.01, 0.02, 0.03, 0.1, 0.2, 0.3]))
+    terms = [
+        factors.pose_prior(0, np.eye(4), pose_covariance),
+        factors.velocity_prior(0, np.array([1.0, 2.0, 3.0]), 0.5),
+        factors.bias_prior(0, np.zeros(3), np.zeros(3), np.repeat([0.1, 0.01], 3)),
+    ]
+    add(window, 0, tracks, np.eye(4), *terms)
+    window.set_inertial(0, np.zeros(3), gtsam.imuBias.ConstantBias())
+    covariance = window.solve().covariance
+    np.testing.assert_allclose(covariance[:6, :6], pose_covariance, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(covariance[6:, 6:], np.diag(np.square(np.repeat([0.5, 0.1, 0.01], 3))), atol=1e-12)
+    np.testing.assert_allclose(covariance[:6, 6:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(window.velocity(0), [1.0, 2.0, 3.0])
+
+
+def test_what_is_left_of_noisy_sightings_is_their_noise() -> None:
+    """Left column and row with 0.3 px, right column with 0.3 and 0.15 px: 0.31 px, less what the points take up."""
+    seen = frames(WALK, STAMPS[:8], WORLD, noise_px=0.3)
+    assert 0.2 < filled(EXACT, seen)[1].reprojection_px < 0.32
+
+
+def test_a_sighting_that_does_not_fit_is_removed_and_its_landmark_retired_if_it_is_the_newest() -> None:
+    seen = frames(WALK, STAMPS[:5], WORLD)
+    common = set.intersection(*({*tracks.track_ids.tolist()} for tracks in seen))
+    early, late = sorted(common)[:2]
+    for frame, wrong in ((2, early), (4, late)):
+        left_px = seen[frame].left_px + 30.0 * (seen[frame].track_ids == wrong)[:, None]
+        seen[frame] = replace(seen[frame], left_px=left_px)
+    window, _ = filled(SmootherConfig(tolerance=0.0, iterations=20, spacing_px=0.0), seen)
+    by_track = {one.track_id: one for _, one in window.landmarks.items()}
+    assert sorted(by_track[early].sightings) == [0, 1, 3, 4]
+    assert not by_track[early].is_retired
+    assert sorted(by_track[late].sightings) == [0, 1, 2, 3]
+    assert by_track[late].is_retired
+    window.solve()
+    assert worst_pose(window) < 1e-6
+
+
+def test_what_cannot_leave_stays_with_everything_as_it_was() -> None:
+    """Without its prior the oldest keyframe floats: nothing it saw says where it is."""
+    seen = frames(WALK, STAMPS[:3], WORLD)
+    window, _ = filled(EXACT, seen)
+    window.keyframes[0].terms.clear()
+    window.keyframes[0].tracks = replace(seen[0])
+    for _, landmark in window.landmarks.items():
+        landmark.sightings.pop(0, None)
+    before, count = gtsam.Values(window.values), len(window.landmarks)
+    with pytest.raises(SmootherError, match="not determined"):
+        window.drop_oldest()
+    assert [each.number for each in window.keyframes] == [0, 1, 2]
+    assert window.values.equals(before, 0.0)
+    assert len(window.landmarks) == count
+
+
+def test_after_discarding_the_oldest_the_next_one_holds_the_window() -> None:
+    seen = frames(WALK, STAMPS[:6], WORLD)
+    window, _ = filled(EXACT, seen, 4)
+    covariance = np.diag(np.square(np.repeat([0.01, 0.02, 0.1], 3)))
+    window.discard_oldest(covariance)
+    numbers = [each.number for each in window.keyframes]
+    solution = window.solve()
+    assert numbers == [2, 3, 4, 5][-len(numbers) :]
+    assert worst_pose(window) < 1e-7
+    assert np.trace(solution.covariance[3:, 3:]) > 3 * 0.02**2 * 0.9
+
+
+def test_forgotten_keyframes_leave_no_trace() -> None:
+    seen = never_again(frames(WALK, STAMPS, WORLD))
+    window, _ = filled(EXACT, seen, 4)
+    alive = {each.number for each in window.keyframes}
+    known = {number for _, landmark in window.landmarks.items() for number in landmark.sightings}
+    assert known <= alive
+    assert window.values.size() == len(alive)
+    in_prior = {key for term in window.prior for key in term.keys}
+    held = {factors.pose_key(number) for number in alive}
+    held |= {factors.landmark_key(each) for each, _ in window.landmarks.items()}
+    assert in_prior <= held
