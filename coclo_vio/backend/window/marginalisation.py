@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What leaves the window is summed up in a prior on what stays: Schur's complement, by GTSAM's elimination.
 
-The prior is linear at the estimate at which it was made (``LinearContainerFactor``).
+The prior is linear at the estimate at which it was made (``LinearContainerFactor``). Where the world is, nothing
+measures: a prior that says so anyway lets the whole window slide, by metres, as soon as it is bent only a little off
+where it is linear. ``relative_to`` takes that out.
 """
 
 from collections.abc import Iterable, Sequence
 
 import gtsam
+import numpy as np
 
+from coclo_vio.arrays import Array
 from coclo_vio.backend.window.factors import Term
 from coclo_vio.backend.window.solver import ordered
 from coclo_vio.errors import SmootherError
+
+_FAINT = 1e-6  # information that makes undetermined directions solvable
 
 
 def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.Values) -> list[Term]:
@@ -38,3 +44,41 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
         if keys:
             kept.append(Term(gtsam.LinearContainerFactor(factor, values), keys))
     return kept
+
+
+def relative_to(prior: Sequence[Term], key: int, free: Array, values: gtsam.Values) -> list[Term]:
+    """Terms that, added to ``prior``, take back what it says of some directions of a pose, and nothing else.
+
+    With g those directions and x everything else, information L and vector h, the prior is p(x | g) p(g); what is
+    taken back is p(g), of information ``L_gg - L_gx inv(L_xx) L_xg`` and vector ``h_g - L_gx inv(L_xx) h_x``.
+
+    Args:
+        prior: every term.
+        key: of the pose.
+        free: the directions, orthonormal columns of its tangent space, (6, M).
+        values: where to linearise.
+
+    Raises:
+        SmootherError: the prior is not finite.
+    """
+    if not any(key in term.keys for term in prior):
+        return []
+    graph = gtsam.GaussianFactorGraph()
+    for term in prior:
+        graph.push_back(term.factor.linearize(values))
+    others = sorted({other for term in prior for other in term.keys} - {key})
+    information, vector = graph.hessian(ordered([*others, key]))
+    if not np.isfinite(information).all():
+        raise SmootherError("the prior on what stays in the window is not finite")
+    size = len(information) - len(free)
+    turned = np.eye(len(information))
+    turned[size:, size:] = np.fliplr(np.linalg.qr(free, mode="complete")[0])
+    turned[size:, -free.shape[1] :] = free
+    information, vector = turned.T @ information @ turned, turned.T @ vector
+    size = len(information) - free.shape[1]
+    rest = information[:size, :size] + _FAINT * np.eye(size)
+    gain = np.linalg.solve(rest, np.column_stack((information[:size, size:], vector[:size])))
+    alone = information[size:, size:] - information[size:, :size] @ gain[:, :-1]
+    pull = vector[size:] - information[size:, :size] @ gain[:, -1]
+    taken_back = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)
+    return [Term(gtsam.LinearContainerFactor(taken_back, values), (key,))]

@@ -380,9 +380,12 @@ class SlidingWindowSmoother:
     def _answer(self) -> StateEstimate:
         assert self._last is not None
         last = self._last
+        covariance = last.covariance.copy()
+        if self._window is not None:
+            covariance[:6, :6] += self._window.world_covariance(last.T_world_body)
         rate, bias = self._steady.twist[:3], np.zeros(6)
         if self._imu is not None:
             bias = np.asarray(self._bias.vector())
             rate = self._imu.rate_body - self._imu.T_body_imu[:3, :3] @ bias[3:]
         nav = NavState(last.T_world_body, last.velocity_world, rate, bias[3:], bias[:3])
-        return StateEstimate(last.stamp_ns, nav, last.covariance)
+        return StateEstimate(last.stamp_ns, nav, covariance)

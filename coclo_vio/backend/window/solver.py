@@ -115,11 +115,14 @@ def _damped(
 
 def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
     """Of the variables eliminated last, in the order of ``keys``."""
-    end, wanted = gtsam.GaussianFactorGraph(), set(keys)
-    for index in range(net.size()):  # its last ones need not be those keys: parts that nothing ties come in any order
+    end, missing = gtsam.GaussianFactorGraph(), set(keys)
+    for index in reversed(range(net.size())):  # a net keeps parents after children, not the order of elimination
         conditional = net.at(index)
-        if conditional.firstFrontalKey() in wanted:
+        if conditional.keys()[0] in missing:
+            missing.remove(conditional.keys()[0])
             end.push_back(conditional)
+        if not missing:
+            break
     information, _ = end.hessian(ordered(keys))
     try:
         covariance = np.asarray(np.linalg.inv(information))

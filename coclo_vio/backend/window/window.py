@@ -13,12 +13,15 @@ from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import SightingFactors, Term
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
 from coclo_vio.backend.window.localisation import PixelModel
-from coclo_vio.backend.window.marginalisation import marginal_prior
+from coclo_vio.backend.window.marginalisation import marginal_prior, relative_to
 from coclo_vio.backend.window.solver import minimise
 from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.geometry import se3
 from coclo_vio.measurements import StereoTracks
 
 _POSE = 6  # dimensions
+_HELD = 1e-4  # rad and m, one sigma: where the oldest keyframe is held
+_NOT_HELD = 100.0  # rad, one sigma of its tilt where gravity tells it
 
 
 @dataclass(slots=True, eq=False)
@@ -49,8 +52,8 @@ class Solution:
         factors: in the problem.
         landmarks: in the problem.
         reprojection_px: root mean square of what is left of the sightings, px.
-        covariance: of the newest pose, and of velocity and biases (accelerometer, gyroscope) where the IMU is used,
-            (6, 6) or (15, 15).
+        covariance: of the newest pose relative to the oldest one's place and heading, and of velocity and biases
+            (accelerometer, gyroscope) where the IMU is used, (6, 6) or (15, 15).
     """
 
     iterations: int
@@ -63,7 +66,9 @@ class Solution:
 class Window:
     """Keyframes and landmarks with their estimates.
 
-    Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes.
+    Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes. Once a
+    keyframe has left, the oldest one is held where it is, but for its tilt where gravity is felt: solving changes what
+    is known relative to it, and no estimate that has gone out before is moved as a whole.
     """
 
     def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
@@ -75,6 +80,8 @@ class Window:
         self.keyframes: list[Keyframe] = []
         self.values = gtsam.Values()
         self.prior: list[Term] = []
+        self._held_covariance = np.zeros((6, 6))  # of where the oldest keyframe is held, right/local
+        self._next_covariance = np.zeros((6, 6))  # of the one after it, relative to that
 
     @property
     def newest(self) -> Keyframe:
@@ -123,18 +130,31 @@ class Window:
         for term in terms:
             graph.push_back(term.factor)
         elimination = self._elimination(seen)
+        staying = [key for keyframe in self.keyframes[1:] or self.keyframes for key in self._keys_of(keyframe.number)]
         found = minimise(
             graph,
             values,
             elimination,
-            len(self._keys_of(self.newest.number)),
+            len(staying),
             most_iterations=self._config.iterations,
             tolerance=self._config.tolerance,
         )
         self._take(found.values, seen)
+        covariance = self._newest_covariance(found.covariance)
         rms = self._cull()
         self._place()
-        return Solution(found.iterations, len(terms), len(seen), rms, self._pose_first(found.covariance))
+        return Solution(found.iterations, len(terms), len(seen), rms, covariance)
+
+    def _newest_covariance(self, covariance: Array) -> Array:
+        """The newest keyframe's, from that of all but the oldest; what will be held next is noted on the way."""
+        size = _POSE if self._unmeasured(self.newest.number).shape[1] == _POSE else 15
+        self._next_covariance = covariance[size - _POSE : size, size - _POSE : size]
+        return self._pose_first(covariance[-size:, -size:])
+
+    def world_covariance(self, T_world_body: Array) -> Array:  # noqa: N803
+        """What a pose is uncertain by since nobody knows where the oldest keyframe is, right/local, (6, 6)."""
+        moved = se3.adjoint(se3.inverse(T_world_body) @ self.pose(self.keyframes[0].number))
+        return np.asarray(moved @ self._held_covariance @ moved.T)
 
     def _take(self, solved: gtsam.Values, landmark_ids: Sequence[int]) -> None:
         for landmark_id in landmark_ids:
@@ -222,12 +242,31 @@ class Window:
         values = gtsam.Values(self.values)
         for landmark_id in [*lost, *kept]:
             values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
-        prior = marginal_prior(touched, leaving, values)
-        self.prior = untouched + prior
+        prior = untouched + marginal_prior(touched, leaving, values)
+        self.prior = prior + self._held(self.keyframes[1].number, prior, values)
         self._forget(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
         for landmark_id, landmark in self.landmarks.items():
             landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
+
+    def _held(self, number: int, prior: Sequence[Term], values: gtsam.Values) -> list[Term]:
+        """What makes the prior one relative to keyframe ``number``, and holds that where it is."""
+        free = self._unmeasured(number)
+        terms = relative_to(prior, factors.pose_key(number), free, values)
+        across = free @ free.T
+        covariance = self.world_covariance(self.pose(number)) + self._next_covariance
+        self._held_covariance = across @ covariance @ across
+        noise = _HELD**2 * across + _NOT_HELD**2 * (np.eye(6) - across)
+        return [*terms, factors.pose_prior(number, self.pose(number), noise)]
+
+    def _unmeasured(self, number: int) -> Array:
+        """The directions, columns of a pose's tangent space, in which nothing says where the world is, (6, 6 or 4)."""
+        if not self.values.exists(factors.velocity_key(number)):
+            return np.eye(6)
+        free = np.zeros((6, 4))
+        free[:3, 0] = self.pose(number)[2, :3]
+        free[3:, 1:] = np.eye(3)
+        return free
 
     def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
         """Landmarks that the oldest keyframe or the prior know: those to eliminate, and those that the prior keeps."""
@@ -284,6 +323,7 @@ class Window:
         """Let the oldest keyframe go without its information; the next one gets a prior of ``covariance`` (15, 15)."""
         oldest = self.keyframes[0]
         self.prior = []
+        self._held_covariance = self.world_covariance(self.pose(self.keyframes[1].number))
         lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
         self._forget(oldest, lost)
         number = self.keyframes[0].number

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Priors on what stays in the window: what they say, and that the window does not slide in the world."""
+
+import gtsam
+import numpy as np
+import pytest
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.marginalisation import relative_to
+from coclo_vio.backend.window.smoother import SlidingWindowSmoother
+from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import StereoTracks
+
+
+def _turned(rng: np.random.Generator, scale: float) -> Array:
+    return se3.exp(scale * rng.standard_normal(6))
+
+
+def _spread(rng: np.random.Generator) -> Array:
+    root = rng.standard_normal((6, 6))
+    return np.asarray(0.01 * (root @ root.T + np.eye(6)))
+
+
+def _linear(terms: list[factors.Term], values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+    graph = gtsam.GaussianFactorGraph()
+    for term in terms:
+        graph.push_back(term.factor.linearize(values))
+    return graph
+
+
+@pytest.mark.parametrize("directions", [6, 4])
+def test_what_is_taken_back_leaves_the_rest_as_it_is_seen_from_there(directions: int) -> None:
+    rng = np.random.default_rng(3)
+    poses = [_turned(rng, 0.5), _turned(rng, 0.5)]
+    values = gtsam.Values()
+    for number, pose in enumerate(poses):
+        values.insert(factors.pose_key(number), gtsam.Pose3(pose))
+    prior = [
+        factors.pose_prior(0, poses[0] @ _turned(rng, 0.1), _spread(rng)),
+        factors.pose_prior(1, poses[1] @ _turned(rng, 0.1), _spread(rng)),
+        factors.relative_pose(0, 1, se3.inverse(poses[0]) @ poses[1] @ _turned(rng, 0.1), _spread(rng)),
+    ]
+    free = np.linalg.qr(rng.standard_normal((6, 6)))[0][:, :directions]
+
+    graph = _linear([*prior, *relative_to(prior, factors.pose_key(0), free, values)], values)
+
+    keys = gtsam.Ordering()
+    for key in (factors.pose_key(1), factors.pose_key(0)):
+        keys.push_back(key)
+    before, pull_before = _linear(prior, values).hessian(keys)
+    after, pull_after = graph.hessian(keys)
+    across = np.eye(12)
+    across[6:, 6:] = np.eye(6) - free @ free.T
+    np.testing.assert_allclose(across @ after @ across, across @ before @ across, atol=1e-6)
+    np.testing.assert_allclose(across @ pull_after, across @ pull_before, atol=1e-6)
+    others = np.linalg.qr(free, mode="complete")[0][:, directions:]
+    turn = np.zeros((12, 12))
+    turn[:6, :6], turn[6:, 6:] = np.eye(6), np.column_stack((others, free))
+    after, pull_after, size = turn.T @ after @ turn, turn.T @ pull_after, 12 - directions
+    gain = np.linalg.solve(after[:size, :size], np.column_stack((after[:size, size:], pull_after[:size])))
+    np.testing.assert_allclose(after[size:, size:], after[size:, :size] @ gain[:, :-1], atol=1e-4)
+    np.testing.assert_allclose(pull_after[size:], after[size:, :size] @ gain[:, -1], atol=1e-4)
+
+
+def test_a_prior_that_does_not_know_the_pose_has_nothing_to_take_back() -> None:
+    values = gtsam.Values()
+    values.insert(factors.pose_key(1), gtsam.Pose3())
+    prior = [factors.pose_prior(1, np.eye(4), np.eye(6))]
+    assert relative_to(prior, factors.pose_key(0), np.eye(6), values) == []
+
+
+def _drive(frames: int, rng: np.random.Generator) -> list[StereoTracks]:
+    """Tracks of a drive along a far facade on one side, whose disparities are off by as much as their noise."""
+    T_body_camera = np.eye(4)
+    T_body_camera[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    rig = RectifiedStereo((700.0, 700.0), (600.0, 180.0), 0.5, T_body_camera)
+    count = 1500
+    points = np.column_stack(
+        (rng.uniform(0.0, frames + 60.0, count), rng.uniform(-16.0, -12.0, count), rng.uniform(0.0, 8.0, count))
+    )
+    bias = rng.standard_normal(count)
+    seen = []
+    for number in range(frames):
+        T_world_body = np.eye(4)
+        T_world_body[0, 3] = number
+        camera = se3.apply(se3.inverse(T_world_body @ T_body_camera), points)
+        ahead = camera[:, 2] > 5.0
+        left, disparity = rig.pixels(np.where(ahead[:, None], camera, [0.0, 0.0, 1.0]))
+        inside = (camera[:, 2] < 60.0) & (left[:, 0] < 1200.0) & (left[:, 1] > 0.0)
+        ids = np.flatnonzero(ahead & inside)[:60]
+        left_px = left[ids] + 0.4 * rng.standard_normal((len(ids), 2))
+        right_px = left_px - np.column_stack((disparity[ids] + bias[ids], np.zeros(len(ids))))
+        seen.append(StereoTracks(number * 100_000_000, ids, left_px, right_px))
+    return seen
+
+
+def _smoother() -> SlidingWindowSmoother:
+    T_body_camera = np.eye(4)
+    T_body_camera[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    rig = RectifiedStereo((700.0, 700.0), (600.0, 180.0), 0.5, T_body_camera)
+    config = SmootherConfig(noise={"track_px": 0.4, "disparity_px": 1.0, "repeated_disparity_px": 3.0})
+    return SlidingWindowSmoother(rig, config, uses_imu=False)
+
+
+def test_the_oldest_keyframe_is_held_and_nothing_else_says_where_it_is() -> None:
+    smoother = _smoother()
+    for frame in _drive(40, np.random.default_rng(1)):
+        smoother.push_tracks(frame)
+    window = smoother._window
+    assert window is not None
+    values = gtsam.Values(window.values)
+    for landmark_id, landmark in window.landmarks.items():
+        if landmark.is_in_prior:
+            values.insert(factors.landmark_key(landmark_id), landmark.point_world)
+    oldest = factors.pose_key(window.keyframes[0].number)
+    keys = gtsam.Ordering()
+    for key in [*sorted({key for term in window.prior for key in term.keys} - {oldest}), oldest]:
+        keys.push_back(key)
+    information, _ = _linear(window.prior, values).hessian(keys)
+    cross = information[-6:, :-6]
+    alone = information[-6:, -6:] - cross @ np.linalg.pinv(information[:-6, :-6], hermitian=True) @ cross.T
+    np.testing.assert_allclose(alone, 1e8 * np.eye(6), atol=1e6)
+
+
+def test_the_reported_uncertainty_grows_along_the_way() -> None:
+    smoother = _smoother()
+    sizes = []
+    for frame in _drive(90, np.random.default_rng(2)):
+        estimate = smoother.push_tracks(frame)
+        assert estimate is not None
+        sizes.append(float(np.trace(estimate.covariance[3:6, 3:6])))
+    assert min(sizes[70:]) > 1.5 * min(sizes[20:40])

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import numpy as np
+import pytest
+
+from coclo_vio.backend.window.config import KeyframeConfig
+from coclo_vio.backend.window.keyframe_choice import displacements_px, has_turned_over, is_keyframe, stand_still
+from coclo_vio.measurements import StereoTracks
+
+CONFIG = KeyframeConfig(parallax_px=10.0, least_kept_share=0.6, most_new_share=0.5, longest_s=1.0)
+FOCAL_PX = 460.0
+GRID = np.column_stack((np.arange(20) * 30.0, np.arange(20) % 5 * 90.0))
+
+
+def tracks(ids: range, shift_px: float = 0.0, stamp_ns: int = 100_000_000) -> StereoTracks:
+    left_px = GRID[[each % 20 for each in ids]] + [shift_px, 0.0]
+    return StereoTracks(stamp_ns, np.array(ids), left_px, left_px - [10.0, 0.0])
+
+
+BEFORE = tracks(range(20), stamp_ns=0)
+
+
+def test_what_hardly_moved_is_no_keyframe() -> None:
+    assert not is_keyframe(CONFIG, BEFORE, tracks(range(20), 5.0), FOCAL_PX)
+
+
+@pytest.mark.parametrize(("shift_px", "focal_px", "expected"), [(11, 460, True), (11, 920, False), (21, 920, True)])
+def test_enough_parallax_makes_a_keyframe_for_any_lens(shift_px: float, focal_px: float, expected: bool) -> None:
+    assert is_keyframe(CONFIG, BEFORE, tracks(range(20), shift_px), focal_px) == expected
+
+
+@pytest.mark.parametrize(("kept", "expected"), [(12, False), (11, True)])
+def test_too_few_of_the_old_tracks_make_a_keyframe(kept: int, expected: bool) -> None:
+    assert is_keyframe(CONFIG, BEFORE, tracks(range(kept)), FOCAL_PX) == expected
+
+
+@pytest.mark.parametrize(("new", "expected"), [(20, False), (21, True)])
+def test_too_many_new_tracks_make_a_keyframe(new: int, expected: bool) -> None:
+    now = StereoTracks(1, np.arange(20 + new), np.tile(GRID, (3, 1))[: 20 + new], np.tile(GRID, (3, 1))[: 20 + new])
+    assert is_keyframe(CONFIG, BEFORE, now, FOCAL_PX) == expected
+    assert has_turned_over(CONFIG, BEFORE, now) == expected
+
+
+@pytest.mark.parametrize(("stamp_ns", "expected"), [(999_999_999, False), (1_000_000_000, True)])
+def test_after_a_while_there_is_a_keyframe_anyway(stamp_ns: int, expected: bool) -> None:
+    assert is_keyframe(CONFIG, BEFORE, tracks(range(20), stamp_ns=stamp_ns), FOCAL_PX) == expected
+
+
+def test_tracks_are_compared_by_identity_whatever_their_order() -> None:
+    order = np.random.default_rng(1).permutation(20)
+    moved = GRID + np.column_stack((np.arange(20.0), np.zeros(20)))
+    now = StereoTracks(1, np.arange(20)[order], moved[order], moved[order])
+    np.testing.assert_allclose(np.sort(displacements_px(BEFORE, now)), np.arange(20.0))
+
+
+def test_standing_still_is_told_by_the_median_so_that_a_passer_by_does_not_matter() -> None:
+    moving = GRID + np.where(np.arange(20)[:, None] < 8, [40.0, 0.0], [0.3, 0.0])
+    now = StereoTracks(1, np.arange(20), moving, moving)
+    assert stand_still(BEFORE, now, 1.0)
+    assert not stand_still(BEFORE, now, 0.2)
+
+
+def test_too_few_common_tracks_say_nothing_of_standing_still() -> None:
+    assert stand_still(BEFORE, tracks(range(15, 25)), 1.0)
+    assert not stand_still(BEFORE, tracks(range(16, 36)), 1.0)
+
+
+def test_frames_without_tracks_are_compared_without_trouble() -> None:
+    nothing = tracks(range(0))
+    assert not stand_still(BEFORE, nothing, 1.0)
+    assert is_keyframe(CONFIG, BEFORE, nothing, FOCAL_PX)
+    assert not is_keyframe(CONFIG, nothing, nothing, FOCAL_PX)

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How points are placed, refused, renewed and forgotten."""
+
+import numpy as np
+import pytest
+from worlds import RIG
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
+from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
+from coclo_vio.geometry import se3
+from coclo_vio.measurements import StereoTracks
+
+CONFIG = SmootherConfig(spacing_px=0.0, min_disparity_px=1.0, nearest_m=0.2)
+LEFT, RIGHT = np.eye(4), se3.transform(np.eye(3), np.array([0.0, -1.0, 0.0]))  # a metre sideways: y is left
+
+
+def ahead(*points: tuple[float, float, float]) -> Array:
+    """World points from coordinates of the left camera of a body at the origin."""
+    return se3.apply(RIG.T_body_camera, np.array(points))
+
+
+def seen(points: Array, pose: Array, has_right: bool = True, stamp_ns: int = 0, first_id: int = 0) -> StereoTracks:
+    left_px, disparity = RIG.pixels(se3.apply(se3.inverse(pose @ RIG.T_body_camera), points))
+    right_px = left_px - np.column_stack((disparity, np.zeros(len(points))))
+    if not has_right:
+        right_px = np.full_like(right_px, np.nan)
+    return StereoTracks(stamp_ns, np.arange(first_id, first_id + len(points)), left_px, right_px)
+
+
+def observed(landmarks: LandmarkMap, number: int, tracks: StereoTracks, wrong: Array | None = None) -> None:
+    landmarks.observe(number, tracks, np.zeros(len(tracks), dtype=np.bool_) if wrong is None else wrong)
+
+
+def by_track(landmarks: LandmarkMap) -> dict[int, Landmark]:
+    return {one.track_id: one for _, one in landmarks.items()}
+
+
+def test_a_disparity_places_a_point_at_once() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0), (-1.0, 0.5, 5.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 0, seen(points, LEFT))
+    landmarks.place({0: LEFT})
+    for index, landmark in by_track(landmarks).items():
+        np.testing.assert_allclose(landmark.point_world, points[index], atol=1e-9)
+        assert landmark.placed_by == 0
+        assert not landmark.is_solvable  # one keyframe alone is not tied to any other by it
+
+
+def test_two_keyframes_that_see_a_placed_point_are_tied_by_it() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
+    for number, pose in enumerate((LEFT, RIGHT)):
+        observed(landmarks, number, seen(points, pose))
+        landmarks.place({0: LEFT, 1: RIGHT})
+    assert by_track(landmarks)[0].is_solvable
+    assert sorted(by_track(landmarks)[0].sightings) == [0, 1]
+
+
+def test_what_the_solver_moved_is_not_placed_anew() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
+    for number, pose in enumerate((LEFT, RIGHT)):
+        observed(landmarks, number, seen(points, pose))
+        landmarks.place({0: LEFT, 1: RIGHT})
+    by_track(landmarks)[0].point_world = np.ones(3)
+    landmarks.place({0: LEFT, 1: RIGHT})
+    np.testing.assert_array_equal(landmarks.point(0), np.ones(3))
+
+
+def test_a_far_point_is_placed_only_once_there_is_parallax() -> None:
+    """40 m, 45 m: 1.0 and 0.89 px of disparity is not believed; 1 m sideways gives 1.4 deg."""
+    points, landmarks = ahead((0.5, 0.2, 45.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 0, seen(points, LEFT))
+    landmarks.place({0: LEFT})
+    assert by_track(landmarks)[0].point_world is None
+    near = se3.transform(np.eye(3), np.array([0.0, -0.1, 0.0]))
+    observed(landmarks, 1, seen(points, near))
+    landmarks.place({0: LEFT, 1: near})
+    assert by_track(landmarks)[0].point_world is None
+    observed(landmarks, 2, seen(points, RIGHT))
+    landmarks.place({0: LEFT, 1: near, 2: RIGHT})
+    np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-6)
+    assert by_track(landmarks)[0].placed_by is None
+
+
+def test_a_point_that_the_left_camera_alone_sees_is_placed_by_parallax() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
+    for number, pose in enumerate((LEFT, RIGHT)):
+        observed(landmarks, number, seen(points, pose, has_right=False))
+        landmarks.place({0: LEFT, 1: RIGHT})
+    np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-9)
+
+
+def test_the_first_disparity_counts_even_if_it_comes_late() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 4, seen(points, LEFT, has_right=False))
+    observed(landmarks, 5, seen(points, RIGHT))
+    observed(landmarks, 6, seen(points, LEFT))
+    assert by_track(landmarks)[0].placed_by == 5
+
+
+@pytest.mark.parametrize("depth", [-3.0, 0.1, 80.0], ids=["behind", "too near", "too far"])
+def test_rays_that_meet_where_no_point_can_be_place_nothing(depth: float) -> None:
+    """Farthest is 500 baselines, 50 m; nearest 0.2 m. The rays are drawn from a point at that depth."""
+    landmarks = LandmarkMap(RIG, CONFIG)
+    point = ahead((0.0, 0.0, depth))
+    far = se3.transform(np.eye(3), np.array([0.0, -0.02 if depth == 0.1 else -3.0, 0.0]))
+    for number, pose in enumerate((LEFT, far)):
+        in_camera = se3.apply(se3.inverse(pose @ RIG.T_body_camera), point)[0]
+        left_px = in_camera[:2] / in_camera[2] * RIG.focal_px + RIG.principal_point_px
+        tracks = StereoTracks(number, np.array([0]), left_px[None], np.full((1, 2), np.nan))
+        observed(landmarks, number, tracks)
+    landmarks.place({0: LEFT, 1: far})
+    assert by_track(landmarks)[0].point_world is None
+
+
+@pytest.mark.parametrize(
+    ("disparity", "is_believed"), [(0.9, False), (1.1, True), (199.0, True), (201.0, False), (-5.0, False)]
+)
+def test_disparities_of_points_too_far_too_near_or_behind_are_not_believed(disparity: float, is_believed: bool) -> None:
+    """focal 400 px, baseline 0.1 m, nearest 0.2 m: 200 px at most."""
+    left_px = np.array([[300.0, 200.0]])
+    tracks = StereoTracks(0, np.array([0]), left_px, left_px - [disparity, 0.0])
+    row = LandmarkMap(RIG, CONFIG).sightings(tracks)[0]
+    assert np.isnan(row[2]) != is_believed
+    np.testing.assert_array_equal(row[:2], left_px[0])
+
+
+def test_new_points_too_near_to_a_known_or_an_earlier_one_are_left_out() -> None:
+    config = CONFIG.model_copy(update={"spacing_px": 6.0})
+    landmarks = LandmarkMap(RIG, config)
+    columns = np.array([100.0, 104.0, 108.0, 200.0])  # the second is near the first, the third near the second only
+    left_px = np.column_stack((columns, np.full(4, 50.0)))
+    observed(landmarks, 0, StereoTracks(0, np.arange(4), left_px, left_px - [20.0, 0.0]))
+    assert sorted(by_track(landmarks)) == [0, 2, 3]
+    more = np.array([[203.0, 50.0], [200.0, 50.0], [400.0, 50.0]])
+    observed(landmarks, 1, StereoTracks(1, np.array([7, 3, 8]), more, more - [20.0, 0.0]))
+    assert sorted(by_track(landmarks)) == [0, 2, 3, 8]
+    assert 1 in by_track(landmarks)[3].sightings  # a known one is never left out
+
+
+def test_wrong_sightings_are_not_taken() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0), (-1.0, 0.5, 5.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 0, seen(points, LEFT))
+    observed(landmarks, 1, seen(points, RIGHT), np.array([True, False]))
+    assert [len(by_track(landmarks)[index].sightings) for index in (0, 1)] == [1, 2]
+
+
+def test_a_retired_landmark_takes_no_more_sightings_until_it_is_forgotten() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 0, seen(points, LEFT))
+    by_track(landmarks)[0].is_retired = True
+    observed(landmarks, 1, seen(points, RIGHT))
+    assert len(landmarks) == 1
+    assert sorted(landmarks[0].sightings) == [0]
+    landmarks.forget(0)
+    observed(landmarks, 2, seen(points, RIGHT))
+    assert sorted(landmarks[1].sightings) == [2]
+
+
+def test_a_wandering_track_becomes_another_point_after_a_while() -> None:
+    """1 px of track, 0.5 px of walk from keyframe to keyframe: after four sightings it is no longer the same."""
+    config = CONFIG.model_copy(update={"noise": PixelNoiseConfig(track_px=1.0, walk_px=0.5)})
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, config)
+    for number in range(6):
+        observed(landmarks, number, seen(points, LEFT))
+    assert [sorted(one.sightings) for _, one in landmarks.items()] == [[0, 1, 2, 3], [3, 4, 5]]
+    assert [one.is_retired for _, one in landmarks.items()] == [True, False]
+    assert landmarks[1].track_id == landmarks[0].track_id
+    landmarks.forget(0)
+    observed(landmarks, 6, seen(points, LEFT))
+    assert 6 in landmarks[1].sightings  # the track still sees the new one
+
+
+def test_known_are_those_that_have_a_place() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0), (0.0, 0.0, 60.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 0, seen(points, LEFT))
+    landmarks.place({0: LEFT})
+    both = seen(np.concatenate((points, ahead((1.0, 0.3, 4.0)))), RIGHT)
+    is_known, where = landmarks.known(both)
+    np.testing.assert_array_equal(is_known, [True, False, False])
+    np.testing.assert_allclose(where, points[:1], atol=1e-9)
+
+
+def test_nothing_is_known_of_nothing() -> None:
+    landmarks = LandmarkMap(RIG, CONFIG)
+    nothing = StereoTracks(0, np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2)))
+    observed(landmarks, 0, nothing)
+    is_known, where = landmarks.known(nothing)
+    assert len(is_known) == len(where) == len(landmarks) == 0
+
+
+def test_a_keyframe_that_is_forgotten_takes_its_sightings_and_the_points_that_only_it_saw() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0), (-1.0, 0.5, 5.0), (1.0, 0.5, 4.0)), LandmarkMap(RIG, CONFIG)
+    observed(landmarks, 0, seen(points, LEFT))
+    observed(landmarks, 1, seen(points[:1], RIGHT))
+    landmarks[2].is_in_prior = True
+    landmarks.forget_keyframe(0)
+    assert sorted(by_track(landmarks)) == [0, 2]
+    assert sorted(landmarks[0].sightings) == [1]
+
+
+def test_a_landmark_whose_disparity_left_the_window_is_placed_by_parallax() -> None:
+    points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
+    for number, pose in enumerate((LEFT, RIGHT)):
+        observed(landmarks, number, seen(points, pose, has_right=number == 0))
+    landmarks.forget_keyframe(0)
+    landmarks.place({1: RIGHT})
+    nearer = se3.transform(np.eye(3), np.array([0.5, -1.0, 0.0]))
+    observed(landmarks, 2, seen(points, nearer, has_right=False))
+    landmarks.place({1: RIGHT, 2: nearer})
+    np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-9)
