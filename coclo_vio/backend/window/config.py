@@ -63,6 +63,12 @@ class MotionPriorConfig(StageConfig):
     ] = 3.0
     velocity_mps: Annotated[float, Field(gt=0, description="one sigma of the velocity told from poses, m/s")] = 0.5
     rate_radps: Annotated[float, Field(gt=0, description="one sigma of the rate told from poses, rad/s")] = 0.5
+    habit_s: Annotated[
+        float, Field(gt=0, description="how steady motion is, is learnt from the last so many seconds of it, s")
+    ] = 10.0
+    habit_caution: Annotated[
+        float, Field(gt=0, description="how many times its learnt sigma motion is expected to be off")
+    ] = 2.0
     memory_s: Annotated[
         float, Field(gt=0, description="without sight, velocity is believed to fade with this time constant, s")
     ] = 0.5

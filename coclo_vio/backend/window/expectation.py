@@ -14,7 +14,7 @@ from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
 from coclo_vio.estimates import OdometryDelta
-from coclo_vio.geometry import se3, so3
+from coclo_vio.geometry import so3
 
 _NS_PER_S = 1_000_000_000
 _CARRIED_BIAS = (0.05, 0.005)  # m/s^2 and rad/s: how well biases are known across a silence of the IMU
@@ -112,5 +112,5 @@ class Expectation:
             yield factors.bias_prior(end, known[:3], known[3:], np.repeat(_CARRIED_BIAS, 3))
         if odometry is None:
             age_s = (stamp_ns - window.newest.stamp_ns) / _NS_PER_S
-            T_start_end = se3.inverse(window.pose(start)) @ motion.T_world_body
-            yield factors.relative_pose(start, end, T_start_end, self._steady.covariance(age_s))
+            T_start_end, covariance = self._steady.since_keyframe(age_s)
+            yield factors.relative_pose(start, end, T_start_end, covariance)

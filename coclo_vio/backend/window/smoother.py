@@ -141,7 +141,13 @@ class SlidingWindowSmoother:
         is_wrong, located = self._located(self._window, tracks, motion)
         self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry)
         seen_at = motion.T_world_body if located is None else located.T_world_body
-        self._steady.add(tracks.stamp_ns, seen_at, self._last.T_world_body, is_seen=located is not None)
+        self._steady.add(
+            tracks.stamp_ns,
+            seen_at,
+            self._last.T_world_body,
+            None if located is None else located.covariance,
+            is_keyframe=self._window.newest.stamp_ns == tracks.stamp_ns,
+        )
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
 
     def _frame(
