@@ -9,11 +9,13 @@ from scipy.spatial import cKDTree
 
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.localisation import PixelModel
 from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.geometry import se3
 from coclo_vio.measurements import StereoTracks
 
 _LEAST_PARALLAX_RAD = 0.02  # of rays that place a point without any disparity
+_FAINT = 1e-6  # 1/m^2: a point is at most so badly known
 _FARTHEST = 500.0  # baselines: farther points say nothing of translation
 
 
@@ -24,6 +26,7 @@ class Landmark:
     Attributes:
         track_id: the track that sees it.
         point_world: where it is, m, (3,); None until it can be placed.
+        covariance: of the point, the poses that see it taken as known, m^2, (3, 3); None until it has a place.
         sightings: by the number of the keyframe: left column, row, right column (NaN: not seen there), px, (3,).
         placed_by: the keyframe whose disparity counts; None as long as there is none.
         is_in_prior: whether the marginal prior knows of it.
@@ -32,6 +35,7 @@ class Landmark:
 
     track_id: int
     point_world: Array | None = None
+    covariance: Array | None = None
     sightings: dict[int, Array] = field(default_factory=dict)
     placed_by: int | None = None
     is_in_prior: bool = False
@@ -83,12 +87,15 @@ class LandmarkMap:
         is_believed = (disparity > self._config.min_disparity_px) & (disparity < self._largest_px)
         return np.column_stack((tracks.left_px, np.where(is_believed, tracks.right_px[:, 0], np.nan)))
 
-    def known(self, tracks: StereoTracks) -> tuple[BoolArray, Array]:
-        """Which tracks (N,) have a placed landmark, and where those are, m, (M, 3)."""
+    def known(self, tracks: StereoTracks) -> tuple[BoolArray, Array, Array]:
+        """Which tracks (N,) have a placed landmark, where those are, m, (M, 3), and their covariances (M, 3, 3)."""
         found = [self._seen_by(int(each)) for each in tracks.track_ids]
-        points = [one.point_world for one in found if one is not None and one.point_world is not None]
+        placed = [one for one in found if one is not None and one.point_world is not None]
         is_known = np.array([one is not None and one.point_world is not None for one in found], dtype=np.bool_)
-        return is_known, np.array(points).reshape(-1, 3)
+        points = np.array([one.point_world for one in placed]).reshape(-1, 3)
+        nothing = np.zeros((3, 3))
+        covariances = [nothing if one.covariance is None else one.covariance for one in placed]
+        return is_known, points, np.array(covariances).reshape(-1, 3, 3)
 
     def observe(self, number: int, tracks: StereoTracks, is_wrong: BoolArray) -> None:
         """Add what keyframe ``number`` sees; sightings that are wrong are left out."""
@@ -142,6 +149,28 @@ class LandmarkMap:
                 landmark.point_world = se3.apply(poses[number] @ self._rig.T_body_camera, point)[0]
             elif len(landmark.sightings) > 1:
                 landmark.point_world = self._triangulated(landmark, poses)
+
+    def judge(self, poses: Mapping[int, Array], pixels: PixelModel) -> None:
+        """Tell how well each point is known, poses taken as known: by what saw it, and by one disparity.
+
+        Args:
+            poses: ``T_world_body`` by the number of the keyframe.
+            pixels: the noise of sightings.
+        """
+        placed = [one for one in self._by_id.values() if one.point_world is not None and one.sightings]
+        rows = [(row, number) for row, one in enumerate(placed) for number in one.sightings]
+        if not rows:
+            return
+        with_disparity = [one.placed_by if one.placed_by in one.sightings else min(one.sightings) for one in placed]
+        is_placing = [placed[row].placed_by is not None and with_disparity[row] == number for row, number in rows]
+        sigmas = np.where(is_placing, self._config.noise.disparity_px, np.inf)
+        points = np.array([placed[row].point_world for row, _ in rows])
+        T_world_body = np.array([poses[number] for _, number in rows])
+        information = np.zeros((len(placed), 3, 3))
+        np.add.at(information, [row for row, _ in rows], pixels.point_information(T_world_body, points, sigmas))
+        covariances = np.linalg.inv(information + _FAINT * np.eye(3))
+        for one, covariance in zip(placed, covariances, strict=True):
+            one.covariance = covariance
 
     def _triangulated(self, landmark: Landmark, poses: Mapping[int, Array]) -> Array | None:
         """The point (3,) nearest to all rays; None where they are too parallel, or it is behind or too far."""

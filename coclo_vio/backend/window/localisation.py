@@ -49,9 +49,7 @@ class PixelModel:
 
     def weighed(self, residuals_px: Array) -> Array:
         """Residuals (N, 3) = [left column, row, disparity] in sigmas; 0 for the disparity of a right column of NaN."""
-        left, row, right = residuals_px.T
-        disparity = np.nan_to_num(left - right, nan=0.0)
-        return np.asarray(np.column_stack((left, row, disparity)) / self._sigmas_px)
+        return np.asarray(_offsets(residuals_px) / self._sigmas_px)
 
     def misfit(self, T_world_body: Array, points_world: Array, sightings: Array) -> Array:  # noqa: N803
         """How many sigmas each sighting (N, 3) is away from where its point is, (N,)."""
@@ -64,6 +62,7 @@ class PixelModel:
         covariance: Array,
         points_world: Array,
         sightings: Array,
+        point_covariances: Array | None = None,
     ) -> Located:
         """The pose that fits sightings and expectation best: Gauss-Newton with Huber's weights, then without outliers.
 
@@ -72,14 +71,15 @@ class PixelModel:
             covariance: of that expectation's right/local error, (6, 6), positive definite.
             points_world: landmarks, m, (N, 3).
             sightings: where they are seen, px, (N, 3).
+            point_covariances: of the landmarks, m^2, (N, 3, 3); None: they are known.
         """
         information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         everyone = np.ones(len(sightings), dtype=np.bool_)
-        T = self._iterate(T_expected, T_expected, information, points_world, sightings, everyone)[0]
-        is_inlier = self.misfit(T, points_world, sightings) < self._noise.outlier
-        T, hessian = self._iterate(T, T_expected, information, points_world, sightings, is_inlier)
-        misfit = self.misfit(T, points_world, sightings)
-        is_inlier = np.asarray(misfit < self._noise.outlier)
+        whiten = self._whitening(T_expected, points_world, point_covariances, ~np.isnan(sightings[:, 2]))
+        T = self._iterate(T_expected, T_expected, information, points_world, sightings, everyone, whiten)[0]
+        is_inlier = self._misfit(T, points_world, sightings, whiten) < self._noise.outlier
+        T, hessian = self._iterate(T, T_expected, information, points_world, sightings, is_inlier, whiten)
+        is_inlier = np.asarray(self._misfit(T, points_world, sightings, whiten) < self._noise.outlier)
         residuals = (sightings - self.seen(T, points_world))[is_inlier]
         rms = float(np.sqrt(np.nanmean(np.square(residuals)))) if is_inlier.any() else 0.0
         return Located(T, np.asarray(np.linalg.inv(hessian), dtype=np.float64), is_inlier, rms)
@@ -92,16 +92,17 @@ class PixelModel:
         points_world: Array,
         sightings: Array,
         use: BoolArray,
+        whiten: Array,
     ) -> tuple[Array, Array]:
-        T, points, seen = start, points_world[use], sightings[use]
+        T, points, seen, whiten = start, points_world[use], sightings[use], whiten[use]
         hessian = information
         for _ in range(_MOST_ITERATIONS):
             points_camera = self._in_camera(T, points)
-            weighed = self.weighed(seen - self._project(points_camera))
+            weighed = np.einsum("nij,nj->ni", whiten, _offsets(seen - self._project(points_camera)))
             size = np.sqrt(np.einsum("ij,ij->i", weighed, weighed))
             weight = np.minimum(1.0, self._noise.huber / np.maximum(size, 1e-9))
             weight[points_camera[:, 2] < 1e-3] = 0.0
-            rows = self._jacobian(T, points, points_camera, ~np.isnan(seen[:, 2]))
+            rows = whiten @ self._jacobian(T, points, points_camera, ~np.isnan(seen[:, 2]))
             off = se3.log(se3.inverse(T) @ expected)
             hessian = information + np.einsum("nki,n,nkj->ij", rows, weight, rows)
             gradient = information @ off + np.einsum("nki,n,nk->i", rows, weight, weighed)
@@ -118,7 +119,17 @@ class PixelModel:
         points_camera: Array,
         has_right: BoolArray,
     ) -> Array:
-        """Derivatives (N, 3, 6) of weighed sightings to a right/local change of the pose."""
+        """Derivatives (N, 3, 6) of [left column, row, disparity] to a right/local change of the pose."""
+        pixel = self._pixel_jacobian(points_camera)
+        pixel[:, 2] *= has_right[:, None]
+        points_body = (points_world - T_world_body[:3, 3]) @ T_world_body[:3, :3]
+        body = np.empty((len(points_world), 3, 6))
+        body[:, :, :3] = so3.hat(points_body)
+        body[:, :, 3:] = -np.eye(3)
+        return np.asarray(pixel @ self._T_camera_body[:3, :3] @ body)
+
+    def _pixel_jacobian(self, points_camera: Array) -> Array:
+        """Derivatives (N, 3, 3) of [left column, row, disparity] to the point in the camera."""
         (fx, fy), baseline = self._rig.focal_px, self._rig.baseline_m
         x, y, z = points_camera[:, 0], points_camera[:, 1], np.maximum(points_camera[:, 2], 1e-3)
         pixel = np.zeros((len(z), 3, 3))
@@ -126,13 +137,42 @@ class PixelModel:
         pixel[:, 0, 2] = -fx * x / z**2
         pixel[:, 1, 1] = fy / z
         pixel[:, 1, 2] = -fy * y / z**2
-        pixel[:, 2, 2] = -fx * baseline / z**2 * has_right
-        pixel /= self._sigmas_px[:, None]
-        points_body = (points_world - T_world_body[:3, 3]) @ T_world_body[:3, :3]
-        body = np.empty((len(z), 3, 6))
-        body[:, :, :3] = so3.hat(points_body)
-        body[:, :, 3:] = -np.eye(3)
-        return np.asarray(pixel @ self._T_camera_body[:3, :3] @ body)
+        pixel[:, 2, 2] = -fx * baseline / z**2
+        return pixel
+
+    def point_information(self, T_world_body: Array, points_world: Array, disparity_sigmas_px: Array) -> Array:  # noqa: N803
+        """What sightings say of their points, poses taken as known, 1/m^2, world frame, (N, 3, 3).
+
+        Args:
+            T_world_body: the pose, or one for each point, (4, 4) or (N, 4, 4).
+            points_world: the points, m, (N, 3).
+            disparity_sigmas_px: of their disparities; infinite where there is none, px, (N,).
+        """
+        rotation = (T_world_body @ self._rig.T_body_camera)[..., :3, :3]
+        rows = self._pixel_jacobian(self._in_camera(T_world_body, points_world)) @ np.swapaxes(rotation, -1, -2)
+        rows[:, :2] /= self._noise.track_px
+        rows[:, 2] /= disparity_sigmas_px[:, None]
+        return np.asarray(np.swapaxes(rows, 1, 2) @ rows)
+
+    def _whitening(
+        self,
+        T_world_body: Array,  # noqa: N803
+        points_world: Array,
+        covariances: Array | None,
+        has_right: BoolArray,
+    ) -> Array:
+        """Matrices (N, 3, 3) that make [left column, row, disparity] residuals white, points being uncertain."""
+        noise = np.broadcast_to(np.diag(np.square(self._sigmas_px)), (len(points_world), 3, 3))
+        if covariances is not None:
+            rotation = (T_world_body @ self._rig.T_body_camera)[:3, :3]
+            rows = self._pixel_jacobian(self._in_camera(T_world_body, points_world)) @ rotation.T
+            rows[:, 2] *= has_right[:, None]  # what is not seen tells nothing of the rest
+            noise = noise + rows @ covariances @ np.swapaxes(rows, 1, 2)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(noise)))
+
+    def _misfit(self, T_world_body: Array, points_world: Array, sightings: Array, whiten: Array) -> Array:  # noqa: N803
+        off = _offsets(sightings - self.seen(T_world_body, points_world))
+        return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", whiten, off), axis=1))
 
     def _in_camera(self, T_world_body: Array, points_world: Array) -> Array:  # noqa: N803
         return se3.apply(self._T_camera_body @ se3.inverse(T_world_body), points_world)
@@ -142,3 +182,9 @@ class PixelModel:
         left_px, disparity = self._rig.pixels(np.where(ahead[:, None], points_camera, [0.0, 0.0, 1.0]))
         seen = np.column_stack((left_px, left_px[:, 0] - disparity))
         return np.where(ahead[:, None], seen, _FARTHEST_PX)
+
+
+def _offsets(residuals_px: Array) -> Array:
+    """Residuals (N, 3) = [left column, row, disparity], px; 0 for the disparity of a right column of NaN."""
+    left, row, right = residuals_px.T
+    return np.column_stack((left, row, np.nan_to_num(left - right, nan=0.0)))

@@ -220,14 +220,16 @@ class SlidingWindowSmoother:
 
     def _located(self, window: Window, tracks: StereoTracks, motion: Motion) -> tuple[BoolArray, Located | None]:
         """Which tracks do not fit the landmarks, (N,), and the frame's pose against those that do."""
-        is_known, points = window.landmarks.known(tracks)
+        is_known, points, covariances = window.landmarks.known(tracks)
         sightings = window.landmarks.sightings(tracks)[is_known]
         is_wrong = np.zeros(len(tracks), dtype=np.bool_)
         if not is_known.any():
             return is_wrong, None
-        located = self._pixels.locate(motion.T_world_body, motion.covariance, points, sightings)
+        located = self._pixels.locate(motion.T_world_body, motion.covariance, points, sightings, covariances)
         if 2 * np.count_nonzero(located.is_inlier) < len(points):
-            unsure = self._pixels.locate(motion.T_world_body, _UNSURE**2 * motion.covariance, points, sightings)
+            unsure = self._pixels.locate(
+                motion.T_world_body, _UNSURE**2 * motion.covariance, points, sightings, covariances
+            )
             if np.count_nonzero(unsure.is_inlier) > np.count_nonzero(located.is_inlier):
                 located = unsure
         is_wrong[is_known] = ~located.is_inlier

@@ -113,7 +113,9 @@ class Window:
         self._place()
 
     def _place(self) -> None:
-        self.landmarks.place({each.number: self.pose(each.number) for each in self.keyframes})
+        poses = {each.number: self.pose(each.number) for each in self.keyframes}
+        self.landmarks.place(poses)
+        self.landmarks.judge(poses, self._pixels)
 
     def solve(self) -> Solution:
         """Move everything to where it fits best, and remove the sightings that do not fit.
