@@ -141,13 +141,9 @@ class SlidingWindowSmoother:
         is_wrong, located = self._located(self._window, tracks, motion)
         self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry)
         seen_at = motion.T_world_body if located is None else located.T_world_body
-        self._steady.add(
-            tracks.stamp_ns,
-            seen_at,
-            self._last.T_world_body,
-            None if located is None else located.covariance,
-            is_keyframe=self._window.newest.stamp_ns == tracks.stamp_ns,
-        )
+        covariance = None if located is None else located.covariance
+        is_keyframe = self._window.newest.stamp_ns == tracks.stamp_ns
+        self._steady.add(tracks.stamp_ns, seen_at, self._last.T_world_body, covariance, is_keyframe=is_keyframe)
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
 
     def _frame(
@@ -170,7 +166,7 @@ class SlidingWindowSmoother:
         elif (
             tracks.stamp_ns - self._seen_ns > self.config.failure.longest_blind_s * _NS_PER_S and self._imu is not None
         ):
-            return self._lost(tracks, motion)
+            return self._lost(window, tracks, motion)
         if sees_nothing and not self._is_overdue(window, tracks):
             return self._unseen(tracks, motion)
         if located is None or is_keyframe(self.config.keyframe, window.newest.tracks, tracks, self._rig.focal_px[0]):
@@ -266,8 +262,8 @@ class SlidingWindowSmoother:
     def _widened(self, motion: Motion, located: Located | None) -> Array:
         """The last keyframe's covariance carried on, and the uncertainty of the motion since then, (9, 9)."""
         assert self._window is not None
-        T_now = motion.T_world_body if located is None else located.T_world_body
-        moved = se3.adjoint(se3.inverse(T_now) @ self._window.pose(self._window.newest.number))
+        T = motion.T_world_body if located is None else located.T_world_body
+        moved = se3.adjoint(se3.inverse(T) @ self._window.pose(self._window.newest.number))
         covariance = self._keyframe_covariance[:9, :9].copy()
         covariance[:6, :6] = moved @ covariance[:6, :6] @ moved.T
         covariance[:6, :6] += motion.covariance if located is None else located.covariance
@@ -321,7 +317,7 @@ class SlidingWindowSmoother:
             window.set_inertial(keyframe.number, motion.velocity_world, self._bias)
         solution = self._try_to_solve(window, tracks)
         if solution is None:
-            return self._restarted(tracks, motion)
+            return self._restarted(window, tracks, motion)
         if len(window.keyframes) > self.config.keyframes:
             self._drop_oldest(window, tracks.stamp_ns)
         if self._imu is not None:
@@ -364,19 +360,26 @@ class SlidingWindowSmoother:
         if speed > self.config.failure.fastest_mps:
             raise SmootherError(f"the solution moves at {speed:.0f} m/s, faster than {self.config.failure.fastest_mps}")
 
-    def _restarted(self, tracks: StereoTracks, motion: Motion) -> Frame:
+    def _restarted(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """A window anew from where the body is expected."""
         self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
-        return self._begin(tracks, motion.T_world_body, self._widened(motion, None), motion.velocity_world)
+        covariance = self._unseen_covariance(window, motion)
+        return self._begin(tracks, motion.T_world_body, covariance, motion.velocity_world)
 
-    def _lost(self, tracks: StereoTracks, motion: Motion) -> Frame:
+    def _lost(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """Blind for so long that what the IMU says of velocity is worth less than that bodies stop."""
         limit_s, self._seen_ns = self.config.failure.longest_blind_s, tracks.stamp_ns
         self._diary.tell(tracks.stamp_ns, "lost", f"blind for {limit_s} s: velocity is not integrated any further")
-        covariance = self._widened(motion, None)
+        covariance = self._unseen_covariance(window, motion)
         covariance[6:] = covariance[:, 6:] = 0.0
         covariance[6:, 6:] = np.eye(3) * self.config.failure.blind_speed_mps**2
         return self._begin(tracks, motion.T_world_body, covariance, np.zeros(3))
+
+    def _unseen_covariance(self, window: Window, motion: Motion) -> Array:
+        """Of pose in the world and velocity where the body is expected, (9, 9)."""
+        covariance = self._widened(motion, None)
+        covariance[:6, :6] += window.world_covariance(motion.T_world_body)
+        return covariance
 
     def _drop_oldest(self, window: Window, stamp_ns: int) -> None:
         try:
@@ -387,8 +390,7 @@ class SlidingWindowSmoother:
 
     def _answer(self) -> StateEstimate:
         assert self._last is not None
-        last = self._last
-        covariance = last.covariance.copy()
+        last, covariance = self._last, self._last.covariance.copy()
         if self._window is not None:
             covariance[:6, :6] += self._window.world_covariance(last.T_world_body)
         rate, bias = self._steady.twist[:3], np.zeros(6)
