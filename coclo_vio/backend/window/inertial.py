@@ -21,6 +21,8 @@ GRAVITY_MPS2 = 9.81
 _INTEGRATION_NOISE = 1e-4  # m/sqrt(s): what midpoints between samples miss
 _FEWEST_SAMPLES = 5
 _SPANNED = 0.8  # share of the window that the samples have to span
+_REST_FORCE_MPS2 = 2.0  # how far the force at rest may be from gravity: more than any bias
+_FASTEST_RADPS, _STRONGEST_MPS2 = 100.0, 1000.0  # beyond what any such sensor can read
 _REMEMBERED_NS = 1_000_000_000  # readings that are kept for a start in the past
 
 
@@ -37,6 +39,12 @@ class Quiet:
     angular_velocity: Array
     specific_force: Array
     span_s: float
+
+
+def is_possible(sample: InertialReading) -> bool:
+    """Whether an IMU can have read this: spikes of a broken link are no motion."""
+    rate, force = np.linalg.norm(sample.angular_velocity), np.linalg.norm(sample.specific_force)
+    return bool(rate < _FASTEST_RADPS and force < _STRONGEST_MPS2)
 
 
 class Preintegration:
@@ -73,9 +81,9 @@ class Preintegration:
         self.has_gap = False
 
     def push(self, sample: InertialReading) -> None:
-        """Take the next reading; one that is not newer than the last is left out."""
+        """Take the next reading; one that is not newer than the last, or not possible, is left out."""
         newest = self._waiting[-1] if self._waiting else self._last
-        if newest is None or sample.stamp_ns > newest.stamp_ns:
+        if is_possible(sample) and (newest is None or sample.stamp_ns > newest.stamp_ns):
             self._waiting.append(sample)
         if self.start_ns is None and len(self._waiting) > 1:  # nobody asks yet
             self._last = self._waiting.popleft()
@@ -111,6 +119,7 @@ class Preintegration:
             self._take(self._waiting.popleft())
         if self._last is not None and self._now_ns < stamp_ns:
             ahead = self._waiting[0] if self._waiting else self._last
+            self._note_silence(self._last, stamp_ns)
             begin, end = (_between(self._last, ahead, when_ns) for when_ns in (self._now_ns, stamp_ns))
             self._integrate(begin, end, stamp_ns)
         return self._last is not None and not self.has_gap and self._pim.deltaTij() > 0.0
@@ -119,6 +128,7 @@ class Preintegration:
         before, self._last = self._last or sample, sample
         self._remember(sample)
         if sample.stamp_ns > self._now_ns:
+            self._note_silence(before, sample.stamp_ns)
             begin = _between(before, sample, self._now_ns)
             self._integrate(begin, sample, sample.stamp_ns)
 
@@ -128,9 +138,12 @@ class Preintegration:
         while sample.stamp_ns - self._taken[0].stamp_ns > _REMEMBERED_NS:
             self._taken.popleft()
 
+    def _note_silence(self, before: InertialReading, stamp_ns: int) -> None:
+        silence_ns = stamp_ns - min(before.stamp_ns, self._now_ns)
+        self.has_gap = self.has_gap or silence_ns > self._config.max_gap_s * _NS_PER_S
+
     def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
         dt_s = (stamp_ns - self._now_ns) / _NS_PER_S
-        self.has_gap = self.has_gap or dt_s > self._config.max_gap_s
         rate = 0.5 * (begin.angular_velocity + end.angular_velocity)
         felt = 0.5 * (begin.specific_force + end.specific_force)
         speeding_up = (end.angular_velocity - (begin.angular_velocity if self._rate is None else self._rate)) / dt_s
@@ -160,7 +173,9 @@ class InertialWatch:
         self._readings: deque[tuple[int, Array]] = deque()
 
     def push(self, sample: InertialReading) -> None:
-        """Take a reading; those older than the window are forgotten."""
+        """Take a reading, if it is possible; those older than the window are forgotten."""
+        if not is_possible(sample):
+            return
         row = np.concatenate((sample.angular_velocity, sample.specific_force))
         self._readings.append((sample.stamp_ns, row))
         oldest_ns = sample.stamp_ns - round(self._config.window_s * _NS_PER_S)
@@ -185,5 +200,7 @@ class InertialWatch:
         is_quiet = (
             np.sqrt(scatter[:3].sum()) < self._config.gyroscope_std_radps
             and np.sqrt(scatter[3:].sum()) < self._config.accelerometer_std_mps2
+            and abs(np.linalg.norm(means.specific_force) - GRAVITY_MPS2)
+            < _REST_FORCE_MPS2  # a dead sensor is not at rest
         )
         return means if is_quiet else None

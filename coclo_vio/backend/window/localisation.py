@@ -12,6 +12,7 @@ from coclo_vio.geometry import se3, so3
 
 _MOST_ITERATIONS = 10
 _CONVERGED = 1e-7  # rad and m
+_DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
 _FARTHEST_PX = 1e6  # where a point behind the camera is said to be seen: too far off to be believed
 
 
@@ -168,6 +169,10 @@ class PixelModel:
             rows = self._pixel_jacobian(self._in_camera(T_world_body, points_world)) @ rotation.T
             rows[:, 2] *= has_right[:, None]  # what is not seen tells nothing of the rest
             noise = noise + rows @ covariances @ np.swapaxes(rows, 1, 2)
+            size = np.einsum(
+                "nii->n", noise
+            )  # of a point that all but touches the camera, beyond the digits of a float
+            noise = noise + _DIGITS * size[:, None, None] * np.eye(3)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(noise)))
 
     def _misfit(self, T_world_body: Array, points_world: Array, sightings: Array, whiten: Array) -> Array:  # noqa: N803

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Preintegration against motions known by hand and in closed form; the watch that says whether readings are quiet."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -317,3 +319,34 @@ def test_readings_before_the_memory_are_gone_and_that_is_a_gap() -> None:
     motion.restart(NS_PER_S, NO_BIAS)
     assert not motion.advance(3 * NS_PER_S)
     assert motion.has_gap
+
+
+def test_a_silence_that_frames_cut_into_pieces_is_a_gap_all_the_same() -> None:
+    """Frames every 0.1 s, each a keyframe, and 0.5 s without a reading: held readings must not stand in for it."""
+    motion = integrated([as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 21)], 100_000_000)
+    felt = []
+    for stamp_ns in range(200_000_000, 600_000_001, 100_000_000):
+        motion.restart(stamp_ns - 100_000_000, NO_BIAS)
+        felt.append(motion.advance(stamp_ns))
+    assert felt == [True, True, False, False, False]  # 0.2 s is allowed
+
+
+@pytest.mark.parametrize("what", ["angular_velocity", "specific_force"])
+def test_readings_that_no_sensor_can_give_are_left_out(what: str) -> None:
+    samples = [as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 201)]
+    spoilt = [replace(each, **{what: np.full(3, 1e200)}) if 50 < k < 60 else each for k, each in enumerate(samples)]
+    motion, watch = integrated(spoilt, NS_PER_S), InertialWatch(StandstillWindowConfig())
+    pose, velocity = predicted(motion)
+    np.testing.assert_allclose(pose, np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(velocity, 0.0, atol=1e-9)
+    for sample in spoilt[:70]:
+        watch.push(sample)
+    assert watch.quiet is not None
+
+
+def test_a_sensor_that_feels_no_gravity_is_not_at_rest() -> None:
+    watch = InertialWatch(StandstillWindowConfig())
+    for k in range(80):
+        watch.push(InertialReading(k * STEP_NS, np.zeros(3), np.zeros(3)))
+    assert watch.quiet is None
+    assert watch.means is not None

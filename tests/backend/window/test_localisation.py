@@ -164,3 +164,51 @@ def test_a_frame_of_a_world_is_placed_against_it() -> None:
     start = pose_at(WALK, 4_000_000_000) @ se3.exp(np.full(6, 0.03))
     located = MODEL.locate(start, WIDE, world.points[tracks.track_ids], sightings)
     assert np.abs(se3.log(se3.inverse(pose_at(WALK, 4_000_000_000)) @ located.T_world_body)).max() < 1e-6
+
+
+def test_points_that_are_known_exactly_are_those_without_a_covariance() -> None:
+    sightings = MODEL.seen(POSE, points_ahead()) + 0.3
+    given = MODEL.locate(POSE, WIDE, points_ahead(), sightings, np.zeros((40, 3, 3)))
+    without = MODEL.locate(POSE, WIDE, points_ahead(), sightings)
+    np.testing.assert_allclose(given.T_world_body, without.T_world_body, atol=1e-12)
+    np.testing.assert_allclose(given.covariance, without.covariance, rtol=1e-9)
+
+
+def test_what_the_uncertain_depth_of_a_point_explains_is_no_wrong_match() -> None:
+    """A point a metre nearer than believed is seen elsewhere from aside; along another direction it is still wrong."""
+    points = points_ahead()
+    rotation = (POSE @ RIG.T_body_camera)[:3, :3]
+    off = points.copy()
+    off[0] -= 1.0 * rotation[:, 2]
+    off[1] += 1.0 * rotation[:, 1]
+    sightings = MODEL.seen(POSE, points)
+    covariances = np.tile(rotation @ np.diag(np.square([0.01, 0.01, 1.0])) @ rotation.T, (40, 1, 1))
+    unsure = MODEL.locate(POSE, WIDE, off, sightings, covariances)
+    np.testing.assert_array_equal(unsure.is_inlier[:3], [True, False, True])
+    assert not MODEL.locate(POSE, WIDE, off, sightings).is_inlier[:2].any()
+    assert np.trace(unsure.covariance) > np.trace(MODEL.locate(POSE, WIDE, points, sightings).covariance)
+
+
+def test_an_uncertain_point_does_not_blame_the_column_that_was_not_seen() -> None:
+    sightings = MODEL.seen(POSE, points_ahead())
+    sightings[::2, 2] = np.nan
+    covariances = np.tile(0.04 * np.eye(3), (40, 1, 1))
+    start = POSE @ se3.exp(np.full(6, 0.02))
+    located = MODEL.locate(start, 1e6 * WIDE, points_ahead(), sightings, covariances)
+    assert located.is_inlier.all()
+    assert np.abs(se3.log(se3.inverse(POSE) @ located.T_world_body)).max() < 1e-6
+
+
+def test_the_information_of_a_sighting_is_that_of_its_derivatives() -> None:
+    points = points_ahead(5)
+    step = 1e-6
+    columns = [
+        MODEL.weighed(MODEL.seen(POSE, points + step * axis) - MODEL.seen(POSE, points - step * axis)) / (2.0 * step)
+        for axis in np.eye(3)
+    ]
+    rows = np.stack(columns, axis=2)
+    information = MODEL.point_information(POSE, points, np.full(5, NOISE.repeated_disparity_px))
+    np.testing.assert_allclose(information, np.swapaxes(rows, 1, 2) @ rows, rtol=1e-6)
+    rows[:, 2] = 0.0
+    alone = MODEL.point_information(POSE, points, np.full(5, np.inf))
+    np.testing.assert_allclose(alone, np.swapaxes(rows, 1, 2) @ rows, rtol=1e-6, atol=1e-6)
