@@ -46,12 +46,12 @@ class SteadyMotion:
         self._path: deque[tuple[int, Array]] = deque()  # as it was seen step by step, free of corrections
         self._keyframe_twist: Array | None = None  # None: unknown
         self._last = np.eye(4)
-        self._seen_ns = 0
+        self._seen_ns, self._seen_twist = 0, np.zeros(6)
 
     def restart(self, stamp_ns: int, T_world_body: Array) -> None:  # noqa: N803 -- a transform is T
         """Know one pose and nothing of its velocity."""
         self._path = deque([(stamp_ns, np.eye(4))])
-        self._last, self._seen_ns = T_world_body, stamp_ns
+        self._last, self._seen_ns, self._seen_twist = T_world_body, stamp_ns, np.zeros(6)
         self._beat = self._keyframe_twist = None
 
     def add(
@@ -72,12 +72,13 @@ class SteadyMotion:
             covariance: of the pose as it was seen, (6, 6); None: not seen, it only carries the last twist on.
             is_keyframe: whether ``since_keyframe`` starts from it.
         """
-        self._seen_ns = self._seen_ns if covariance is None else stamp_ns
         self._path.append((stamp_ns, self._path[-1][1] @ se3.inverse(self._last) @ T_seen))
         self._last = T_world_body
         self._learn(stamp_ns, covariance)
         while len(self._path) > 2 and stamp_ns - self._path[1][0] >= _LEAST_SPAN_NS:
             self._path.popleft()
+        if covariance is not None:
+            self._seen_ns, self._seen_twist = stamp_ns, self.twist
         if is_keyframe:
             self._keyframe_twist = self.twist
 
@@ -114,12 +115,12 @@ class SteadyMotion:
         blind_s = (stamp_ns - self._seen_ns) / _NS_PER_S
         fading = float(np.exp(-max(0.0, blind_s - dt_s) / self._config.memory_s))
         kept = self._habit.kept(max(dt_s, blind_s)) * fading
-        step = self.twist * dt_s * kept
-        T = last @ se3.exp(step)
+        twist = self._seen_twist * kept
+        T = last @ se3.exp(twist * dt_s)
         covariance = self.covariance(dt_s, max(dt_s, blind_s))
         if len(self._path) < 2:
             covariance = self._unknown(dt_s)
-        return Motion(T, last[:3, :3] @ (self.twist * kept)[3:], covariance, np.zeros((3, 3)), is_measured=False)
+        return Motion(T, last[:3, :3] @ twist[3:], covariance, np.zeros((3, 3)), is_measured=False)
 
     def since_keyframe(self, dt_s: float) -> tuple[Array, Array]:
         """The motion (4, 4) over ``dt_s`` from the last keyframe on, and its covariance (6, 6).
