@@ -8,6 +8,7 @@ from worlds import RIG
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
+from coclo_vio.backend.window.localisation import PixelModel
 from coclo_vio.geometry import se3
 from coclo_vio.measurements import StereoTracks
 
@@ -175,17 +176,19 @@ def test_known_are_those_that_have_a_place() -> None:
     observed(landmarks, 0, seen(points, LEFT))
     landmarks.place({0: LEFT})
     both = seen(np.concatenate((points, ahead((1.0, 0.3, 4.0)))), RIGHT)
-    is_known, where = landmarks.known(both)
+    is_known, where, covariances = landmarks.known(both)
     np.testing.assert_array_equal(is_known, [True, False, False])
     np.testing.assert_allclose(where, points[:1], atol=1e-9)
+    assert covariances.shape == (1, 3, 3)
 
 
 def test_nothing_is_known_of_nothing() -> None:
     landmarks = LandmarkMap(RIG, CONFIG)
     nothing = StereoTracks(0, np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2)))
     observed(landmarks, 0, nothing)
-    is_known, where = landmarks.known(nothing)
-    assert len(is_known) == len(where) == len(landmarks) == 0
+    is_known, where, covariances = landmarks.known(nothing)
+    assert len(is_known) == len(where) == len(covariances) == len(landmarks) == 0
+    landmarks.judge({}, PixelModel(RIG, CONFIG.noise))
 
 
 def test_a_keyframe_that_is_forgotten_takes_its_sightings_and_the_points_that_only_it_saw() -> None:
@@ -208,3 +211,40 @@ def test_a_landmark_whose_disparity_left_the_window_is_placed_by_parallax() -> N
     observed(landmarks, 2, seen(points, nearer, has_right=False))
     landmarks.place({1: RIGHT, 2: nearer})
     np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-9)
+
+
+def judged(landmarks: LandmarkMap, points: Array, poses: list[Array], has_right: bool = True) -> Array:
+    """The covariance of the first point in the axes of the camera of a body at the origin, (3, 3)."""
+    known = dict(enumerate(poses))
+    for number, pose in known.items():
+        observed(landmarks, number, seen(points, pose, has_right=has_right))
+        landmarks.place(known)
+    landmarks.judge(known, PixelModel(RIG, CONFIG.noise))
+    covariance, rotation = landmarks[0].covariance, RIG.T_body_camera[:3, :3]
+    assert covariance is not None
+    return np.asarray(rotation.T @ covariance @ rotation)
+
+
+def test_one_pair_knows_a_point_as_well_as_track_and_disparity_say() -> None:
+    """Straight ahead at 4 m: z / f track_px across, z^2 / (f baseline) disparity_px along."""
+    noise = CONFIG.noise
+    covariance = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT])
+    sigmas = [4.0 / 400.0 * noise.track_px, 4.0 / 410.0 * noise.track_px, 16.0 / 40.0 * noise.disparity_px]
+    np.testing.assert_allclose(covariance, np.diag(np.square(sigmas)), rtol=1e-4, atol=1e-9)
+
+
+def test_a_second_look_from_elsewhere_knows_it_better_but_its_disparity_counts_once() -> None:
+    """Seen from the same place twice, the track counts twice and the disparity once."""
+    once = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT])
+    twice = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT, LEFT])
+    aside = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT, RIGHT])
+    np.testing.assert_allclose(np.diag(twice), np.diag(once) * [0.5, 0.5, 1.0], rtol=1e-4)
+    assert aside[2, 2] < 0.1 * once[2, 2]
+
+
+def test_a_point_placed_by_parallax_alone_is_known_by_parallax_alone() -> None:
+    point = ahead((0.0, 0.0, 4.0))
+    alone = judged(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT], has_right=False)
+    both = judged(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT])
+    assert np.linalg.eigvalsh(alone).min() > 0.0
+    assert alone[2, 2] > both[2, 2]

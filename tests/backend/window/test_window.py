@@ -87,18 +87,57 @@ def test_the_default_configuration_gets_there_as_well_from_an_ordinary_start() -
     assert worst_pose(window) < 1e-8
 
 
+def batch(seen: list[StereoTracks]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """All sightings of all frames and the place of the first one, solved at once."""
+    make = factors.SightingFactors(RIG, PLAIN).make
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.push_back(factors.pose_prior(0, pose_at(WALK, seen[0].stamp_ns), HELD).factor)
+    times = np.unique(np.concatenate([tracks.track_ids for tracks in seen]), return_counts=True)
+    often = {int(track) for track, count in zip(*times, strict=True) if count > 1}
+    for number, tracks in enumerate(seen):
+        pose = pose_at(WALK, tracks.stamp_ns)
+        values.insert(factors.pose_key(number), gtsam.Pose3(pose))
+        points = RIG.points(tracks.left_px, tracks.left_px[:, 0] - tracks.right_px[:, 0])
+        for row, track in enumerate(tracks.track_ids.tolist()):
+            if track in often:
+                sighting = np.array([*tracks.left_px[row], tracks.right_px[row, 0]])
+                graph.push_back(make(number, track, sighting, is_first=False).factor)
+                if not values.exists(factors.landmark_key(track)):
+                    point = se3.apply(pose @ RIG.T_body_camera, points[row])
+                    values.insert(factors.landmark_key(track), point)
+    for _ in range(3):
+        values = values.retract(graph.linearize(values).optimize())
+    return graph, values
+
+
+def between(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, first: int, last: int) -> tuple[Array, Array]:
+    """The motion (4, 4) from one pose to another, and the covariance (6, 6) of its right/local error."""
+    keys = [factors.pose_key(first), factors.pose_key(last)]
+    start, end = (np.asarray(values.atPose3(key).matrix()) for key in keys)
+    joint = gtsam.Marginals(graph, values).jointMarginalCovariance(gtsam.KeyVector(keys))
+    J = np.hstack((-se3.adjoint(se3.inverse(end) @ start), np.eye(6)))
+    blocks = np.block([[joint.at(row, column) for column in keys] for row in keys])
+    return se3.inverse(start) @ end, J @ blocks @ J.T
+
+
+@pytest.mark.xfail(reason="the prior is conditioned on the held keyframe, not relative to it", strict=True)
 @pytest.mark.parametrize("longest", [4, 6])
 def test_a_window_that_slides_knows_what_the_batch_knows(longest: int) -> None:
-    """Noise of 1e-5 px makes a linear problem of it: estimate and covariance agree far below what noise does."""
+    """Of the newest keyframe seen from the oldest one, which is held.
+
+    Noise of 1e-5 px makes a linear problem of it: the two differ far less than noise moves them.
+    """
     seen = never_again(frames(WALK, STAMPS, WORLD, noise_px=1e-5))
-    batch, whole = filled(EXACT, seen)
     window, slid = filled(EXACT, seen, longest)
-    newest = len(seen) - 1
-    apart = se3.log(se3.inverse(batch.pose(newest)) @ window.pose(newest))
-    off = se3.log(se3.inverse(pose_at(WALK, seen[-1].stamp_ns)) @ batch.pose(newest))
+    oldest, newest = window.keyframes[0].number, len(seen) - 1
+    assert oldest == newest - longest + 1
+    held = se3.inverse(window.pose(oldest)) @ window.pose(newest)
+    whole, covariance = between(*batch(seen), oldest, newest)
+    truth = se3.inverse(pose_at(WALK, seen[oldest].stamp_ns)) @ pose_at(WALK, seen[newest].stamp_ns)
+    apart, off = (se3.log(se3.inverse(each) @ whole) for each in (held, truth))
     assert np.abs(apart).max() < 1e-9
     assert np.abs(apart).max() < 1e-2 * np.abs(off).max()
-    np.testing.assert_allclose(slid.covariance, whole.covariance, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(slid.covariance, covariance, rtol=1e-4, atol=1e-9)
 
 
 def test_landmarks_that_forget_their_past_give_away_information() -> None:
