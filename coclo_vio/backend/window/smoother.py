@@ -35,6 +35,7 @@ _NS_PER_S = 1_000_000_000
 _UNSURE = 10.0  # how many times its sigma an expectation may be off that most sightings contradict
 _REST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
 _HELD_SOLVE_NS = 500_000_000  # how often a standstill teaches the biases
+_REST_TIE_NS = 500_000_000  # of a standstill are part of the motion that follows: they tell tilt and bias together
 _NO_KNOWLEDGE = 1e3  # m/s^2, of an accelerometer's bias by a standstill alone
 
 
@@ -198,7 +199,7 @@ class SlidingWindowSmoother:
         """A window of one keyframe, with the covariance (9, 9) of its pose and velocity."""
         number = 0 if self._window is None else self._window.newest.number + 1
         self._window = Window(self._rig, self.config)
-        keyframe = Keyframe(number, tracks.stamp_ns, tracks, [factors.pose_prior(number, T, covariance[:6, :6])])
+        keyframe = Keyframe(number, tracks.stamp_ns, tracks)
         self._window.add(keyframe, T, np.zeros(len(tracks), dtype=np.bool_))
         if self._imu is not None:
             sigmas, bias = np.sqrt(np.diag(self._keyframe_covariance)[9:]), self._bias.vector()
@@ -206,6 +207,7 @@ class SlidingWindowSmoother:
             keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
             self._window.set_inertial(number, velocity, self._bias)
             self._imu.restart(tracks.stamp_ns, self._bias)
+        self._window.hold_first(covariance[:6, :6])
         self._steady.restart(tracks.stamp_ns, T)
         self._keyframe_covariance[:9, :] = self._keyframe_covariance[:, :9] = 0.0
         self._keyframe_covariance[:9, :9] = covariance
@@ -285,7 +287,8 @@ class SlidingWindowSmoother:
             ]
             window.newest.rest_terms = rest
             self._try_to_solve(window, tracks)
-        self._imu.restart(stamp_ns, self._bias)
+        if self._imu.start_ns is None or stamp_ns - self._imu.start_ns > 2 * _REST_TIE_NS:
+            self._imu.restart(stamp_ns - _REST_TIE_NS, self._bias)
         covariance = self._keyframe_covariance[:9, :9]
         return Frame(stamp_ns, window.pose(number), window.velocity(number), covariance)
 

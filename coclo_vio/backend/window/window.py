@@ -66,9 +66,9 @@ class Solution:
 class Window:
     """Keyframes and landmarks with their estimates.
 
-    Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes. Once a
-    keyframe has left, the oldest one is held where it is, but for its tilt where gravity is felt: solving changes what
-    is known relative to it, and no estimate that has gone out before is moved as a whole.
+    Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes. The
+    oldest one is held where it is, but for its tilt where gravity is felt: solving changes what is known relative to
+    it, and no estimate that has gone out before is moved as a whole.
     """
 
     def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
@@ -80,6 +80,7 @@ class Window:
         self.keyframes: list[Keyframe] = []
         self.values = gtsam.Values()
         self.prior: list[Term] = []
+        self._pin: Term | None = None  # holds the oldest keyframe; no knowledge, so it leaves with that keyframe
         self._held_covariance = np.zeros((6, 6))  # of where the oldest keyframe is held, right/local
         self._next_covariance = np.zeros((6, 6))  # of the one after it, relative to that
 
@@ -167,6 +168,8 @@ class Window:
 
     def _terms(self) -> Iterator[Term]:
         yield from self.prior
+        if self._pin is not None:
+            yield self._pin
         for keyframe in self.keyframes:
             yield from keyframe.terms
             yield from keyframe.rest_terms
@@ -245,21 +248,36 @@ class Window:
         for landmark_id in [*lost, *kept]:
             values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
         prior = untouched + marginal_prior(touched, leaving, values)
-        self.prior = prior + self._held(self.keyframes[1].number, prior, values)
+        following = self.keyframes[1].number
+        key, free = factors.pose_key(following), self._unmeasured(following)
+        self.prior = prior + relative_to(prior, key, free, values)
+        self._hold(following, self.world_covariance(self.pose(following)) + self._next_covariance)
         self._forget(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
         for landmark_id, landmark in self.landmarks.items():
             landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
 
-    def _held(self, number: int, prior: Sequence[Term], values: gtsam.Values) -> list[Term]:
-        """What makes the prior one relative to keyframe ``number``, and holds that where it is."""
+    def hold_first(self, covariance: Array) -> None:
+        """Hold the only keyframe where it is; of the covariance (6, 6) of its pose tilt is found, the rest reported."""
+        number = self.keyframes[0].number
+        self._hold(number, covariance)
+        self.prior += self._tilt_prior(number, covariance)
+
+    def _hold(self, number: int, covariance: Array) -> None:
         free = self._unmeasured(number)
-        terms = relative_to(prior, factors.pose_key(number), free, values)
         across = free @ free.T
-        covariance = self.world_covariance(self.pose(number)) + self._next_covariance
         self._held_covariance = across @ covariance @ across
-        noise = _HELD**2 * across + _NOT_HELD**2 * (np.eye(6) - across)
-        return [*terms, factors.pose_prior(number, self.pose(number), noise)]
+        noise = _HELD**2 * across + _NOT_HELD**2 * (np.eye(_POSE) - across)
+        self._pin = factors.pose_prior(number, self.pose(number), noise)
+
+    def _tilt_prior(self, number: int, covariance: Array) -> list[Term]:
+        """What is known of a keyframe's tilt, where gravity is felt."""
+        free = self._unmeasured(number)
+        if free.shape[1] == _POSE:
+            return []
+        across = free @ free.T
+        tilt = np.eye(_POSE) - across
+        return [factors.pose_prior(number, self.pose(number), tilt @ covariance @ tilt + _NOT_HELD**2 * across)]
 
     def _unmeasured(self, number: int) -> Array:
         """The directions, columns of a pose's tangent space, in which nothing says where the world is, (6, 6 or 4)."""
@@ -324,12 +342,12 @@ class Window:
     def discard_oldest(self, covariance: Array) -> None:
         """Let the oldest keyframe go without its information; the next one gets a prior of ``covariance`` (15, 15)."""
         oldest = self.keyframes[0]
-        self.prior = []
-        self._held_covariance = self.world_covariance(self.pose(self.keyframes[1].number))
+        held = self.world_covariance(self.pose(self.keyframes[1].number))
         lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
         self._forget(oldest, lost)
         number = self.keyframes[0].number
-        self.prior.append(factors.pose_prior(number, self.pose(number), covariance[:6, :6]))
+        self._hold(number, held + covariance[:6, :6])
+        self.prior = self._tilt_prior(number, covariance[:6, :6])
         if self.values.exists(factors.velocity_key(number)):
             sigma = float(np.sqrt(np.trace(covariance[6:9, 6:9])))
             self.prior.append(factors.velocity_prior(number, self.velocity(number), sigma))
