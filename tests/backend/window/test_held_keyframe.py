@@ -105,7 +105,7 @@ def _smoother() -> SlidingWindowSmoother:
     return SlidingWindowSmoother(rig, config, uses_imu=False)
 
 
-def test_the_oldest_keyframe_is_held_and_nothing_else_says_where_it_is() -> None:
+def test_the_prior_does_not_say_where_the_oldest_keyframe_is() -> None:
     smoother = _smoother()
     for frame in _drive(40, np.random.default_rng(1)):
         smoother.push_tracks(frame)
@@ -122,7 +122,7 @@ def test_the_oldest_keyframe_is_held_and_nothing_else_says_where_it_is() -> None
     information, _ = _linear(window.prior, values).hessian(keys)
     cross = information[-6:, :-6]
     alone = information[-6:, -6:] - cross @ np.linalg.pinv(information[:-6, :-6], hermitian=True) @ cross.T
-    np.testing.assert_allclose(alone, 1e8 * np.eye(6), atol=1e6)
+    np.testing.assert_allclose(alone, np.zeros((6, 6)), atol=1.0)  # 1 rad and 1 m at the least
 
 
 def test_the_reported_uncertainty_grows_along_the_way() -> None:
