@@ -11,6 +11,7 @@ from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.calibration import RectifiedStereo
 
+_UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, of which a standstill says nothing by itself
 _LANDMARK = gtsam.symbol("l", 0)
 _POSE, _VELOCITY, _BIAS = gtsam.symbol("x", 0), gtsam.symbol("v", 0), gtsam.symbol("b", 0)
 
@@ -109,6 +110,12 @@ def bias_prior(number: int, accelerometer: Array, gyroscope: Array, sigmas: Arra
     key = bias_key(number)
     mean = gtsam.imuBias.ConstantBias(accelerometer, gyroscope)
     return Term(gtsam.PriorFactorConstantBias(key, mean, gtsam.noiseModel.Diagonal.Sigmas(sigmas)), (key,))
+
+
+def rest(number: int, speed_mps: float, rate: Array, sigma_radps: float) -> tuple[Term, Term]:
+    """A keyframe that stands still: what is left of its velocity, m/s, and its gyroscope's bias, rad/s, (3,)."""
+    sigmas = np.repeat([_UNKNOWN_MPS2, sigma_radps], 3)
+    return velocity_prior(number, np.zeros(3), speed_mps), bias_prior(number, np.zeros(3), rate, sigmas)
 
 
 def inertial(start: int, end: int, measured: Any) -> Term:

@@ -36,7 +36,6 @@ _UNSURE = 10.0  # how many times its sigma an expectation may be off that most s
 _REST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
 _HELD_SOLVE_NS = 500_000_000  # how often a standstill teaches the biases
 _REST_TIE_NS = 500_000_000  # of a standstill are part of the motion that follows: they tell tilt and bias together
-_NO_KNOWLEDGE = 1e3  # m/s^2, of an accelerometer's bias by a standstill alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +84,7 @@ class SlidingWindowSmoother:
         self._keyframe_covariance = np.eye(15)  # of [pose, velocity, accelerometer bias, gyroscope bias]
         self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
         self._silent_until_ns = 0
+        self._longest_blind_s = self.config.failure.longest_blind_s
         self._seen_ns = 0  # last time that the eyes saw anything
         self._held_ns: int | None = None  # last time that a standstill was solved for
         self._diary = Diary()
@@ -164,9 +164,7 @@ class SlidingWindowSmoother:
         sees_nothing = located is None and not self._sees_enough(tracks)
         if not sees_nothing:
             self._seen_ns = tracks.stamp_ns
-        elif (
-            tracks.stamp_ns - self._seen_ns > self.config.failure.longest_blind_s * _NS_PER_S and self._imu is not None
-        ):
+        elif self._imu is not None and (tracks.stamp_ns - self._seen_ns) / _NS_PER_S > self._longest_blind_s:
             return self._lost(window, tracks, motion)
         if sees_nothing and not self._is_overdue(window, tracks):
             return self._unseen(tracks, motion)
@@ -196,7 +194,7 @@ class SlidingWindowSmoother:
         covariance: Array,
         velocity: Array,
     ) -> Frame:
-        """A window of one keyframe, with the covariance (9, 9) of its pose and velocity."""
+        """A window of one keyframe, with the covariance (9, 9) of its pose in the world and its velocity."""
         number = 0 if self._window is None else self._window.newest.number + 1
         self._window = Window(self._rig, self.config)
         keyframe = Keyframe(number, tracks.stamp_ns, tracks)
@@ -207,7 +205,8 @@ class SlidingWindowSmoother:
             keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
             self._window.set_inertial(number, velocity, self._bias)
             self._imu.restart(tracks.stamp_ns, self._bias)
-        self._window.hold_first(covariance[:6, :6])
+        covariance = covariance.copy()
+        covariance[:6, :6] = self._window.hold_first(covariance[:6, :6])
         self._steady.restart(tracks.stamp_ns, T)
         self._keyframe_covariance[:9, :] = self._keyframe_covariance[:, :9] = 0.0
         self._keyframe_covariance[:9, :9] = covariance
@@ -280,12 +279,9 @@ class SlidingWindowSmoother:
         self._diary.count("standstill_frames")
         if self._held_ns is None or stamp_ns - self._held_ns >= _HELD_SOLVE_NS:
             self._held_ns = stamp_ns
-            sigmas = np.repeat([_NO_KNOWLEDGE, max(_REST_RATE_RADPS, self._gyroscope_noise(quiet.span_s))], 3)
-            rest = [
-                factors.velocity_prior(number, np.zeros(3), self.config.standstill.velocity_mps),
-                factors.bias_prior(number, np.zeros(3), quiet.angular_velocity, sigmas),
-            ]
-            window.newest.rest_terms = rest
+            sigma = max(_REST_RATE_RADPS, self._gyroscope_noise(quiet.span_s))
+            speed = self.config.standstill.velocity_mps
+            window.newest.rest_terms = [*factors.rest(number, speed, quiet.angular_velocity, sigma)]
             self._try_to_solve(window, tracks)
         if self._imu.start_ns is None or stamp_ns - self._imu.start_ns > 2 * _REST_TIE_NS:
             self._imu.restart(stamp_ns - _REST_TIE_NS, self._bias)
@@ -340,9 +336,12 @@ class SlidingWindowSmoother:
         """Solve and take over biases and covariance; None where it failed or ran away."""
         try:
             solution = window.solve()
-            self._check_speed(window)
         except SmootherError as error:
             self._diary.tell(tracks.stamp_ns, "solver_failed", str(error))
+            return None
+        if window.last_speed_mps > self.config.failure.fastest_mps:
+            what = f"the solution moves at {window.last_speed_mps:.0f} m/s, over {self.config.failure.fastest_mps}"
+            self._diary.tell(tracks.stamp_ns, "solver_failed", what)
             return None
         self._keyframe_covariance = np.zeros((15, 15))
         size = len(solution.covariance)
@@ -353,16 +352,6 @@ class SlidingWindowSmoother:
             self._keyframe_covariance[6:9, 6:9] = np.eye(3) * self.config.motion.acceleration_mps2**2 * 0.01
         return solution
 
-    def _check_speed(self, window: Window) -> None:
-        if len(window.keyframes) < 2:
-            return
-        before, newest = window.keyframes[-2], window.newest
-        dt_s = (newest.stamp_ns - before.stamp_ns) / _NS_PER_S
-        way = window.pose(newest.number)[:3, 3] - window.pose(before.number)[:3, 3]
-        speed = float(np.linalg.norm(way)) / dt_s
-        if speed > self.config.failure.fastest_mps:
-            raise SmootherError(f"the solution moves at {speed:.0f} m/s, faster than {self.config.failure.fastest_mps}")
-
     def _restarted(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """A window anew from where the body is expected."""
         self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
@@ -371,8 +360,9 @@ class SlidingWindowSmoother:
 
     def _lost(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """Blind for so long that what the IMU says of velocity is worth less than that bodies stop."""
-        limit_s, self._seen_ns = self.config.failure.longest_blind_s, tracks.stamp_ns
-        self._diary.tell(tracks.stamp_ns, "lost", f"blind for {limit_s} s: velocity is not integrated any further")
+        self._seen_ns = tracks.stamp_ns
+        what = f"blind for {self._longest_blind_s} s: velocity is not integrated any further"
+        self._diary.tell(tracks.stamp_ns, "lost", what)
         covariance = self._unseen_covariance(window, motion)
         covariance[6:] = covariance[:, 6:] = 0.0
         covariance[6:, 6:] = np.eye(3) * self.config.failure.blind_speed_mps**2

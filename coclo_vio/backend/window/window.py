@@ -20,6 +20,7 @@ from coclo_vio.geometry import se3
 from coclo_vio.measurements import StereoTracks
 
 _POSE = 6  # dimensions
+_NS_PER_S = 1_000_000_000
 _HELD = 1e-4  # rad and m, one sigma: where the oldest keyframe is held
 _NOT_HELD = 100.0  # rad, one sigma of its tilt where gravity tells it
 
@@ -88,6 +89,15 @@ class Window:
     def newest(self) -> Keyframe:
         """The last keyframe."""
         return self.keyframes[-1]
+
+    @property
+    def last_speed_mps(self) -> float:
+        """How fast the body moved between the two newest keyframes."""
+        if len(self.keyframes) < 2:
+            return 0.0
+        before, newest = self.keyframes[-2], self.newest
+        way = self.pose(newest.number)[:3, 3] - self.pose(before.number)[:3, 3]
+        return float(np.linalg.norm(way)) * _NS_PER_S / (newest.stamp_ns - before.stamp_ns)
 
     def pose(self, number: int) -> Array:
         """``T_world_body`` of a keyframe, (4, 4)."""
@@ -257,11 +267,19 @@ class Window:
         for landmark_id, landmark in self.landmarks.items():
             landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
 
-    def hold_first(self, covariance: Array) -> None:
-        """Hold the only keyframe where it is; of the covariance (6, 6) of its pose tilt is found, the rest reported."""
+    def hold_first(self, covariance: Array) -> Array:
+        """Hold the only keyframe where it is, but for its tilt where gravity is felt.
+
+        Args:
+            covariance: of its pose, (6, 6); what is held of it goes to ``world_covariance``.
+
+        Returns:
+            The covariance of what is not held, (6, 6).
+        """
         number = self.keyframes[0].number
         self._hold(number, covariance)
         self.prior += self._tilt_prior(number, covariance)
+        return np.asarray(covariance - self._held_covariance)
 
     def _hold(self, number: int, covariance: Array) -> None:
         free = self._unmeasured(number)
