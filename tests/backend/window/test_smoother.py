@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The whole smoother on motions known in closed form: exact data, rest, starts, odometry, what it tells and keeps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from worlds import (
+    CHEAP_IMU,
+    FRAME_NS,
+    IMU,
+    NS_PER_S,
+    RIG,
+    WALK,
+    frames,
+    in_order,
+    play,
+    pose_at,
+    pose_errors,
+    readings,
+    scattered,
+    stamps_ns,
+    velocity_at,
+    worst,
+)
+
+from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
+from coclo_vio.backend.window.smoother import SlidingWindowSmoother
+from coclo_vio.estimates import OdometryDelta, SelfReporting
+from coclo_vio.geometry import se3, so3
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+
+IMU_NS = 5_000_000
+SHARP = SmootherConfig(  # sharper than the belief that motion goes on, which no exact motion quite follows
+    noise=PixelNoiseConfig(track_px=0.02, disparity_px=0.02, repeated_disparity_px=0.02), tolerance=0.0, iterations=6
+)
+STANDING = BodyMotionConfig(walk_s=0.0)
+STEADY_IMU = replace(CHEAP_IMU, gyroscope_noise_density=2e-4)
+WORLD = scattered(count=1000)
+
+
+def stereo(config: SmootherConfig | None = None) -> SlidingWindowSmoother:
+    return SlidingWindowSmoother(RIG, config, IMU, uses_imu=False)
+
+
+def vins(config: SmootherConfig | None = None) -> SlidingWindowSmoother:
+    return SlidingWindowSmoother(RIG, config, IMU, uses_imu=True)
+
+
+def test_it_reports_of_itself() -> None:
+    assert isinstance(stereo(), SelfReporting)
+    assert stereo().latest_pose is None
+    assert stereo().keyframe_ns is None
+    assert stereo().predicted_pose(0) is None
+
+
+def test_exact_tracks_are_followed() -> None:
+    """4 m along an arc with sway: what is left is the pull of the belief in steady motion."""
+    smoother = stereo(SHARP)
+    answers = play(smoother, frames(WALK, stamps_ns(0.0, 10.0, FRAME_NS), WORLD))
+    assert None not in answers.values()
+    rotation, position = worst(pose_errors(answers, WALK))
+    assert rotation < 1e-7
+    assert position < 1e-6
+    assert smoother.take_events() == ()
+
+
+def test_exact_tracks_and_readings_are_followed_from_rest() -> None:
+    """To what straight lines between readings allow. Onset is noticed two frames late, and then nothing is lost."""
+    smoother = vins()
+    tracks = frames(WALK, stamps_ns(0.0, 8.0, FRAME_NS), WORLD)
+    answers = play(smoother, in_order(tracks, readings(WALK, stamps_ns(-0.5, 8.0, IMU_NS))))
+    assert None not in answers.values()
+    errors = pose_errors(answers, WALK)
+    onset = {stamp: error for stamp, error in errors.items() if stamp < 1_300_000_000}
+    moving = {stamp: error for stamp, error in errors.items() if stamp >= 1_300_000_000}
+    assert max(worst(onset)) < 5e-3
+    assert max(worst(moving)) < 2e-4
+    velocity = [answers[stamp].nav.velocity_world - velocity_at(WALK, stamp) for stamp in moving]
+    assert np.abs(velocity).max() < 1e-3
+    last = answers[max(answers)].nav
+    np.testing.assert_allclose(last.gyroscope_bias, 0.0, atol=1e-4)
+    assert smoother.counts["standstill_frames"] > 5
+
+
+def test_the_world_starts_at_the_first_frame_with_its_heading_and_level() -> None:
+    """A body that rolls and pitches while it stands: the accelerometer tells both, through the IMU's mounting."""
+    tilted = so3.exp(np.array([0.0, 0.2, 0.0])) @ so3.exp(np.array([0.1, 0.0, 0.0]))
+    up = IMU.T_body_imu[:3, :3].T @ tilted.T @ np.array([0.0, 0.0, 9.81])
+    at_rest = readings(STANDING, stamps_ns(-0.5, 0.05, IMU_NS))
+    tracks = frames(STANDING, [0], WORLD)
+    for smoother in (vins(), stereo()):
+        for each in at_rest:
+            smoother.push_imu(type(each)(each.stamp_ns, each.angular_velocity, up))
+        answer = smoother.push_tracks(tracks[0])
+        assert answer is not None
+        np.testing.assert_allclose(answer.nav.T_world_body, se3.transform(tilted, np.zeros(3)), atol=1e-9)
+        assert answer.stamp_ns == smoother.keyframe_ns == 0
+
+
+def test_without_an_accelerometer_the_first_frame_is_the_world() -> None:
+    answer = stereo().push_tracks(frames(WALK, [4 * NS_PER_S], WORLD)[0])
+    assert answer is not None
+    np.testing.assert_array_equal(answer.nav.T_world_body, np.eye(4))
+
+
+def test_a_start_on_the_move_finds_gravity_before_it_answers() -> None:
+    smoother = vins()
+    tracks = frames(WALK, stamps_ns(3.0, 8.0, FRAME_NS), WORLD)
+    answers = play(smoother, in_order(tracks, readings(WALK, stamps_ns(2.5, 8.0, IMU_NS))))
+    silent = [stamp for stamp, answer in answers.items() if answer is None]
+    start = smoother.config.start
+    waited_s = (max(silent) - min(silent) + FRAME_NS) / NS_PER_S
+    assert waited_s == pytest.approx(start.rest_timeout_s + start.alignment_s)
+    for stamp, answer in answers.items():
+        if answer is not None:
+            up, truth = answer.nav.T_world_body[2, :3], pose_at(WALK, stamp)[2, :3]
+            assert np.rad2deg(np.arccos(np.clip(up @ truth, -1.0, 1.0))) < 1.0
+    assert max(worst(pose_errors(answers, WALK))) < 0.02
+    assert [event.kind for event in smoother.take_events()] == ["moving_start"]
+
+
+def test_a_robot_at_rest_stays_there_and_learns_what_its_gyroscope_reads() -> None:
+    smoother = vins()
+    tracks = frames(STANDING, stamps_ns(0.0, 60.0, 2 * FRAME_NS), WORLD, noise_px=0.3)
+    answers = play(smoother, in_order(tracks, readings(STANDING, stamps_ns(-0.5, 60.0, 2 * IMU_NS), errors=STEADY_IMU)))
+    rotation, position = worst(pose_errors(answers, STANDING))
+    assert rotation < 1e-3
+    assert position < 1e-3
+    last = answers[max(answers)].nav
+    np.testing.assert_allclose(last.gyroscope_bias, STEADY_IMU.gyroscope_bias, atol=1e-3)
+    np.testing.assert_allclose(last.velocity_world, 0.0, atol=1e-3)
+    assert smoother.counts["standstill_frames"] > 0.95 * len(tracks)
+    assert len(smoother.take_health()) < 5
+
+
+def test_after_a_long_rest_it_walks_on() -> None:
+    rested = WALK.model_copy(update={"rest_s": 10.0, "walk_s": 4.0})
+    smoother = vins()
+    tracks = frames(rested, stamps_ns(0.0, 14.0, FRAME_NS), WORLD, noise_px=0.1)
+    answers = play(smoother, in_order(tracks, readings(rested, stamps_ns(-0.5, 14.0, IMU_NS), errors=CHEAP_IMU)))
+    errors = pose_errors(answers, rested)
+    assert np.linalg.norm(pose_at(rested, max(errors))[:3, 3]) > 1.0
+    assert max(np.linalg.norm(error[3:]) for error in errors.values()) < 0.03
+    assert max(np.linalg.norm(error[:3]) for error in errors.values()) < np.deg2rad(2.5)
+
+
+def test_the_answer_is_not_farther_off_than_its_covariance_says() -> None:
+    """White noise as configured: normalised error squared over three worlds and 6 numbers each; it errs to be safe."""
+    noise = PixelNoiseConfig(track_px=0.5, disparity_px=0.25, repeated_disparity_px=0.25)
+    squares = []
+    for seed in range(3):
+        tracks = [
+            scattered(seed, 800).seen_from(stamp, pose_at(WALK, stamp), noise_px=0.5, seed=seed)
+            for stamp in stamps_ns(1.0, 5.0, FRAME_NS)
+        ]
+        answers = play(stereo(SmootherConfig(noise=noise)), tracks)
+        last = max(answers)
+        error = pose_errors(answers, WALK)[last]
+        squares.append(error @ np.linalg.solve(answers[last].covariance[:6, :6], error) / 6.0)
+    assert 0.005 < np.mean(squares) < 1.5
+
+
+def test_a_prediction_is_good_and_changes_nothing() -> None:
+    tracks = frames(WALK, stamps_ns(0.0, 5.0, FRAME_NS), WORLD)
+    events = in_order(tracks, readings(WALK, stamps_ns(-0.5, 5.0, IMU_NS)))
+    plain, asked = vins(), vins()
+    answers = play(plain, events)
+    for event in events:
+        if event in tracks:
+            expected = asked.predicted_pose(event.stamp_ns)
+            if expected is not None and event.stamp_ns > 2 * NS_PER_S:
+                off = se3.log(se3.inverse(answers[event.stamp_ns].nav.T_world_body) @ expected)
+                assert np.abs(off).max() < 1e-3
+            answer = asked.push_tracks(event)
+            np.testing.assert_array_equal(answer.nav.T_world_body, answers[event.stamp_ns].nav.T_world_body)
+        else:
+            asked.push_imu(event)
+
+
+def walked(smoother: SlidingWindowSmoother, sigma: float, shift: float = 0.0, late_ns: int = 0) -> None:
+    """Exact tracks, and odometry since the keyframe that claims ``sigma`` and is off by ``shift`` along x."""
+    for tracks in frames(WALK, stamps_ns(2.0, 6.0, FRAME_NS), WORLD):
+        delta, start_ns = None, smoother.keyframe_ns
+        if start_ns is not None:
+            T = se3.inverse(pose_at(WALK, start_ns)) @ pose_at(WALK, tracks.stamp_ns)
+            T[0, 3] += shift
+            delta = OdometryDelta(start_ns - late_ns, tracks.stamp_ns, T, sigma**2 * np.eye(6))
+        smoother.push_tracks(tracks, delta)
+
+
+def test_odometry_counts_as_much_as_it_claims() -> None:
+    """Off by 20 mm from keyframe to keyframe: believed to 0.1 mm it leads astray, believed to a metre it does not."""
+    ends = []
+    for sigma in (1e-4, 1.0):
+        smoother = stereo()
+        walked(smoother, sigma, shift=0.02)
+        truth = se3.inverse(pose_at(WALK, 2 * NS_PER_S)) @ pose_at(WALK, 5_900_000_000)
+        ends.append(np.linalg.norm((se3.inverse(truth) @ smoother.latest_pose)[:3, 3]))
+    assert ends[0] > 0.1
+    assert ends[1] < 1e-3
+
+
+def test_odometry_that_does_not_start_at_the_keyframe_is_refused() -> None:
+    smoother = stereo()
+    walked(smoother, 1e-4, shift=0.5, late_ns=1)
+    truth = se3.inverse(pose_at(WALK, 2 * NS_PER_S)) @ pose_at(WALK, 5_900_000_000)
+    assert smoother.counts["odometry_refused"] == smoother.counts["frames"] - 1
+    assert np.linalg.norm((se3.inverse(truth) @ smoother.latest_pose)[:3, 3]) < 1e-3
+
+
+def test_odometry_carries_through_the_dark() -> None:
+    """A second without a track: the belief in steady motion misses the turn, odometry does not."""
+    smoother = stereo()
+    for tracks in frames(WALK, stamps_ns(2.0, 6.0, FRAME_NS), WORLD):
+        dark = 4.0 <= tracks.stamp_ns / NS_PER_S < 5.0
+        delta, start_ns = None, smoother.keyframe_ns
+        if start_ns is not None:
+            T = se3.inverse(pose_at(WALK, start_ns)) @ pose_at(WALK, tracks.stamp_ns)
+            delta = OdometryDelta(start_ns, tracks.stamp_ns, T, 1e-6 * np.eye(6))
+        shown = tracks if not dark else type(tracks)(tracks.stamp_ns, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
+        answer = smoother.push_tracks(shown, delta)
+        truth = se3.inverse(pose_at(WALK, 2 * NS_PER_S)) @ pose_at(WALK, tracks.stamp_ns)
+        assert np.linalg.norm((se3.inverse(truth) @ answer.nav.T_world_body)[:3, 3]) < 2e-3
+
+
+def test_what_is_told_is_told_once_and_every_keyframe_is_there() -> None:
+    smoother = stereo()
+    tracks = frames(WALK, stamps_ns(2.0, 5.0, FRAME_NS), WORLD)
+    play(smoother, tracks)
+    health = smoother.take_health()
+    assert smoother.take_health() == ()
+    assert smoother.counts["keyframes"] == len(health)
+    assert smoother.counts["frames"] == len(tracks)
+    assert np.all(np.diff([each.stamp_ns for each in health]) > 0)
+    for each in health:
+        assert 1 <= each.keyframes <= smoother.config.keyframes
+        assert each.iterations >= 1
+        assert each.factors >= each.landmarks
+        assert each.reprojection_px < 0.1
+        assert each.compute_s >= 0.0
+        assert each.condition >= 1.0
+    assert max(each.tracks for each in health) > 40
+
+
+def test_the_same_input_gives_the_same_bits() -> None:
+    tracks = frames(WALK, stamps_ns(0.0, 4.0, FRAME_NS), WORLD, noise_px=0.5)
+    events = in_order(tracks, readings(WALK, stamps_ns(-0.5, 4.0, IMU_NS), errors=CHEAP_IMU))
+    one, other = play(vins(), events), play(vins(), events)
+    assert one.keys() == other.keys()
+    for stamp, answer in one.items():
+        assert answer is not None
+        np.testing.assert_array_equal(answer.nav.T_world_body, other[stamp].nav.T_world_body)
+        np.testing.assert_array_equal(answer.covariance, other[stamp].covariance)
+
+
+def lengths(thing: object, seen: set[int], depth: int = 0) -> dict[str, int]:
+    """The length of every container that can be reached from an object of this package, by its name."""
+    if id(thing) in seen or depth > 6:
+        return {}
+    seen.add(id(thing))
+    names = [*getattr(thing, "__dict__", {}), *getattr(type(thing), "__slots__", ())]
+    found: dict[str, int] = {}
+    for name in names:
+        inside = getattr(thing, name, None)
+        if hasattr(inside, "__len__") and not isinstance(inside, str | np.ndarray):
+            found[f"{type(thing).__name__}.{name}"] = len(inside)
+        if type(inside).__module__.startswith("coclo_vio.backend"):
+            found |= lengths(inside, seen, depth + 1)
+    return found
+
+
+def test_memory_does_not_grow_over_two_thousand_frames() -> None:
+    """Points pass by for ever: a corridor that repeats under new identities. What is in the diary is taken."""
+    random = np.random.default_rng(5)
+    corridor = random.uniform((0.0, -3.0, -1.5), (10.0, 3.0, 1.5), (60, 3))
+    smoother = stereo(SmootherConfig(keyframes=4, iterations=2))
+    sizes = []
+    for number in range(2000):
+        start = 0.1 * number
+        laps = np.floor(start / 10.0) + np.arange(2)
+        points = np.concatenate([corridor + np.array([10.0 * lap, 0.0, 0.0]) for lap in laps])
+        ids = np.concatenate([np.arange(60) + 60 * int(lap) for lap in laps])
+        T = se3.transform(np.eye(3), np.array([start, 0.0, 0.0]))
+        tracks = type(WORLD)(points).seen_from(number * FRAME_NS, T)
+        smoother.push_tracks(type(tracks)(tracks.stamp_ns, ids[tracks.track_ids], tracks.left_px, tracks.right_px))
+        if number % 100 == 99:
+            smoother.take_events()
+            smoother.take_health()
+            sizes.append(lengths(smoother, set()))
+    error = np.abs(smoother.latest_pose[:3, 3] - [199.9, 0.0, 0.0]).max()
+    assert error < 0.5  # it has really gone 200 m
+    assert len(sizes[0]) > 10
+    for name in sizes[-1]:
+        early = max(size.get(name, 0) for size in sizes[:5])
+        late = max(size.get(name, 0) for size in sizes[-5:])
+        assert late <= 2 * early + 10, name
