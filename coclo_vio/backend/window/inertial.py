@@ -43,7 +43,7 @@ class Quiet:
 
 def is_possible(sample: InertialReading) -> bool:
     """Whether an IMU can have read this: spikes of a broken link are no motion."""
-    rate, force = np.linalg.norm(sample.angular_velocity), np.linalg.norm(sample.specific_force)
+    rate, force = np.abs(sample.angular_velocity).max(), np.abs(sample.specific_force).max()
     return bool(rate < _FASTEST_RADPS and force < _STRONGEST_MPS2)
 
 
@@ -173,8 +173,8 @@ class InertialWatch:
         self._readings: deque[tuple[int, Array]] = deque()
 
     def push(self, sample: InertialReading) -> None:
-        """Take a reading, if it is possible; those older than the window are forgotten."""
-        if not is_possible(sample):
+        """Take a reading if it is possible and newer than the last; those older than the window are forgotten."""
+        if not is_possible(sample) or (self._readings and sample.stamp_ns <= self._readings[-1][0]):
             return
         row = np.concatenate((sample.angular_velocity, sample.specific_force))
         self._readings.append((sample.stamp_ns, row))

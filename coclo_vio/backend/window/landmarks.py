@@ -16,6 +16,7 @@ from coclo_vio.measurements import StereoTracks
 
 _LEAST_PARALLAX_RAD = 0.02  # of rays that place a point without any disparity
 _FAINT = 1e-6  # 1/m^2: a point is at most so badly known
+_DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
 _FARTHEST = 500.0  # baselines: farther points say nothing of translation
 
 
@@ -168,7 +169,8 @@ class LandmarkMap:
         T_world_body = np.array([poses[number] for _, number in rows])
         information = np.zeros((len(placed), 3, 3))
         np.add.at(information, [row for row, _ in rows], pixels.point_information(T_world_body, points, sigmas))
-        covariances = np.linalg.inv(information + _FAINT * np.eye(3))
+        least = _FAINT + _DIGITS * np.einsum("nii->n", information)  # of a point that all but touches a camera
+        covariances = np.linalg.inv(information + least[:, None, None] * np.eye(3))
         for one, covariance in zip(placed, covariances, strict=True):
             one.covariance = covariance
 

@@ -350,3 +350,13 @@ def test_a_sensor_that_feels_no_gravity_is_not_at_rest() -> None:
         watch.push(InertialReading(k * STEP_NS, np.zeros(3), np.zeros(3)))
     assert watch.quiet is None
     assert watch.means is not None
+
+
+def test_a_reading_that_comes_twice_counts_once() -> None:
+    once, twice = InertialWatch(StandstillWindowConfig()), InertialWatch(StandstillWindowConfig())
+    for k in range(40):
+        sample = InertialReading(k * STEP_NS, np.full(3, 1e-3 * k), UP)
+        once.push(sample)
+        for _ in range(1 + k % 2):
+            twice.push(sample)
+    np.testing.assert_array_equal(once.means.angular_velocity, twice.means.angular_velocity)
