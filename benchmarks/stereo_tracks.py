@@ -36,7 +36,7 @@ from coclo_vio.trajectory import GroundTruth, Trajectory
 
 Row = dict[str, Any]
 FIGURES = ("drift_100m_percent", "drift_percent", "ate_m", "path_length_m", "path_length_ratio", "coverage")
-_KLT = ("smoother.noise.walk_px=0.5", "smoother.noise.repeated_disparity_px=3")
+_KLT = ("smoother.noise.track_px=0.4", "smoother.noise.disparity_px=0.7", "smoother.noise.repeated_disparity_px=10")
 NOISE: Mapping[str, tuple[str, ...]] = {  # by what a recording's name holds; of others the defaults
     "drive": _KLT,
     "starry_night": ("smoother.noise.track_px=8", "smoother.noise.disparity_px=8"),
