@@ -35,7 +35,7 @@ from coclo_vio.measurements import InertialReading, StereoTracks
 WALKING = WALK.model_copy(update={"walk_s": 30.0, "speed_mps": 0.3})
 END_S, LONG_END_S = 8.0, 18.0
 IMU_NS = 5_000_000
-WORLD = scattered(count=1000)
+WORLD = scattered(count=600)
 TRACKS = frames(WALKING, stamps_ns(0.0, LONG_END_S, FRAME_NS), WORLD, noise_px=0.2)
 READINGS = readings(WALKING, stamps_ns(-0.5, LONG_END_S, IMU_NS), errors=CHEAP_IMU)
 BOTH_MODES = pytest.mark.parametrize("uses_imu", [True, False], ids=["vins", "stereo"])
