@@ -19,7 +19,7 @@ from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.diary import Diary
 from coclo_vio.backend.window.expectation import Expectation
-from coclo_vio.backend.window.inertial import InertialWatch, Preintegration, Quiet
+from coclo_vio.backend.window.inertial import InertialWatch, Preintegration, Quiet, is_possible
 from coclo_vio.backend.window.keyframe_choice import has_turned_over, is_keyframe, stand_still
 from coclo_vio.backend.window.localisation import Located, PixelModel
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
@@ -34,8 +34,9 @@ from coclo_vio.measurements import InertialReading, StereoTracks
 _NS_PER_S = 1_000_000_000
 _UNSURE = 10.0  # how many times its sigma an expectation may be off that most sightings contradict
 _REST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
+_MOST_RESTS = 100  # pieces of one standstill whose mean is the gyroscope's bias
 _HELD_SOLVE_NS = 500_000_000  # how often a standstill teaches the biases
-_REST_TIE_NS = 500_000_000  # of a standstill are part of the motion that follows: they tell tilt and bias together
+_REST_TIE_NS = 500_000_000  # of a rest are part of the motion after it: they tell tilt and bias together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +87,7 @@ class SlidingWindowSmoother:
         self._silent_until_ns = 0
         self._longest_blind_s = self.config.failure.longest_blind_s
         self._seen_ns = 0  # last time that the eyes saw anything
+        self._rest_rates: list[Array] = []  # means over pieces of one standstill
         self._held_ns: int | None = None  # last time that a standstill was solved for
         self._diary = Diary()
 
@@ -114,6 +116,9 @@ class SlidingWindowSmoother:
 
     def push_imu(self, sample: InertialReading) -> None:
         """Take an IMU reading; readings come before the frame that they lead to."""
+        if not is_possible(sample):
+            self._diary.count("imu_refused")
+            return
         self._watch.push(sample)
         if self._imu is not None:
             self._imu.push(sample)
@@ -159,8 +164,8 @@ class SlidingWindowSmoother:
         self._diary.tell_sight(tracks, is_blind=located is None)
         quiet = self._watch.quiet
         if quiet is not None and self._imu is not None and located is not None and self._stands(window, tracks):
-            return self._hold(window, tracks, quiet)
-        self._held_ns = None
+            return self._hold(window, tracks, motion, quiet)
+        self._held_ns, self._rest_rates = None, []
         sees_nothing = located is None and not self._sees_enough(tracks)
         if not sees_nothing:
             self._seen_ns = tracks.stamp_ns
@@ -182,7 +187,7 @@ class SlidingWindowSmoother:
             self._diary.tell(tracks.stamp_ns, "moving_start", "no rest to start from: gravity is found on the way")
         self._silent_until_ns = start.silent_until_ns
         inertial, self._seen_ns = self.config.inertial, tracks.stamp_ns
-        gyroscope = inertial.gyroscope_bias if start.rest is None else _REST_RATE_RADPS
+        gyroscope = inertial.gyroscope_bias if start.rest is None else self._rest_sigma(start.rest.span_s)
         self._keyframe_covariance[9:, 9:] = np.diag(np.repeat([inertial.accelerometer_bias, gyroscope], 3) ** 2)
         self._last = self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
@@ -272,25 +277,27 @@ class SlidingWindowSmoother:
         covariance[6:, :6] = covariance[:6, 6:].T
         return covariance
 
-    def _hold(self, window: Window, tracks: StereoTracks, quiet: Quiet) -> Frame:
+    def _hold(self, window: Window, tracks: StereoTracks, motion: Motion, quiet: Quiet) -> Frame:
         """Nothing moves: the frame is the keyframe, which learns that it stands and what the gyroscope reads then."""
         assert self._imu is not None
         number, stamp_ns = window.newest.number, tracks.stamp_ns
         self._diary.count("standstill_frames")
         if self._held_ns is None or stamp_ns - self._held_ns >= _HELD_SOLVE_NS:
             self._held_ns = stamp_ns
-            sigma = max(_REST_RATE_RADPS, self._gyroscope_noise(quiet.span_s))
+            self._rest_rates = [*self._rest_rates[1 - _MOST_RESTS :], quiet.angular_velocity]
+            rate, span_s = np.mean(self._rest_rates, axis=0), quiet.span_s * len(self._rest_rates)
             speed = self.config.standstill.velocity_mps
-            window.newest.rest_terms = [*factors.rest(number, speed, quiet.angular_velocity, sigma)]
-            self._try_to_solve(window, tracks)
+            window.newest.rest_terms = [*factors.rest(number, speed, rate, self._rest_sigma(span_s))]
+            if self._try_to_solve(window, tracks) is None:
+                return self._restarted(window, tracks, motion)
         if self._imu.start_ns is None or stamp_ns - self._imu.start_ns > 2 * _REST_TIE_NS:
             self._imu.restart(stamp_ns - _REST_TIE_NS, self._bias)
-        covariance = self._keyframe_covariance[:9, :9]
-        return Frame(stamp_ns, window.pose(number), window.velocity(number), covariance)
+        return Frame(stamp_ns, window.pose(number), window.velocity(number), self._keyframe_covariance[:9, :9])
 
-    def _gyroscope_noise(self, span_s: float) -> float:
+    def _rest_sigma(self, span_s: float) -> float:
+        """One sigma of the mean angular velocity over a rest, rad/s."""
         density = max(self._imu_calibration.gyroscope_noise_density, self.config.inertial.gyroscope_noise_density)
-        return float(density / np.sqrt(span_s))
+        return max(_REST_RATE_RADPS, float(density / np.sqrt(span_s)))
 
     def _solved(
         self,
@@ -361,8 +368,7 @@ class SlidingWindowSmoother:
     def _lost(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """Blind for so long that what the IMU says of velocity is worth less than that bodies stop."""
         self._seen_ns = tracks.stamp_ns
-        what = f"blind for {self._longest_blind_s} s: velocity is not integrated any further"
-        self._diary.tell(tracks.stamp_ns, "lost", what)
+        self._diary.tell(tracks.stamp_ns, "lost", f"blind for {self._longest_blind_s} s: velocity is given up")
         covariance = self._unseen_covariance(window, motion)
         covariance[6:] = covariance[:, 6:] = 0.0
         covariance[6:, 6:] = np.eye(3) * self.config.failure.blind_speed_mps**2
