@@ -362,8 +362,7 @@ class SlidingWindowSmoother:
     def _restarted(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """A window anew from where the body is expected."""
         self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
-        covariance = self._unseen_covariance(window, motion)
-        return self._begin(tracks, motion.T_world_body, covariance, motion.velocity_world)
+        return self._begin(tracks, motion.T_world_body, self._unseen_covariance(window, motion), motion.velocity_world)
 
     def _lost(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """Blind for so long that what the IMU says of velocity is worth less than that bodies stop."""
@@ -392,9 +391,10 @@ class SlidingWindowSmoother:
         last, covariance = self._last, self._last.covariance.copy()
         if self._window is not None:
             covariance[:6, :6] += self._window.world_covariance(last.T_world_body)
-        rate, bias = self._steady.twist[:3], np.zeros(6)
+        rate, gyroscope, accelerometer = self._steady.twist[:3], np.zeros(3), np.zeros(3)
         if self._imu is not None:
-            bias = np.asarray(self._bias.vector())
-            rate = self._imu.rate_body - self._imu.T_body_imu[:3, :3] @ bias[3:]
-        nav = NavState(last.T_world_body, last.velocity_world, rate, bias[3:], bias[:3])
+            to_body = self._imu.T_body_imu[:3, :3]
+            gyroscope, accelerometer = to_body @ self._bias.gyroscope(), to_body @ self._bias.accelerometer()
+            rate = self._imu.rate_body - gyroscope
+        nav = NavState(last.T_world_body, last.velocity_world, rate, gyroscope, accelerometer)
         return StateEstimate(last.stamp_ns, nav, covariance)
