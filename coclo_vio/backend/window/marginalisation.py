@@ -13,7 +13,7 @@ import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window.factors import Term
-from coclo_vio.backend.window.solver import ordered
+from coclo_vio.backend.window.solver import first_sentence, ordered
 from coclo_vio.errors import SmootherError
 
 _FAINT = 1e-6  # information that makes undetermined directions solvable
@@ -36,7 +36,7 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
     try:
         _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
     except (RuntimeError, ValueError) as error:  # ValueError: no term touches something that leaves
-        raise SmootherError(f"what leaves the window is not determined: {error}") from error
+        raise SmootherError(f"what leaves the window is not determined: {first_sentence(error)}") from error
     kept = []
     for index in range(remaining.size()):
         factor = remaining.at(index)

@@ -107,7 +107,7 @@ def _damped(
         net = graph.linearize(solved).eliminateSequential(ordering)
         covariance = _covariance(net, elimination[-last:])
     except RuntimeError as error:
-        raise SmootherError(f"a problem of {graph.size()} factors cannot be solved: {error}") from error
+        raise SmootherError(f"a problem of {graph.size()} factors cannot be solved: {first_sentence(error)}") from error
     if not np.isfinite(optimizer.error()):
         raise SmootherError(f"a problem of {graph.size()} factors has no finite solution")
     return Minimum(solved, int(optimizer.iterations()), covariance)
@@ -131,6 +131,11 @@ def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
     if not np.isfinite(covariance).all():
         raise SmootherError("the newest keyframe has no finite covariance")
     return covariance
+
+
+def first_sentence(error: Exception) -> str:
+    """What GTSAM says went wrong, in a line; its advice runs on over ten."""
+    return " ".join(str(error).strip().partition("\n\n")[0].split()).removesuffix(".")
 
 
 def ordered(keys: Sequence[int]) -> gtsam.Ordering:

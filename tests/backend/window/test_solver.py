@@ -158,3 +158,16 @@ def test_covariance_is_of_what_was_asked_for_where_the_parts_of_a_problem_are_no
     graph = graph_of(*(gtsam.PriorFactorVector(key, np.array([0.0]), unit(1, sigmas[key])) for key in (2, 0, 1)))
     found = minimise(graph, vectors(1.0, 1.0, 1.0), [0, 1, 2], 2, most_iterations=3, tolerance=1e-9)
     np.testing.assert_allclose(found.covariance, np.diag(np.square(sigmas[1:])))
+
+
+def test_what_gtsam_says_of_a_loose_problem_is_one_line() -> None:
+    key = factors.pose_key(0)
+    loose = gtsam.BetweenFactorVector(key, factors.pose_key(1), np.zeros(2), gtsam.noiseModel.Isotropic.Sigma(2, 1.0))
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.push_back(loose)
+    for each in (key, factors.pose_key(1)):
+        values.insert(each, np.zeros(2))
+    with pytest.raises(SmootherError, match="Indeterminate linear system") as caught:
+        minimise(graph, values, [key, factors.pose_key(1)], 1, most_iterations=3, tolerance=1e-6)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 200
