@@ -108,6 +108,94 @@ class OdometryDelta:
         frozen(self, "covariance", checked("OdometryDelta.covariance", self.covariance, (6, 6)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseBelief:
+    """Where the body was at one time, as somebody believes.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        T_world_body: the mean, (4, 4).
+        covariance: of the right/local error [rotation rad, position m], (6, 6).
+    """
+
+    stamp_ns: int
+    T_world_body: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "T_world_body", checked("PoseBelief.T_world_body", self.T_world_body, (4, 4)))
+        frozen(self, "covariance", checked("PoseBelief.covariance", self.covariance, (6, 6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosePair:
+    """Where the body was at two times, as somebody believes, and how the two errors hang together.
+
+    Attributes:
+        start_ns: time of the earlier pose in nanoseconds.
+        end_ns: time of the later pose in nanoseconds.
+        T_world_start: mean of the earlier pose, (4, 4).
+        T_world_end: mean of the later pose, (4, 4).
+        covariance: of both right/local errors, the earlier one first, each [rotation rad, position m], (12, 12).
+    """
+
+    start_ns: int
+    end_ns: int
+    T_world_start: Array
+    T_world_end: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        for name in ("T_world_start", "T_world_end"):
+            frozen(self, name, checked(f"PosePair.{name}", getattr(self, name), (4, 4)))
+        frozen(self, "covariance", checked("PosePair.covariance", self.covariance, (12, 12)))
+
+    @property
+    def end(self) -> PoseBelief:
+        """The later pose alone."""
+        return PoseBelief(self.end_ns, self.T_world_end, self.covariance[6:, 6:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEvidence:
+    """What something says of the poses at two times, as a log-likelihood that may leave directions open.
+
+    ``-x^T information x / 2 + vector^T x`` of the right/local errors ``x`` (12,) of both poses about the given ones,
+    the earlier one first. Evidence of independent things adds up.
+
+    Attributes:
+        start_ns: time of the earlier pose in nanoseconds.
+        end_ns: time of the later pose in nanoseconds.
+        T_world_start: where the errors of the earlier pose are counted from, (4, 4).
+        T_world_end: the same of the later pose, (4, 4).
+        information: positive semi-definite, (12, 12).
+        vector: (12,).
+    """
+
+    start_ns: int
+    end_ns: int
+    T_world_start: Array
+    T_world_end: Array
+    information: Array
+    vector: Array
+
+    def __post_init__(self) -> None:
+        for name in ("T_world_start", "T_world_end"):
+            frozen(self, name, checked(f"PoseEvidence.{name}", getattr(self, name), (4, 4)))
+        frozen(self, "information", checked("PoseEvidence.information", self.information, (12, 12)))
+        frozen(self, "vector", checked("PoseEvidence.vector", self.vector, (12,)))
+
+    def rows(self, least: float = 1e-9) -> tuple[Array, Array]:
+        """The same as independent measurements of unit noise: ``H x = z + N(0, 1)``, (r, 12) and (r,).
+
+        Directions of which less than ``least`` of the strongest information is known are left out.
+        """
+        values, axes = np.linalg.eigh(0.5 * (self.information + self.information.T))
+        kept = values > least * max(float(values[-1]), 0.0)
+        root = np.sqrt(values[kept])
+        return root[:, None] * axes[:, kept].T, (axes[:, kept].T @ self.vector) / root
+
+
 class Estimator(Protocol):
     """Anything that turns measurements into estimates, one at a time, online."""
 

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Relative motion since the cloned keyframe pose, and what a late result says about that pose.
+"""Relative motion since the cloned keyframe pose, and what a late result says about that pose and about a frame's.
 
 The clone is part of the state, so both have honest covariances: the uncertainty that pose and clone share (yaw,
 position, tilt at the keyframe) drops out. Source: Roumeliotis and Burdick, "Stochastic cloning", 2002.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from coclo_vio.arrays import Array
-from coclo_vio.estimates import OdometryDelta
+from coclo_vio.estimates import OdometryDelta, PoseEvidence, PosePair
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.square_root import Correction
+from coclo_vio.filter.square_root import Correction, correct
 from coclo_vio.filter.state import POSITION, ROTATION, State
 from coclo_vio.geometry import se3, so3
 
@@ -52,3 +54,57 @@ def correct_clone(core: SquareRootFilter, T_world_clone: Array, covariance: Arra
     innovation = se3.log(se3.inverse(_clone_pose(mean)) @ T_world_clone)
     noise_rows: Array = np.asarray(np.linalg.cholesky(covariance).T, dtype=np.float64)
     return core.update(core.factor.T @ jacobian.T, noise_rows, innovation)
+
+
+def _local(mean: State, rotation_at: slice, position_at: slice, R: Array) -> Array:  # noqa: N803 -- a rotation is R
+    """d(right/local error) / d(errors of the filter) of a cloned pose, (6, L)."""
+    jacobian = np.zeros((6, mean.layout.dimension))
+    jacobian[:3, rotation_at] = jacobian[3:, position_at] = R.T
+    jacobian[3:, rotation_at] = -R.T @ so3.hat(mean.vector[position_at])
+    return jacobian
+
+
+def _pair(mean: State) -> tuple[Array, Array, Array]:
+    """Keyframe's and frame's pose, (4, 4) each, and the Jacobian of both right/local errors, (12, L)."""
+    layout = mean.layout
+    T_world_frame = se3.transform(mean.frame_rotation, mean.vector[layout.frame_position])
+    of_clone = _local(mean, layout.clone_rotation, layout.clone_position, mean.clone_rotation)
+    of_frame = _local(mean, layout.frame_rotation, layout.frame_position, mean.frame_rotation)
+    return _clone_pose(mean), T_world_frame, np.concatenate((of_clone, of_frame))
+
+
+def frame_pair(core: SquareRootFilter, start_ns: int, end_ns: int) -> PosePair:
+    """The poses of the keyframe (the clone) and of the frame as the filter believes them."""
+    T_world_start, T_world_end, jacobian = _pair(core.mean)
+    rows = jacobian @ core.factor
+    return PosePair(start_ns, end_ns, T_world_start, T_world_end, rows @ rows.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surprise:
+    """How far evidence is from what the filter believes.
+
+    Attributes:
+        squared: normalised innovation squared, chi-square with ``rows`` degrees of freedom.
+        rows: how many independent things the evidence says.
+    """
+
+    squared: float
+    rows: int
+
+
+def weigh(core: SquareRootFilter, evidence: PoseEvidence) -> tuple[Surprise, Correction | None]:
+    """What evidence on keyframe and frame would do to the filter, which stays as it is; None if it says nothing."""
+    T_world_start, T_world_end, jacobian = _pair(core.mean)
+    rows, measured = evidence.rows()
+    if not len(rows):
+        return Surprise(0.0, 0), None
+    apart = [
+        se3.log(se3.inverse(evidence.T_world_start) @ T_world_start),
+        se3.log(se3.inverse(evidence.T_world_end) @ T_world_end),
+    ]
+    for part, twist in enumerate(apart):
+        jacobian[6 * part : 6 * part + 6] = se3.right_jacobian_inverse(twist) @ jacobian[6 * part : 6 * part + 6]
+    innovation = measured - rows @ np.concatenate(apart)
+    correction = correct(core.factor, core.factor.T @ (rows @ jacobian).T, np.eye(len(rows)), innovation)
+    return Surprise(correction.innovation_squared, len(rows)), correction

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field
 
 from coclo_vio.config import StageConfig, merged
+from coclo_vio.filter.feedback import GateConfig
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.standstill import StandstillConfig
 
@@ -132,6 +133,9 @@ class FilterConfig(StageConfig):
     robust: Annotated[RobustConfig, Field(description="parameters of the robust profile")] = RobustConfig()
     paper: Annotated[PaperConfig, Field(description="parameters of the paper profile")] = PaperConfig()
     initial: Annotated[InitialConfig, Field(description="uncertainty at the start")] = InitialConfig()
+    feedback_gate: Annotated[GateConfig, Field(description="what evidence from outside (eyes) has to pass")] = (
+        GateConfig()
+    )
     standstill: Annotated[StandstillConfig, Field(description="what counts as standing still")] = StandstillConfig()
     rest_timeout_s: Annotated[
         float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mean and square-root covariance together: predict, update, clone. Knows no robot and no sensor."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.filter.square_root import Correction, SigmaSpread, correct, lower_factor
-from coclo_vio.filter.state import POSITION, ROTATION, State
+from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
+from coclo_vio.geometry import so3
 
 MOST_ROTATION_SIGMA_RAD = 0.6
 """Larger uncertainties of a rotation are reported as this; narrow sigma points stand up to sqrt(7) times as far."""
@@ -46,10 +48,10 @@ class SquareRootFilter:
         """Keep the rotation sigmas below ``MOST_ROTATION_SIGMA_RAD``, so that no sigma point passes half a turn.
 
         Yaw is never observed and its uncertainty grows without end, which a rotation cannot follow. Its errors are
-        scaled, here and in the clone, with all their correlations: nothing is learned from it.
+        scaled, here and in the clones, with all their correlations: nothing is learned from it.
         """
-        for start in (ROTATION.start, self.mean.layout.clone_rotation.start):
-            rows = slice(start, start + 3)
+        layout = self.mean.layout
+        for rows in (ROTATION, layout.clone_rotation, *([layout.frame_rotation] if layout.has_frame else [])):
             sigmas = np.sqrt(self.variance(rows))
             if sigmas.max() > MOST_ROTATION_SIGMA_RAD:
                 self.factor[rows] *= np.minimum(1.0, MOST_ROTATION_SIGMA_RAD / sigmas)[:, None]
@@ -64,9 +66,13 @@ class SquareRootFilter:
     def update(self, rows: Array, noise_rows: Array, innovation: Array) -> Correction:
         """Take a measurement whose ``observe`` gave ``rows``; ``noise_rows`` ``N`` has ``N^T N = R``."""
         correction = correct(self.factor, rows, noise_rows, innovation)
+        self.apply(correction)
+        return correction
+
+    def apply(self, correction: Correction) -> None:
+        """Move to where a correction leads."""
         self.factor = correction.factor
         self.mean = self.mean.corrected(correction.step)
-        return correction
 
     def variance(self, errors: slice) -> Array:
         """Variances of some errors, (k,)."""
@@ -75,10 +81,39 @@ class SquareRootFilter:
     def clone(self) -> None:
         """Remember the present pose as the cloned one, with all its correlations; the last clone is forgotten."""
         layout = self.mean.layout
-        rows = self.factor.T.copy()
-        rows[:, layout.clone_rotation] = rows[:, ROTATION]
-        rows[:, layout.clone_position] = rows[:, POSITION]
-        self.factor = lower_factor(rows)
         vector = self.mean.vector.copy()
         vector[layout.clone_position] = vector[POSITION]
-        self.mean = State(layout, self.mean.rotation, vector, self.mean.rotation)
+        self._copy([(layout.clone_rotation, ROTATION), (layout.clone_position, POSITION)])
+        self.mean = replace(self.mean, vector=vector, clone_rotation=self.mean.rotation)
+
+    def mark_frame(self, dt_s: float) -> None:
+        """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; the last one is forgotten.
+
+        The body is taken to go on as it does: ``R exp(w dt)``, ``r + v dt``. The errors of rate and velocity go along.
+        """
+        mean, layout = self.mean, self.mean.layout
+        vector = mean.vector.copy()
+        vector[layout.frame_position] = vector[POSITION] + vector[VELOCITY] * dt_s
+        turning = mean.rotation * dt_s
+        moving = so3.hat(vector[layout.frame_position]) @ turning  # a rotation error turns the place too
+        along = np.zeros((len(vector), 6))
+        along[RATE] = np.concatenate((turning, moving)).T
+        along[VELOCITY, 3:] = np.eye(3) * dt_s
+        self._copy([(layout.frame_rotation, ROTATION), (layout.frame_position, POSITION)], along)
+        self.mean = replace(mean, vector=vector, frame_rotation=mean.rotation @ so3.exp(vector[RATE] * dt_s))
+
+    def keep_frame(self) -> None:
+        """The frame's pose becomes the cloned one."""
+        layout = self.mean.layout
+        vector = self.mean.vector.copy()
+        vector[layout.clone_position] = vector[layout.frame_position]
+        self._copy([(layout.clone_rotation, layout.frame_rotation), (layout.clone_position, layout.frame_position)])
+        self.mean = replace(self.mean, vector=vector, clone_rotation=self.mean.frame_rotation)
+
+    def _copy(self, places: Sequence[tuple[slice, slice]], along: Array | None = None) -> None:
+        """Errors at the first places become those at the second ones, plus ``along.T`` (6, L) times all errors."""
+        rows = self.factor.T.copy()
+        added = np.zeros((len(rows), 6)) if along is None else self.factor.T @ along
+        for part, (to, of) in enumerate(places):
+            rows[:, to] = self.factor.T[:, of] + added[:, 3 * part : 3 * part + 3]
+        self.factor = lower_factor(rows)

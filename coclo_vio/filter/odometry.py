@@ -9,17 +9,18 @@ import numpy as np
 
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.errors import FilterError
-from coclo_vio.estimates import FootState, NavState, OdometryDelta, StateEstimate
-from coclo_vio.filter.cloning import correct_clone, delta_from_clone
+from coclo_vio.estimates import FootState, NavState, OdometryDelta, PoseBelief, PoseEvidence, PosePair, StateEstimate
+from coclo_vio.filter.cloning import correct_clone, delta_from_clone, frame_pair
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.feedback import EvidenceGate, Verdict
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.intake import Intake
 from coclo_vio.filter.paper import PaperProfile
 from coclo_vio.filter.robust import RobustProfile
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
-from coclo_vio.geometry import se3
+from coclo_vio.geometry import se3, so3
 from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
 
@@ -42,7 +43,16 @@ class LegOdometryFilter:
         ...     estimate = odometry.push(measurement)
     """
 
-    def __init__(self, robot: RobotModel, config: FilterConfig | None = None) -> None:
+    def __init__(
+        self, robot: RobotModel, config: FilterConfig | None = None, *, remembers_frames: bool = False
+    ) -> None:
+        """Take a robot and a configuration.
+
+        Args:
+            robot: whose legs they are.
+            config: of the filter; the robot's own if None.
+            remembers_frames: keep a second pose in the state, that of a camera frame, for ``mark_frame``.
+        """
         self.config = config or FilterConfig.of_robot(robot.description)
         self._counts: Counter[str] = Counter()
         self._robot = robot
@@ -50,19 +60,21 @@ class LegOdometryFilter:
         self._profile: RobustProfile | PaperProfile
         if self.config.profile == "paper":
             contact = contact.model_copy(update={"method": "paper", "compensation": "none"})
-            self._profile = PaperProfile(robot, self.config.paper, self._counts)
+            self._profile = PaperProfile(robot, self.config.paper, self._counts, has_frame=remembers_frames)
         else:
-            self._profile = RobustProfile(robot, self.config.robust, self._counts)
+            self._profile = RobustProfile(robot, self.config.robust, self._counts, has_frame=remembers_frames)
         self._intake = Intake(robot, self.config, contact, self._counts)
         self._core: SquareRootFilter | None = None
         self._first_ns: int | None = None
         self._stamp_ns = 0
         self._clone_ns: int | None = None
+        self._frame_ns: int | None = None
+        self._gate = EvidenceGate(self.config.feedback_gate)
 
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened, by name; see ``Intake`` and the profiles."""
-        counts = {**self._counts, **self._intake.counts}
+        counts = {**self._counts, **self._intake.counts, **self._gate.counts}
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
@@ -123,6 +135,86 @@ class LegOdometryFilter:
         """
         core, _ = self._cloned()
         return correct_clone(core, T_world_body, covariance).innovation_squared
+
+    @property
+    def has_started(self) -> bool:
+        """Whether there are estimates."""
+        return self._core is not None
+
+    @property
+    def keyframe_ns(self) -> int | None:
+        """The time of the cloned pose; None where there is none."""
+        return self._clone_ns
+
+    def expected_pose(self, stamp_ns: int) -> Array:
+        """``T_world_body`` at a time near the last sample, the body going on as it does, (4, 4).
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        mean = self._started().mean
+        dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+        rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
+        return se3.transform(rotation, mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s)
+
+    def mark_frame(self, stamp_ns: int) -> PoseBelief:
+        """Remember the pose at a frame's stamp, which lies between samples; the last frame is forgotten.
+
+        From the last sample on the body is taken to go on with its rate and velocity.
+
+        Raises:
+            FilterError: the filter has not started yet, or does not remember frames.
+        """
+        core = self._started()
+        if not core.mean.layout.has_frame:
+            raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
+        core.mark_frame((stamp_ns - self._stamp_ns) / _NS_PER_S)
+        self._frame_ns = stamp_ns
+        return frame_pair(core, stamp_ns, stamp_ns).end
+
+    def keep_frame(self) -> None:
+        """The frame becomes the keyframe: where deltas start from.
+
+        Raises:
+            FilterError: no frame has been marked.
+        """
+        core, self._clone_ns = self._marked()
+        core.keep_frame()
+
+    def frame_pair(self) -> PosePair:
+        """The poses of keyframe and frame as the filter believes them now.
+
+        Raises:
+            FilterError: no frame has been marked, or no keyframe is kept.
+        """
+        core, frame_ns = self._marked()
+        return frame_pair(core, self._cloned()[1], frame_ns)
+
+    def take_evidence(self, evidence: PoseEvidence, widening: float = 1.0) -> Verdict:
+        """Correct everything by what is known from outside of the poses at keyframe and frame, however late it comes.
+
+        Args:
+            evidence: of the keyframe and the frame that are remembered.
+            widening: the filter's own sigmas are multiplied by this first.
+
+        Raises:
+            FilterError: the evidence is of other times.
+        """
+        core, frame_ns = self._marked()
+        of_ns = (evidence.start_ns, evidence.end_ns)
+        if of_ns != (self._cloned()[1], frame_ns):
+            raise FilterError(
+                f"evidence of {of_ns} ns came while {(self._clone_ns, frame_ns)} ns are remembered; "
+                "mark_frame, take_evidence and keep_frame go together"
+            )
+        core.factor = core.factor * widening
+        return self._gate.take(core, evidence)
+
+    def _marked(self) -> tuple[SquareRootFilter, int]:
+        core = self._started()
+        if self._frame_ns is None:
+            raise FilterError("no frame has been marked; call mark_frame() first")
+        return core, self._frame_ns
 
     def _bridge(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
         """Turn with the gyroscope while the joints were silent; returns what is left of the reading and of the step.

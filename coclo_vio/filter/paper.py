@@ -44,8 +44,10 @@ CURVED_COLUMNS = 10  # rotation, (leg scale,) rate and gyroscope bias bend the p
 class PaperProfile:
     """The steps of the filter as the paper prints them."""
 
-    def __init__(self, robot: RobotModel, config: PaperConfig, counts: Counter[str]) -> None:
-        self.layout = StateLayout(len(robot.leg_names), has_contacts=True)
+    def __init__(
+        self, robot: RobotModel, config: PaperConfig, counts: Counter[str], *, has_frame: bool = False
+    ) -> None:
+        self.layout = StateLayout(len(robot.leg_names), has_contacts=True, has_frame=has_frame)
         self.is_wide = True
         self._config = config
         self._counts = counts

@@ -22,8 +22,10 @@ from coclo_vio.robot.model import RobotModel
 class RobustProfile:
     """The steps of the filter with rolling feet, an innovation gate for each leg, and rows only where there is data."""
 
-    def __init__(self, robot: RobotModel, config: RobustConfig, counts: Counter[str]) -> None:
-        self.layout = StateLayout(len(robot.leg_names), has_contacts=False)
+    def __init__(
+        self, robot: RobotModel, config: RobustConfig, counts: Counter[str], *, has_frame: bool = False
+    ) -> None:
+        self.layout = StateLayout(len(robot.leg_names), has_contacts=False, has_frame=has_frame)
         self.is_wide = False
         self._robot: RobotDescription = robot.description
         self._config = config

@@ -15,7 +15,7 @@ with this error their sigma points do not see it either: yaw never becomes false
 uncertainty. ``plain_jacobian`` leads from these errors to ordinary ones.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,15 +36,17 @@ _BODY = 20
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Where the errors of feet, contacts and cloned pose stand behind the 20 of the body.
+    """Where the errors of feet, contacts and cloned poses stand behind the 20 of the body.
 
     Attributes:
         legs: number of legs.
         has_contacts: whether contact probabilities are states (paper) or taken from the detector (robust).
+        has_frame: whether a second pose is cloned: that of a camera frame whose result is still to come.
     """
 
     legs: int
     has_contacts: bool
+    has_frame: bool = False
 
     @property
     def world(self) -> slice:
@@ -72,9 +74,21 @@ class StateLayout:
         return slice(self.contacts.stop + 3, self.contacts.stop + 6)
 
     @property
+    def frame_rotation(self) -> slice:
+        """Rotation error of the frame's pose; empty where no frame is remembered."""
+        start = self.clone_position.stop
+        return slice(start, start + 3 * self.has_frame)
+
+    @property
+    def frame_position(self) -> slice:
+        """Position of the frame's pose, world frame, m; empty where no frame is remembered."""
+        start = self.frame_rotation.stop
+        return slice(start, start + 3 * self.has_frame)
+
+    @property
     def dimension(self) -> int:
         """Length of the error state."""
-        return int(self.clone_position.stop)
+        return int(self.frame_position.stop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +98,16 @@ class State:
     Attributes:
         layout: the order of ``vector``.
         rotation: ``R_world_body``, (..., 3, 3).
-        vector: everything else, (..., L); the places of the two rotations are zero and mean nothing.
+        vector: everything else, (..., L); the places of the rotations are zero and mean nothing.
         clone_rotation: ``R_world_clone`` of the mean, (3, 3).
+        frame_rotation: ``R_world_frame`` of the mean, (3, 3).
     """
 
     layout: StateLayout
     rotation: Array
     vector: Array
     clone_rotation: Array
+    frame_rotation: Array = field(default_factory=lambda: np.eye(3))
 
     @property
     def feet(self) -> Array:
@@ -99,7 +115,7 @@ class State:
         return self.vector[..., self.layout.feet].reshape(*self.vector.shape[:-1], self.layout.legs, 3)
 
     def spread(self, errors: Array) -> "State":
-        """The stack of states that differ from this mean by error vectors (points, L); the clone is left alone."""
+        """The stack of states that differ from this mean by error vectors (points, L); clones are left alone."""
         return self._spread(errors, so3.exp(errors[:, ROTATION]))
 
     def _spread(self, errors: Array, turn: Array) -> "State":
@@ -110,16 +126,20 @@ class State:
         return replace(self, rotation=turn @ self.rotation, vector=vector)
 
     def corrected(self, step: Array) -> "State":
-        """This mean moved by one error vector (L,), the clone with it."""
+        """This mean moved by one error vector (L,), the clones with it."""
         layout = self.layout
-        turn, clone_turn = so3.exp(np.stack((step[ROTATION], step[layout.clone_rotation])))
+        frame_step = step[layout.frame_rotation] if layout.has_frame else np.zeros(3)
+        turn, clone_turn, frame_turn = so3.exp(np.stack((step[ROTATION], step[layout.clone_rotation], frame_step)))
         moved = self._spread(step[None], turn[None])
         vector = moved.vector[0]
-        clone_at = layout.clone_position
-        vector[clone_at] = clone_turn @ (self.vector[clone_at] + step[clone_at])
+        for at, its_turn in ((layout.clone_position, clone_turn), (layout.frame_position, frame_turn)):
+            if at.stop > at.start:
+                vector[at] = its_turn @ (self.vector[at] + step[at])
         vector[ROTATION] = 0.0
         vector[layout.clone_rotation] = 0.0
-        return State(layout, moved.rotation[0], vector, clone_turn @ self.clone_rotation)
+        vector[layout.frame_rotation] = 0.0
+        rotations = clone_turn @ self.clone_rotation, frame_turn @ self.frame_rotation
+        return State(layout, moved.rotation[0], vector, *rotations)
 
     def errors_of(self, stack: "State") -> Array:
         """Error vectors (points, L) of a stack of states about this mean; inverse of ``spread``."""
@@ -140,7 +160,8 @@ class State:
         vector = self.vector[0].copy()
         vector[ROTATION] = 0.0
         vector[layout.clone_rotation] = 0.0
-        centre = State(layout, self.rotation[0], vector, self.clone_rotation)
+        vector[layout.frame_rotation] = 0.0
+        centre = State(layout, self.rotation[0], vector, self.clone_rotation, self.frame_rotation)
         shift = points.mean(centre.errors_of(self))
         shift[layout.clone_rotation.start :] = 0.0
         mean = centre.corrected(shift)
