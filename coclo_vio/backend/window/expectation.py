@@ -13,7 +13,7 @@ from coclo_vio.backend.window.inertial import GRAVITY_MPS2, Preintegration
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
-from coclo_vio.estimates import OdometryDelta
+from coclo_vio.estimates import OdometryDelta, PoseEvidence
 from coclo_vio.geometry import so3
 
 _NS_PER_S = 1_000_000_000
@@ -98,10 +98,17 @@ class Expectation:
         motion: Motion,
         odometry: OdometryDelta | None,
         bias: gtsam.imuBias.ConstantBias,
+        evidence: PoseEvidence | None = None,
     ) -> Iterator[factors.Term]:
-        """What ties the next keyframe, at ``stamp_ns``, to the newest one, besides landmarks."""
+        """What ties the next keyframe, at ``stamp_ns``, to the newest one, besides landmarks.
+
+        Evidence takes the place of the odometry, whose knowledge it holds.
+        """
         start, end = window.newest.number, window.newest.number + 1
-        if odometry is not None:
+        told = None if evidence is None else factors.evidence(start, end, evidence)
+        if told is not None:
+            yield told
+        elif odometry is not None:
             yield factors.relative_pose(start, end, odometry.T_start_end, odometry.covariance)
         if self._imu is not None and self.has_inertial_tie:
             yield factors.inertial(start, end, self._imu.measured)

@@ -10,6 +10,7 @@ import numpy as np
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.calibration import RectifiedStereo
+from coclo_vio.estimates import PoseEvidence
 
 _UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, of which a standstill says nothing by itself
 _LANDMARK = gtsam.symbol("l", 0)
@@ -89,6 +90,20 @@ def relative_pose(start: int, end: int, T_start_end: Array, covariance: Array) -
     keys = (pose_key(start), pose_key(end))
     noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
     return Term(gtsam.BetweenFactorPose3(*keys, gtsam.Pose3(T_start_end), noise), keys)
+
+
+def evidence(start: int, end: int, told: PoseEvidence) -> Term | None:
+    """What somebody knows of two keyframes, linear where he knew it; None where that is nothing."""
+    rows, measured = told.rows()
+    if not len(rows):
+        return None
+    keys = (pose_key(start), pose_key(end))
+    where = gtsam.Values()
+    where.insert(keys[0], gtsam.Pose3(told.T_world_start))
+    where.insert(keys[1], gtsam.Pose3(told.T_world_end))
+    unit = gtsam.noiseModel.Unit.Create(len(rows))
+    linear = gtsam.JacobianFactor(keys[0], rows[:, :6], keys[1], rows[:, 6:], measured, unit)
+    return Term(gtsam.LinearContainerFactor(linear, where), keys)
 
 
 def pose_prior(number: int, T_world_body: Array, covariance: Array) -> Term:  # noqa: N803

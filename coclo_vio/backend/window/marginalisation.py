@@ -19,6 +19,31 @@ from coclo_vio.errors import SmootherError
 _FAINT = 1e-6  # information that makes undetermined directions solvable
 
 
+def evidence_of_pair(
+    terms: Iterable[Term], leaving: Sequence[int], pair: tuple[int, int], values: gtsam.Values
+) -> tuple[Array, Array]:
+    """What ``terms`` say of two poses once ``leaving`` keys are eliminated: information (12, 12), vector (12,).
+
+    Both are about the poses in ``values``; directions may be left open.
+
+    Raises:
+        SmootherError: something that leaves is not determined by the terms.
+    """
+    graph = gtsam.NonlinearFactorGraph()
+    for term in terms:
+        graph.push_back(term.factor)
+    try:
+        _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
+        for key in pair:  # also where nothing is said of one of them
+            remaining.push_back(
+                gtsam.JacobianFactor(key, np.zeros((6, 6)), np.zeros(6), gtsam.noiseModel.Unit.Create(6))
+            )
+        information, vector = remaining.hessian(ordered(pair))
+    except RuntimeError as error:
+        raise SmootherError(f"what is said of the newest keyframes is not determined: {error}") from error
+    return np.asarray(information), np.ravel(vector)
+
+
 def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.Values) -> list[Term]:
     """The terms that say of the rest what ``terms`` say of everything, once ``leaving`` keys are eliminated.
 

@@ -8,7 +8,7 @@ sensors", 2019 (VINS-Fusion); what is ours is the prior on landmarks still seen,
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -23,11 +23,19 @@ from coclo_vio.backend.window.inertial import InertialWatch, Preintegration, Qui
 from coclo_vio.backend.window.keyframe_choice import has_turned_over, is_keyframe, stand_still
 from coclo_vio.backend.window.localisation import Located, PixelModel
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
-from coclo_vio.backend.window.start import Starter
+from coclo_vio.backend.window.start import HELD_SIGMA, Starter
 from coclo_vio.backend.window.window import Keyframe, Solution, Window
 from coclo_vio.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import Event, KeyframeHealth, NavState, OdometryDelta, StateEstimate
+from coclo_vio.estimates import (
+    Event,
+    KeyframeHealth,
+    NavState,
+    OdometryDelta,
+    PoseBelief,
+    PoseEvidence,
+    StateEstimate,
+)
 from coclo_vio.geometry import se3
 from coclo_vio.measurements import InertialReading, StereoTracks
 
@@ -84,6 +92,8 @@ class SlidingWindowSmoother:
         self._bias = gtsam.imuBias.ConstantBias()
         self._keyframe_covariance = np.eye(15)  # of [pose, velocity, accelerometer bias, gyroscope bias]
         self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
+        self._given: PoseBelief | None = None
+        self._said: tuple[PoseEvidence, PoseBelief] | None = None
         self._silent_until_ns = 0
         self._longest_blind_s = self.config.failure.longest_blind_s
         self._seen_ns = 0  # last time that the eyes saw anything
@@ -106,6 +116,32 @@ class SlidingWindowSmoother:
         """The time of the last keyframe: where an ``OdometryDelta`` has to start."""
         return None if self._window is None else self._window.newest.stamp_ns
 
+    @property
+    def belief(self) -> PoseBelief | None:
+        """What is known of the last keyframe; None before the start."""
+        if self._window is None:
+            return None
+        newest = self._window.newest
+        if self._said is not None and self._said[1].stamp_ns == newest.stamp_ns:
+            return self._said[1]
+        return PoseBelief(newest.stamp_ns, self._window.pose(newest.number), self._keyframe_covariance[:6, :6])
+
+    @property
+    def evidence(self) -> PoseEvidence | None:
+        """What is known of the last keyframe and the one before it without what ties the two besides landmarks.
+
+        None where the last keyframe is the first one of its window, or the two are not determined.
+        """
+        is_current = self._said is not None and self._said[1].stamp_ns == self.keyframe_ns
+        return self._said[0] if self._said is not None and is_current else None
+
+    def start_from(self, belief: PoseBelief) -> None:
+        """Start, or start anew, with the frame of this stamp and in the world of this belief.
+
+        A start of its own is not sought any more.
+        """
+        self._given = PoseBelief(belief.stamp_ns, belief.T_world_body, belief.covariance + np.eye(6) * HELD_SIGMA**2)
+
     def take_events(self) -> tuple[Event, ...]:
         """What happened since the last call."""
         return self._diary.take_events()
@@ -127,25 +163,34 @@ class SlidingWindowSmoother:
         """``T_world_body`` expected at ``stamp_ns``, (4, 4); None before the start."""
         return None if self._window is None else self._expected(self._window, stamp_ns, None).T_world_body
 
-    def push_tracks(self, tracks: StereoTracks, odometry: OdometryDelta | None = None) -> StateEstimate | None:
+    def push_tracks(
+        self,
+        tracks: StereoTracks,
+        odometry: OdometryDelta | None = None,
+        evidence: PoseEvidence | None = None,
+    ) -> StateEstimate | None:
         """Take a frame; its estimate, or None before the start and for a frame that is not newer than the last.
 
         Args:
             tracks: what the frame sees.
             odometry: the motion from ``keyframe_ns`` to the frame as something else measured it.
+            evidence: what something else knows of the poses at both times, besides: where the frame becomes a
+                keyframe, it takes the place of the odometry.
         """
         if self._last is not None and tracks.stamp_ns <= self._last.stamp_ns:
             self._diary.count("frame_stamp_refused")
             return None
         self._diary.count("frames")
+        if self._given is not None and self._given.stamp_ns == tracks.stamp_ns:
+            return self._start_as_given(tracks, self._given)
         if self._window is None:
-            return self._try_to_start(tracks)
+            return self._try_to_start(tracks) if self._given is None else None
         if odometry is not None and odometry.start_ns != self._window.newest.stamp_ns:
             odometry = None
             self._diary.count("odometry_refused")
         motion = self._expected(self._window, tracks.stamp_ns, odometry)
         is_wrong, located = self._located(self._window, tracks, motion)
-        self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry)
+        self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry, evidence)
         seen_at = motion.T_world_body if located is None else located.T_world_body
         covariance = None if located is None else located.covariance
         is_keyframe = self._window.newest.stamp_ns == tracks.stamp_ns
@@ -160,6 +205,7 @@ class SlidingWindowSmoother:
         located: Located | None,
         is_wrong: BoolArray,
         odometry: OdometryDelta | None,
+        evidence: PoseEvidence | None,
     ) -> Frame:
         self._diary.tell_sight(tracks, is_blind=located is None)
         quiet = self._watch.quiet
@@ -174,7 +220,7 @@ class SlidingWindowSmoother:
         if sees_nothing and not self._is_overdue(window, tracks):
             return self._unseen(tracks, motion)
         if located is None or is_keyframe(self.config.keyframe, window.newest.tracks, tracks, self._rig.focal_px[0]):
-            return self._solved(window, tracks, motion, located, is_wrong, odometry)
+            return self._solved(window, tracks, motion, located, is_wrong, odometry, evidence)
         return self._between(tracks, motion, located)
 
     def _try_to_start(self, tracks: StereoTracks) -> StateEstimate | None:
@@ -191,6 +237,15 @@ class SlidingWindowSmoother:
         self._keyframe_covariance[9:, 9:] = np.diag(np.repeat([inertial.accelerometer_bias, gyroscope], 3) ** 2)
         self._last = self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
+
+    def _start_as_given(self, tracks: StereoTracks, given: PoseBelief) -> StateEstimate:
+        if self._window is not None:
+            self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where it was told to")
+        covariance = np.zeros((9, 9))
+        covariance[:6, :6] = given.covariance
+        covariance[6:, 6:] = np.eye(3) * self.config.start.rest_velocity_mps**2
+        self._begin(tracks, given.T_world_body, covariance, np.zeros(3), knows_rate=False)
+        return self._answer()
 
     def _begin(
         self,
@@ -307,12 +362,13 @@ class SlidingWindowSmoother:
         located: Located | None,
         is_wrong: BoolArray,
         odometry: OdometryDelta | None,
+        evidence: PoseEvidence | None,
     ) -> Frame:
         """A new keyframe: the window with it solved, the oldest one marginalised."""
         began_s = time.process_time()
         before = window.newest
-        ties = [*self._expectation.ties(window, tracks.stamp_ns, motion, odometry, self._bias)]
-        keyframe = Keyframe(before.number + 1, tracks.stamp_ns, tracks, ties)
+        ties = [*self._expectation.ties(window, tracks.stamp_ns, motion, odometry, self._bias, evidence)]
+        keyframe = Keyframe(before.number + 1, tracks.stamp_ns, tracks, list(ties))
         if self._imu is not None and not self._expectation.has_inertial_tie:
             self._diary.tell(
                 tracks.stamp_ns, "imu_gap", "the IMU was silent for too long: this keyframe does without it"
@@ -324,6 +380,8 @@ class SlidingWindowSmoother:
         solution = self._try_to_solve(window, tracks)
         if solution is None:
             return self._restarted(window, tracks, motion)
+        if odometry is not None:
+            self._say(window, ties)
         if len(window.keyframes) > self.config.keyframes:
             self._drop_oldest(window, tracks.stamp_ns)
         if self._imu is not None:
@@ -332,6 +390,14 @@ class SlidingWindowSmoother:
         self._diary.note(tracks.stamp_ns, used, len(window.keyframes), solution, compute_s)
         T, velocity = window.pose(keyframe.number), self._velocity(window, before)
         return Frame(tracks.stamp_ns, T, velocity, self._keyframe_covariance[:9, :9])
+
+    def _say(self, window: Window, ties: Sequence[factors.Term]) -> None:
+        """Note what is known of the newest keyframes, for whoever gave the odometry."""
+        try:
+            self._said = window.newest_pair(ties)
+        except SmootherError as error:
+            self._said = None
+            self._diary.tell(window.newest.stamp_ns, "nothing_to_say", str(error))
 
     def _velocity(self, window: Window, before: Keyframe) -> Array:
         if self._imu is not None:
