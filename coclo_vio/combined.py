@@ -8,13 +8,13 @@ taken at the remembered poses; everything since follows by its correlations, not
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from coclo_vio import bridge
-from coclo_vio.arrays import ByteImage
+from coclo_vio.arrays import Array, ByteImage
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.bridge import BridgeConfig
 from coclo_vio.calibration import StereoCalibration
@@ -124,7 +124,7 @@ class CombinedOdometry:
         self._clock = ImageClock(time_offset_s, waits=True)
         self._latency_ns = round(self.config.vision_latency_s * _NS_PER_S)
         self._known: PoseBelief | None = None  # of the last keyframe, by filter and smoother alike
-        self._seen: PoseBelief | None = None  # the filter's pose at the last frame
+        self._seen: tuple[int, Array] | None = None  # stamp and pose of the last frame, by the filter
         self._due: _Due | None = None
         self._answers: deque[StateEstimate] = deque()
         self._others: list[tuple[str, StateEstimate]] = []
@@ -190,23 +190,23 @@ class CombinedOdometry:
         if not self._legs.has_started:
             self._counts["frame_before_start"] += 1
             return
-        if self._seen is not None and stamp_ns <= self._seen.stamp_ns:
+        if self._seen is not None and stamp_ns <= self._seen[0]:
             self._counts["frame_stamp_refused"] += 1
             return
         if self._due is not None:
             self._counts["frame_while_busy"] += 1
             return
-        before, self._seen = self._seen, self._legs.mark_frame(stamp_ns)
+        before, self._seen = self._seen, (stamp_ns, self._legs.mark_frame(stamp_ns))
         tracks = self._tracked(sight, before, self._seen)
         if tracks is None:
             return
         if self._known is None:
-            self._begin(tracks, self._seen)
+            self._begin(tracks)
         else:
             self._tie(tracks, self._known)
 
     def _tracked(
-        self, sight: StereoFrame | StereoTracks, before: PoseBelief | None, now: PoseBelief
+        self, sight: StereoFrame | StereoTracks, before: tuple[int, Array] | None, now: tuple[int, Array]
     ) -> StereoTracks | None:
         if isinstance(sight, StereoTracks):
             return sight
@@ -217,28 +217,41 @@ class CombinedOdometry:
         expected = None
         if before is not None:
             T_body_camera = self._frontend.rig.T_body_camera
-            expected = np.asarray(se3.inverse(before.T_world_body @ T_body_camera) @ now.T_world_body @ T_body_camera)
+            expected = np.asarray(se3.inverse(before[1] @ T_body_camera) @ now[1] @ T_body_camera)
         tracks = self._frontend.track(sight, expected)
         if self._show is not None and (self._counts["frames"] - 1) % self._show[0] == 0:
             self._show[1](sight.stamp_ns, self._frontend.overlay())
         return tracks
 
-    def _begin(self, tracks: StereoTracks, where: PoseBelief) -> None:
-        """The smoother's first keyframe, where and how the filter has it."""
-        self._smoother.start_from(where)
+    def _begin(self, tracks: StereoTracks) -> None:
+        """The smoother's first keyframe: the anchor, from which both count."""
+        self._smoother.start_from(PoseBelief(tracks.stamp_ns, np.eye(4), np.zeros((6, 6))))
         estimate = self._smoother.push_tracks(tracks)
-        if estimate is not None:
-            self._others.append((BY_EYES, estimate))
-        self._legs.keep_frame()
+        self._legs.anchor_frame()
+        self._answer(estimate)
         self._known = self._smoother.belief
+
+    def _answer(self, estimate: StateEstimate | None) -> None:
+        """Put an estimate of the smoother into the filter's world."""
+        if estimate is None:
+            return
+        nav, anchor = estimate.nav, self._legs.anchor
+        T_world_anchor = anchor.T_world_body
+        placed = replace(
+            nav,
+            T_world_body=T_world_anchor @ nav.T_world_body,
+            velocity_world=T_world_anchor[:3, :3] @ nav.velocity_world,
+        )
+        covariance = np.array(estimate.covariance)
+        carried = se3.adjoint(se3.inverse(nav.T_world_body))
+        covariance[:6, :6] += carried @ anchor.covariance @ carried.T
+        self._others.append((BY_EYES, replace(estimate, nav=placed, covariance=covariance)))
 
     def _tie(self, tracks: StereoTracks, known: PoseBelief) -> None:
         """A frame after a keyframe: the filter's motion since then goes along."""
         pair = self._legs.frame_pair()
         told = bridge.legs_evidence(pair, known, self.config) if self._exchanges else None
-        estimate = self._smoother.push_tracks(tracks, _motion(pair, self.config.floor_m), told)
-        if estimate is not None:
-            self._others.append((BY_EYES, estimate))
+        self._answer(self._smoother.push_tracks(tracks, _motion(pair, self.config.floor_m), told))
         believed = self._smoother.belief
         if believed is None or believed.stamp_ns != tracks.stamp_ns:
             return

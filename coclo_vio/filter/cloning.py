@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.arrays import Array
-from coclo_vio.estimates import OdometryDelta, PoseEvidence, PosePair
+from coclo_vio.estimates import OdometryDelta, PoseBelief, PoseEvidence, PosePair
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.square_root import Correction, correct
 from coclo_vio.filter.state import POSITION, ROTATION, State
@@ -65,19 +65,39 @@ def _local(mean: State, rotation_at: slice, position_at: slice, R: Array) -> Arr
 
 
 def _pair(mean: State) -> tuple[Array, Array, Array]:
-    """Keyframe's and frame's pose, (4, 4) each, and the Jacobian of both right/local errors, (12, L)."""
+    """Keyframe's and frame's pose from the anchor, (4, 4) each, and the Jacobian (12, L) of both local errors."""
     layout = mean.layout
-    T_world_frame = se3.transform(mean.frame_rotation, mean.vector[layout.frame_position])
-    of_clone = _local(mean, layout.clone_rotation, layout.clone_position, mean.clone_rotation)
-    of_frame = _local(mean, layout.frame_rotation, layout.frame_position, mean.frame_rotation)
-    return _clone_pose(mean), T_world_frame, np.concatenate((of_clone, of_frame))
+    T_world_anchor = anchor_pose(mean)
+    of_anchor = _local(mean, layout.anchor_rotation, layout.anchor_position, mean.anchor_rotation)
+    poses, jacobians = [], []
+    for rotation_at, position_at, rotation in (
+        (layout.clone_rotation, layout.clone_position, mean.clone_rotation),
+        (layout.frame_rotation, layout.frame_position, mean.frame_rotation),
+    ):
+        T_anchor_pose = se3.inverse(T_world_anchor) @ se3.transform(rotation, mean.vector[position_at])
+        poses.append(T_anchor_pose)
+        from_anchor = se3.adjoint(se3.inverse(T_anchor_pose)) @ of_anchor
+        jacobians.append(_local(mean, rotation_at, position_at, rotation) - from_anchor)
+    return poses[0], poses[1], np.concatenate(jacobians)
+
+
+def anchor_pose(mean: State) -> Array:
+    """``T_world_anchor``, (4, 4)."""
+    return se3.transform(mean.anchor_rotation, mean.vector[mean.layout.anchor_position])
+
+
+def anchor_belief(core: SquareRootFilter, stamp_ns: int) -> PoseBelief:
+    """Where the anchor is in the world."""
+    mean, layout = core.mean, core.mean.layout
+    rows = _local(mean, layout.anchor_rotation, layout.anchor_position, mean.anchor_rotation) @ core.factor
+    return PoseBelief(stamp_ns, anchor_pose(mean), rows @ rows.T)
 
 
 def frame_pair(core: SquareRootFilter, start_ns: int, end_ns: int) -> PosePair:
-    """The poses of the keyframe (the clone) and of the frame as the filter believes them."""
-    T_world_start, T_world_end, jacobian = _pair(core.mean)
+    """The poses of the keyframe (the clone) and of the frame from the anchor, as the filter believes them."""
+    T_anchor_start, T_anchor_end, jacobian = _pair(core.mean)
     rows = jacobian @ core.factor
-    return PosePair(start_ns, end_ns, T_world_start, T_world_end, rows @ rows.T)
+    return PosePair(start_ns, end_ns, T_anchor_start, T_anchor_end, rows @ rows.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,13 +115,13 @@ class Surprise:
 
 def weigh(core: SquareRootFilter, evidence: PoseEvidence) -> tuple[Surprise, Correction | None]:
     """What evidence on keyframe and frame would do to the filter, which stays as it is; None if it says nothing."""
-    T_world_start, T_world_end, jacobian = _pair(core.mean)
+    T_anchor_start, T_anchor_end, jacobian = _pair(core.mean)
     rows, measured = evidence.rows()
     if not len(rows):
         return Surprise(0.0, 0), None
     apart = [
-        se3.log(se3.inverse(evidence.T_world_start) @ T_world_start),
-        se3.log(se3.inverse(evidence.T_world_end) @ T_world_end),
+        se3.log(se3.inverse(evidence.T_world_start) @ T_anchor_start),
+        se3.log(se3.inverse(evidence.T_world_end) @ T_anchor_end),
     ]
     for part, twist in enumerate(apart):
         jacobian[6 * part : 6 * part + 6] = se3.right_jacobian_inverse(twist) @ jacobian[6 * part : 6 * part + 6]

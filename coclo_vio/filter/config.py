@@ -76,6 +76,13 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, lt=0.1, description="how far a leg may give under the load from which it stands, m")
     ] = 0.002
     leg_give_walk_m: Annotated[float, Field(ge=0, description="its random walk, m/sqrt(s)")] = 1e-5
+    slip_share: Annotated[
+        float, Field(ge=0, lt=1, description="speed at which all standing feet seem to slip, as a share of the body's")
+    ] = 0.015
+    slip_turn_per_m: Annotated[
+        float, Field(ge=0, lt=1, description="how far they seem to turn the body for each metre walked, rad/m")
+    ] = 0.01
+    slip_memory_s: Annotated[float, Field(gt=0, description="for how long a slip goes on, s")] = 10.0
     gate_probability: Annotated[
         float, Field(gt=0.5, lt=1, description="share of good leg measurements that pass the innovation gate")
     ] = 0.997

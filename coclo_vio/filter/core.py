@@ -51,7 +51,9 @@ class SquareRootFilter:
         scaled, here and in the clones, with all their correlations: nothing is learned from it.
         """
         layout = self.mean.layout
-        for rows in (ROTATION, layout.clone_rotation, *([layout.frame_rotation] if layout.has_frame else [])):
+        for rows in (ROTATION, layout.clone_rotation, layout.frame_rotation, layout.anchor_rotation):
+            if rows.stop == rows.start:
+                continue
             sigmas = np.sqrt(self.variance(rows))
             if sigmas.max() > MOST_ROTATION_SIGMA_RAD:
                 self.factor[rows] *= np.minimum(1.0, MOST_ROTATION_SIGMA_RAD / sigmas)[:, None]
@@ -109,6 +111,14 @@ class SquareRootFilter:
         vector[layout.clone_position] = vector[layout.frame_position]
         self._copy([(layout.clone_rotation, layout.frame_rotation), (layout.clone_position, layout.frame_position)])
         self.mean = replace(self.mean, vector=vector, clone_rotation=self.mean.frame_rotation)
+
+    def anchor(self) -> None:
+        """The frame's pose becomes the anchor."""
+        layout = self.mean.layout
+        vector = self.mean.vector.copy()
+        vector[layout.anchor_position] = vector[layout.frame_position]
+        self._copy([(layout.anchor_rotation, layout.frame_rotation), (layout.anchor_position, layout.frame_position)])
+        self.mean = replace(self.mean, vector=vector, anchor_rotation=self.mean.frame_rotation)
 
     def _copy(self, places: Sequence[tuple[slice, slice]], along: Array | None = None) -> None:
         """Errors at the first places become those at the second ones, plus ``along.T`` (6, L) times all errors."""

@@ -18,6 +18,8 @@ from coclo_vio.filter.state import (
     POSITION,
     RATE,
     ROTATION,
+    SLIP,
+    SLIP_TURN,
     VELOCITY,
     State,
     StateLayout,
@@ -92,6 +94,7 @@ def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, i
     sigmas[ROTATION] = (tilt, tilt, _TIED)
     sigmas[LEG_SCALE] = unsure.scale
     sigmas[LEG_GIVE] = unsure.give_m
+    sigmas[SLIP_TURN.start : SLIP.stop] = 0.0
     sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
     sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
     sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2

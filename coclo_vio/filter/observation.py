@@ -14,7 +14,7 @@ import numpy as np
 
 from coclo_vio.arrays import Array, IntArray
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.process import UP, lengthened
+from coclo_vio.filter.process import UP, lengthened, slip_of
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
@@ -83,6 +83,7 @@ def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[Stat
         count = len(stack.vector)
         velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
+        velocity -= slip_of(stack, levers)
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
         velocity += giving
         return np.asarray(velocity.reshape(count, -1))

@@ -10,7 +10,7 @@ import numpy as np
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.errors import FilterError
 from coclo_vio.estimates import FootState, NavState, OdometryDelta, PoseBelief, PoseEvidence, PosePair, StateEstimate
-from coclo_vio.filter.cloning import correct_clone, delta_from_clone, frame_pair
+from coclo_vio.filter.cloning import anchor_belief, correct_clone, delta_from_clone, frame_pair
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.feedback import EvidenceGate, Verdict
@@ -157,10 +157,13 @@ class LegOdometryFilter:
         rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
         return se3.transform(rotation, mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s)
 
-    def mark_frame(self, stamp_ns: int) -> PoseBelief:
+    def mark_frame(self, stamp_ns: int) -> Array:
         """Remember the pose at a frame's stamp, which lies between samples; the last frame is forgotten.
 
         From the last sample on the body is taken to go on with its rate and velocity.
+
+        Returns:
+            ``T_world_body`` of the frame, (4, 4).
 
         Raises:
             FilterError: the filter has not started yet, or does not remember frames.
@@ -170,7 +173,26 @@ class LegOdometryFilter:
             raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
         core.mark_frame((stamp_ns - self._stamp_ns) / _NS_PER_S)
         self._frame_ns = stamp_ns
-        return frame_pair(core, stamp_ns, stamp_ns).end
+        return se3.transform(core.mean.frame_rotation, core.mean.vector[core.mean.layout.frame_position])
+
+    def anchor_frame(self) -> None:
+        """The frame becomes keyframe and anchor: poses of pairs and evidence are counted from there.
+
+        Raises:
+            FilterError: no frame has been marked.
+        """
+        self._marked()[0].anchor()
+        self.keep_frame()
+
+    @property
+    def anchor(self) -> PoseBelief:
+        """Where the anchor is, as is known now; its stamp is that of the last keyframe.
+
+        Raises:
+            FilterError: no frame has been kept.
+        """
+        core, keyframe_ns = self._cloned()
+        return anchor_belief(core, keyframe_ns)
 
     def keep_frame(self) -> None:
         """The frame becomes the keyframe: where deltas start from.
@@ -182,7 +204,7 @@ class LegOdometryFilter:
         core.keep_frame()
 
     def frame_pair(self) -> PosePair:
-        """The poses of keyframe and frame as the filter believes them now.
+        """The poses of keyframe and frame from the anchor as the filter believes them now.
 
         Raises:
             FilterError: no frame has been marked, or no keyframe is kept.
@@ -191,10 +213,10 @@ class LegOdometryFilter:
         return frame_pair(core, self._cloned()[1], frame_ns)
 
     def take_evidence(self, evidence: PoseEvidence, widening: float = 1.0) -> Verdict:
-        """Correct everything by what is known from outside of the poses at keyframe and frame, however late it comes.
+        """Correct everything by what is known from outside of keyframe and frame, however late it comes.
 
         Args:
-            evidence: of the keyframe and the frame that are remembered.
+            evidence: of the poses, from the anchor, of the keyframe and the frame that are remembered.
             widening: the filter's own sigmas are multiplied by this first.
 
         Raises:

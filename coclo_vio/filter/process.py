@@ -24,6 +24,8 @@ from coclo_vio.filter.state import (
     POSITION,
     RATE,
     ROTATION,
+    SLIP,
+    SLIP_TURN,
     VELOCITY,
     State,
 )
@@ -46,7 +48,15 @@ def lengthened(scale: Array, position_body: Array, hips_body: Array) -> Array:
     return added
 
 
-def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_body: Array) -> State:
+def slip_of(stack: State, position_body: Array) -> Array:
+    """Velocity at which standing feet at ``position_body`` (n, 3) seem to slip, body axes, m/s, (points, n, 3)."""
+    slip = stack.vector[:, None, SLIP] - position_body @ so3.hat(stack.vector[:, SLIP_TURN])
+    return np.asarray(slip)
+
+
+def predict(
+    stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_body: Array, slip_memory_s: float = np.inf
+) -> State:
     """Sigma points one step later.
 
     Args:
@@ -55,6 +65,7 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_
         motion: what the joints say of the feet.
         radii_m: radius of each foot, (n,); 0 lets the foot centre itself hold.
         hips_body: where each leg begins, body frame, m, (n, 3).
+        slip_memory_s: time constant with which a slip is forgotten.
     """
     turn = stack.vector[:, RATE] * dt_s
     rotation = stack.rotation @ so3.exp(turn)
@@ -64,6 +75,8 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_
     foot_turn = turn[:, None, :] + motion.turn_body + commutator
     foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
     rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
+    rolled += slip_of(stack, motion.position_body) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
+    vector[:, SLIP_TURN.start : SLIP.stop] *= np.exp(-dt_s / slip_memory_s)
     legs = motion.position_body + lengthened(vector[:, LEG_SCALE], motion.position_body, hips_body)
     carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
     carried[..., 2] += vector[:, LEG_GIVE] * motion.press
@@ -82,7 +95,7 @@ def noise_rows(
     config: RobustConfig,
     imu: ImuCalibration,
 ) -> Array:
-    """Rows ``N``, (14 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
+    """Rows ``N``, (20 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
     Rate and velocity change by white accelerations and run straight from one sample to the next: what is measured at
     both ends of a step fixes what was turned and travelled between them. A rate that wandered between samples (white
@@ -99,7 +112,7 @@ def noise_rows(
     """
     layout = mean.layout
     legs = layout.legs
-    rows = np.zeros((14 + 3 * legs, layout.dimension))
+    rows = np.zeros((20 + 3 * legs, layout.dimension))
     root = np.sqrt(dt_s)
     identity = np.eye(3)
     turn_rows, move_rows = rows[0:3], rows[3:6]
@@ -111,6 +124,10 @@ def noise_rows(
     rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
     rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
     rows[13, LEG_GIVE] = config.leg_give_walk_m * root * config.estimates_leg_give
+    speed = float(np.linalg.norm(mean.vector[VELOCITY]))
+    slip = speed * root * np.sqrt(2.0 / config.slip_memory_s)
+    rows[14:17, SLIP_TURN] = config.slip_turn_per_m * slip * identity
+    rows[17:20, SLIP] = config.slip_share * slip * identity
     world_turn = turn_rows[:, ROTATION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), legs, 3)  # a copy: written back below
@@ -120,7 +137,7 @@ def noise_rows(
     creep = config.foothold_creep * root * identity
     own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
     each = np.arange(legs)
-    feet[14:].reshape(legs, 3, legs, 3)[each, :, each] = own
+    feet[20:].reshape(legs, 3, legs, 3)[each, :, each] = own
     rows[:, layout.feet] = feet.reshape(len(rows), -1)
     world = mean.vector[layout.world].reshape(-1, 3)
     turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)

@@ -98,7 +98,9 @@ class RobustProfile:
 
     def _predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         core.predict(
-            lambda stack: process.predict(stack, dt_s, motion, self._radii_m, self._hips_body),
+            lambda stack: process.predict(
+                stack, dt_s, motion, self._radii_m, self._hips_body, self._config.slip_memory_s
+            ),
             lambda mean: process.noise_rows(
                 mean,
                 dt_s,

@@ -5,8 +5,9 @@ Paper section III-B lists position, velocity, quaternion, angular velocity, gyro
 contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
 here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
 ``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
-Two states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), and how far a leg gives
-under the load from which it stands (``LEG_GIVE``, m). They stay zero and certain where they are not estimated.
+Three states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), how far a leg gives
+under the load from which it stands (``LEG_GIVE``, m), and how all standing feet seem to slip together (``SLIP_TURN``,
+rad/s, and ``SLIP``, m/s, body axes). They stay zero and certain where they are not estimated.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
 ``v = exp(e) (v_mean + e_v)`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
@@ -29,19 +30,22 @@ RATE = slice(4, 7)
 GYROSCOPE_BIAS = slice(7, 10)
 ACCELEROMETER_BIAS = slice(10, 13)
 LEG_GIVE = slice(13, 14)
-VELOCITY = slice(14, 17)
-POSITION = slice(17, 20)
-_BODY = 20
+SLIP_TURN = slice(14, 17)
+SLIP = slice(17, 20)
+VELOCITY = slice(20, 23)
+POSITION = slice(23, 26)
+_BODY = 26
 
 
 @dataclass(frozen=True, slots=True)
 class StateLayout:
-    """Where the errors of feet, contacts and cloned poses stand behind the 20 of the body.
+    """Where the errors of feet, contacts and cloned poses stand behind the 26 of the body.
 
     Attributes:
         legs: number of legs.
         has_contacts: whether contact probabilities are states (paper) or taken from the detector (robust).
-        has_frame: whether a second pose is cloned: that of a camera frame whose result is still to come.
+        has_frame: whether two further poses are cloned: that of a camera frame whose result is still to come, and the
+            anchor, where whoever looks at frames began.
     """
 
     legs: int
@@ -86,9 +90,21 @@ class StateLayout:
         return slice(start, start + 3 * self.has_frame)
 
     @property
+    def anchor_rotation(self) -> slice:
+        """Rotation error of the anchor; empty where no frame is remembered."""
+        start = self.frame_position.stop
+        return slice(start, start + 3 * self.has_frame)
+
+    @property
+    def anchor_position(self) -> slice:
+        """Position of the anchor, world frame, m; empty where no frame is remembered."""
+        start = self.anchor_rotation.stop
+        return slice(start, start + 3 * self.has_frame)
+
+    @property
     def dimension(self) -> int:
         """Length of the error state."""
-        return int(self.frame_position.stop)
+        return int(self.anchor_position.stop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +117,7 @@ class State:
         vector: everything else, (..., L); the places of the rotations are zero and mean nothing.
         clone_rotation: ``R_world_clone`` of the mean, (3, 3).
         frame_rotation: ``R_world_frame`` of the mean, (3, 3).
+        anchor_rotation: ``R_world_anchor`` of the mean, (3, 3).
     """
 
     layout: StateLayout
@@ -108,6 +125,7 @@ class State:
     vector: Array
     clone_rotation: Array
     frame_rotation: Array = field(default_factory=lambda: np.eye(3))
+    anchor_rotation: Array = field(default_factory=lambda: np.eye(3))
 
     @property
     def feet(self) -> Array:
@@ -128,18 +146,24 @@ class State:
     def corrected(self, step: Array) -> "State":
         """This mean moved by one error vector (L,), the clones with it."""
         layout = self.layout
-        frame_step = step[layout.frame_rotation] if layout.has_frame else np.zeros(3)
-        turn, clone_turn, frame_turn = so3.exp(np.stack((step[ROTATION], step[layout.clone_rotation], frame_step)))
+        steps = [step[ROTATION], step[layout.clone_rotation]]
+        if layout.has_frame:
+            steps += [step[layout.frame_rotation], step[layout.anchor_rotation]]
+        turn, *turns = so3.exp(np.stack(steps))
         moved = self._spread(step[None], turn[None])
         vector = moved.vector[0]
-        for at, its_turn in ((layout.clone_position, clone_turn), (layout.frame_position, frame_turn)):
-            if at.stop > at.start:
-                vector[at] = its_turn @ (self.vector[at] + step[at])
-        vector[ROTATION] = 0.0
-        vector[layout.clone_rotation] = 0.0
-        vector[layout.frame_rotation] = 0.0
-        rotations = clone_turn @ self.clone_rotation, frame_turn @ self.frame_rotation
+        places = layout.clone_position, layout.frame_position, layout.anchor_position
+        for at, its_turn in zip(places, turns, strict=False):
+            vector[at] = its_turn @ (self.vector[at] + step[at])
+        self._clear_rotations(vector)
+        before = self.clone_rotation, self.frame_rotation, self.anchor_rotation
+        rotations = [its_turn @ rotation for its_turn, rotation in zip(turns, before, strict=False)]
         return State(layout, moved.rotation[0], vector, *rotations)
+
+    def _clear_rotations(self, vector: Array) -> None:
+        layout = self.layout
+        for at in (ROTATION, layout.clone_rotation, layout.frame_rotation, layout.anchor_rotation):
+            vector[at] = 0.0
 
     def errors_of(self, stack: "State") -> Array:
         """Error vectors (points, L) of a stack of states about this mean; inverse of ``spread``."""
@@ -158,10 +182,8 @@ class State:
         """
         layout = self.layout
         vector = self.vector[0].copy()
-        vector[ROTATION] = 0.0
-        vector[layout.clone_rotation] = 0.0
-        vector[layout.frame_rotation] = 0.0
-        centre = State(layout, self.rotation[0], vector, self.clone_rotation, self.frame_rotation)
+        self._clear_rotations(vector)
+        centre = replace(self, rotation=self.rotation[0], vector=vector)
         shift = points.mean(centre.errors_of(self))
         shift[layout.clone_rotation.start :] = 0.0
         mean = centre.corrected(shift)
