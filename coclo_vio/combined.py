@@ -235,17 +235,11 @@ class CombinedOdometry:
         """Put an estimate of the smoother into the filter's world."""
         if estimate is None:
             return
-        nav, anchor = estimate.nav, self._legs.anchor
-        T_world_anchor = anchor.T_world_body
-        placed = replace(
-            nav,
-            T_world_body=T_world_anchor @ nav.T_world_body,
-            velocity_world=T_world_anchor[:3, :3] @ nav.velocity_world,
-        )
-        covariance = np.array(estimate.covariance)
-        carried = se3.adjoint(se3.inverse(nav.T_world_body))
-        covariance[:6, :6] += carried @ anchor.covariance @ carried.T
-        self._others.append((BY_EYES, replace(estimate, nav=placed, covariance=covariance)))
+        nav, covariance = estimate.nav, np.array(estimate.covariance)
+        T_world_body, covariance[:6, :6] = self._legs.placed(nav.T_world_body, covariance[:6, :6])
+        velocity = T_world_body[:3, :3] @ nav.T_world_body[:3, :3].T @ nav.velocity_world
+        nav = replace(nav, T_world_body=T_world_body, velocity_world=velocity)
+        self._others.append((BY_EYES, replace(estimate, nav=nav, covariance=covariance)))
 
     def _tie(self, tracks: StereoTracks, known: PoseBelief) -> None:
         """A frame after a keyframe: the filter's motion since then goes along."""

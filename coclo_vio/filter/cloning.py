@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.arrays import Array
-from coclo_vio.estimates import OdometryDelta, PoseBelief, PoseEvidence, PosePair
+from coclo_vio.estimates import OdometryDelta, PoseEvidence, PosePair
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.square_root import Correction, correct
 from coclo_vio.filter.state import POSITION, ROTATION, State
@@ -75,9 +75,12 @@ def _pair(mean: State) -> tuple[Array, Array, Array]:
         (layout.frame_rotation, layout.frame_position, mean.frame_rotation),
     ):
         T_anchor_pose = se3.inverse(T_world_anchor) @ se3.transform(rotation, mean.vector[position_at])
-        poses.append(T_anchor_pose)
         from_anchor = se3.adjoint(se3.inverse(T_anchor_pose)) @ of_anchor
-        jacobians.append(_local(mean, rotation_at, position_at, rotation) - from_anchor)
+        T_seen, of_pose, of_eyes = _as_seen(T_anchor_pose, mean.vector[layout.eyes])
+        jacobian = of_pose @ (_local(mean, rotation_at, position_at, rotation) - from_anchor)
+        jacobian[:, layout.eyes] += of_eyes
+        poses.append(T_seen)
+        jacobians.append(jacobian)
     return poses[0], poses[1], np.concatenate(jacobians)
 
 
@@ -86,15 +89,51 @@ def anchor_pose(mean: State) -> Array:
     return se3.transform(mean.anchor_rotation, mean.vector[mean.layout.anchor_position])
 
 
-def anchor_belief(core: SquareRootFilter, stamp_ns: int) -> PoseBelief:
-    """Where the anchor is in the world."""
+def _as_seen(T: Array, eyes: Array) -> tuple[Array, Array, Array]:  # noqa: N803 -- a transform is T
+    """A pose from the anchor as eyes see it that are mounted otherwise and have another base line than is known.
+
+    ``E T E^-1`` of cameras that are turned by ``E = exp(turn)``, its translation stretched by ``1 + stretch``.
+
+    Returns:
+        The pose, (4, 4), the Jacobian of its right/local error by that of ``T``, (6, 6), and by errors of eyes, (6, 4).
+    """
+    E = se3.exp(np.concatenate((eyes[:3], np.zeros(3))))
+    seen = E @ T @ se3.inverse(E)
+    of_eyes = np.zeros((6, 4))
+    of_eyes[:, :3] = (se3.adjoint(se3.inverse(seen)) - np.eye(6))[:, :3]
+    of_eyes[3:, 3] = seen[:3, :3].T @ seen[:3, 3] / (1.0 + eyes[3])
+    stretch = np.repeat([1.0, 1.0 + eyes[3]], 3)
+    of_eyes[:, :] *= stretch[:, None]
+    seen[:3, 3] *= 1.0 + eyes[3]
+    return seen, stretch[:, None] * se3.adjoint(E), of_eyes
+
+
+def placed(core: SquareRootFilter, T_anchor_seen: Array, covariance: Array) -> tuple[Array, Array]:  # noqa: N803
+    """A pose that eyes see from the anchor, in the world, and the covariance of its right/local error.
+
+    Args:
+        core: the filter.
+        T_anchor_seen: the pose as it is seen, (4, 4).
+        covariance: of its right/local error, (6, 6).
+    """
     mean, layout = core.mean, core.mean.layout
-    rows = _local(mean, layout.anchor_rotation, layout.anchor_position, mean.anchor_rotation) @ core.factor
-    return PoseBelief(stamp_ns, anchor_pose(mean), rows @ rows.T)
+    eyes = mean.vector[layout.eyes]
+    E = se3.exp(np.concatenate((eyes[:3], np.zeros(3))))
+    T_anchor_body = np.array(T_anchor_seen)
+    T_anchor_body[:3, 3] /= 1.0 + eyes[3]
+    T_anchor_body = se3.inverse(E) @ T_anchor_body @ E
+    _, of_pose, of_eyes = _as_seen(T_anchor_body, eyes)
+    back = np.asarray(np.linalg.inv(of_pose), dtype=np.float64)
+    jacobian = se3.adjoint(se3.inverse(T_anchor_body)) @ _local(
+        mean, layout.anchor_rotation, layout.anchor_position, mean.anchor_rotation
+    )
+    jacobian[:, layout.eyes] -= back @ of_eyes
+    rows = jacobian @ core.factor
+    return anchor_pose(mean) @ T_anchor_body, rows @ rows.T + back @ covariance @ back.T
 
 
 def frame_pair(core: SquareRootFilter, start_ns: int, end_ns: int) -> PosePair:
-    """The poses of the keyframe (the clone) and of the frame from the anchor, as the filter believes them."""
+    """The poses of the keyframe (the clone) and of the frame from the anchor, as eyes should see them."""
     T_anchor_start, T_anchor_end, jacobian = _pair(core.mean)
     rows = jacobian @ core.factor
     return PosePair(start_ns, end_ns, T_anchor_start, T_anchor_end, rows @ rows.T)

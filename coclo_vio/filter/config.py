@@ -29,6 +29,13 @@ class InitialConfig(StageConfig):
     rest_rate_noise_radps: Annotated[
         float, Field(gt=0, description="mean angular velocity at rest, beyond its bias, rad/s")
     ] = 0.003
+    eyes_turn_rad: Annotated[
+        float,
+        Field(ge=0, lt=0.2, description="error of the cameras' mounting, each axis, where there are cameras, rad"),
+    ] = 0.004
+    eyes_stretch: Annotated[
+        float, Field(ge=0, lt=0.2, description="relative error of what stereo says of lengths, where there are cameras")
+    ] = 0.007
 
 
 class RobustConfig(StageConfig):

@@ -102,6 +102,8 @@ def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, i
     sigmas[POSITION] = _TIED
     sigmas[layout.feet] = unsure.noise_m
     sigmas[layout.contacts] = 0.5
+    if layout.has_frame:
+        sigmas[layout.eyes] = (*[config.eyes_turn_rad] * 3, config.eyes_stretch)
     return sigmas
 
 

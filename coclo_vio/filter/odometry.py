@@ -9,8 +9,8 @@ import numpy as np
 
 from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.errors import FilterError
-from coclo_vio.estimates import FootState, NavState, OdometryDelta, PoseBelief, PoseEvidence, PosePair, StateEstimate
-from coclo_vio.filter.cloning import anchor_belief, correct_clone, delta_from_clone, frame_pair
+from coclo_vio.estimates import FootState, NavState, OdometryDelta, PoseEvidence, PosePair, StateEstimate
+from coclo_vio.filter.cloning import correct_clone, delta_from_clone, frame_pair, placed
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.feedback import EvidenceGate, Verdict
@@ -184,15 +184,17 @@ class LegOdometryFilter:
         self._marked()[0].anchor()
         self.keep_frame()
 
-    @property
-    def anchor(self) -> PoseBelief:
-        """Where the anchor is, as is known now; its stamp is that of the last keyframe.
+    def placed(self, T_anchor_seen: Array, covariance: Array) -> tuple[Array, Array]:  # noqa: N803 -- a transform is T
+        """A pose that eyes see from the anchor, as it is in the world, with the covariance of its right/local error.
+
+        Args:
+            T_anchor_seen: as it is seen, (4, 4).
+            covariance: of its right/local error, (6, 6).
 
         Raises:
-            FilterError: no frame has been kept.
+            FilterError: no frame has been marked.
         """
-        core, keyframe_ns = self._cloned()
-        return anchor_belief(core, keyframe_ns)
+        return placed(self._marked()[0], T_anchor_seen, covariance)
 
     def keep_frame(self) -> None:
         """The frame becomes the keyframe: where deltas start from.

@@ -102,9 +102,15 @@ class StateLayout:
         return slice(start, start + 3 * self.has_frame)
 
     @property
+    def eyes(self) -> slice:
+        """How eyes see the world wrongly: turn (3, rad) and stretch (1); empty where no frame is remembered."""
+        start = self.anchor_position.stop
+        return slice(start, start + 4 * self.has_frame)
+
+    @property
     def dimension(self) -> int:
         """Length of the error state."""
-        return int(self.anchor_position.stop)
+        return int(self.eyes.stop)
 
 
 @dataclass(frozen=True, slots=True)
