@@ -2,6 +2,7 @@
 """A recording through several estimators into one run folder, and the folder's evaluation."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
 from coclo_vio.datasets.report import STREAM_NAMES
 from coclo_vio.equipment import Equipment
 from coclo_vio.errors import CocloError, DatasetError, EvaluationError
-from coclo_vio.estimates import Estimator
+from coclo_vio.estimates import Estimator, Several
 from coclo_vio.estimators import EstimatorKind, estimator_kind
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
@@ -71,7 +72,7 @@ def run_all(
             else:
                 ran = _run_one(mode, dataset, one, folder, progress, pictures_every)
             run["recording_ns"] = _union(run["recording_ns"], ran.summary.recording_ns)
-            run["estimators"][mode] = ran.to_json()
+            run["estimators"].update(ran.to_json(mode))
             run_folder.write_json(folder / "run.json", run)
         _add_reader(run, dataset)
         run_folder.write_json(folder / "run.json", run)
@@ -157,15 +158,22 @@ class _Ran:
         sensors: what it took of the recording.
         keyframes: what they come to, where it has any.
         pictures: how many were drawn.
+        name: of its estimates; its mode's if None.
     """
 
     summary: pipeline.RunSummary
     sensors: frozenset[type]
     keyframes: Mapping[str, float | None] | None = None
     pictures: int = 0
+    name: str | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        """What ``run.json`` says of it."""
+    def to_json(self, mode: str) -> dict[str, Any]:
+        """What ``run.json`` says of it: an object for each name of its estimates, that of ``push`` first."""
+        told = {"mode": mode, **self._told()}
+        others = {name: {**told, "estimates": number} for name, number in self.summary.others.items()}
+        return {self.name or mode: told, **others}
+
+    def _told(self) -> dict[str, Any]:
         summary = self.summary
         start_ns = 0 if summary.recording_ns is None else summary.recording_ns[0]
         return {
@@ -196,10 +204,22 @@ def _run_one(
     pictures = PictureWriter(folder, mode)
     if pictures_every is not None and isinstance(prepared.estimator, HasPictures):
         prepared.estimator.show(pictures_every, pictures.write)
-    with StateWriter(folder, mode, prepared.leg_names) as writer, KeyframeWriter(folder, mode) as keyframes:
-        measurements = dataset.measurements(prepared.sensors)
-        summary = pipeline.run(prepared.estimator, measurements, writer.write, told, keyframes.write)
-    return _Ran(summary, prepared.sensors, keyframes.summary(), pictures.written)
+    estimator = prepared.estimator
+    several = estimator if isinstance(estimator, Several) else None
+    name, other_names = (mode, ()) if several is None else (several.name, several.other_names)
+    with ExitStack() as files:
+        writer = files.enter_context(StateWriter(folder, name, prepared.leg_names))
+        others = {other: files.enter_context(StateWriter(folder, other, ())) for other in other_names}
+        keyframes = files.enter_context(KeyframeWriter(folder, (name, *other_names)[-1]))
+        summary = pipeline.run(
+            estimator,
+            dataset.measurements(prepared.sensors),
+            writer.write,
+            told,
+            keyframes.write,
+            lambda other, estimate: others[other].write(estimate),
+        )
+    return _Ran(summary, prepared.sensors, keyframes.summary(), pictures.written, name)
 
 
 def evaluate_run(

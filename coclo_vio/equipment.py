@@ -143,13 +143,15 @@ class Equipment:
 
 
 def default_mode(path: Path, config: RunConfig) -> str:
-    """The mode that suits a recording best: by its legs where it has those of the robot, otherwise by its eyes.
+    """The mode that suits a recording best: legs and eyes together, or whichever it has.
 
     Raises:
         DatasetError: no such path, or no known format.
     """
     has_named_joints = config.robot is not None and bool(robot_fit(path, config.dataset).joints)
-    return "coclo" if has_named_joints else compared_modes(path, config)[0]
+    if not has_named_joints:
+        return compared_modes(path, config)[0]
+    return "combined" if "combined" in compared_modes(path, config) else "coclo"
 
 
 def compared_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
@@ -165,17 +167,18 @@ def compared_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
         return LEG_MODES
     inertial = ("vins",) if sensors & {ImuSample, CameraImuSample} else ()
     if has_legs:
-        return (*LEG_MODES, *(inertial if _is_calibrated(dataset, config) else ()))
+        stereo, imu = _calibrated(dataset, config)
+        return (*LEG_MODES, *(inertial if stereo and imu else ()), *(("combined",) if stereo else ()))
     return (*inertial, "stereo", *(("stereo_twist",) if BodyTwistSample in sensors else ()))
 
 
-def _is_calibrated(dataset: Dataset, config: RunConfig) -> bool:
-    """Whether ``vins`` would know its cameras and its IMU."""
+def _calibrated(dataset: Dataset, config: RunConfig) -> tuple[bool, bool]:
+    """Whether a visual mode would know its cameras, and its IMU."""
     try:
         equipment = Equipment.of(dataset, config, VISION_SENSORS)
     except DatasetError:
-        return False
-    return equipment.stereo is not None and equipment.eye_imu is not None
+        return False, False
+    return equipment.stereo is not None, equipment.eye_imu is not None
 
 
 def _sensors_of(dataset: Dataset) -> frozenset[type]:

@@ -258,3 +258,19 @@ class SelfReporting(Protocol):
 
     def take_health(self) -> tuple[KeyframeHealth, ...]:
         """The keyframes since the last call."""
+
+
+@runtime_checkable
+class Several(Protocol):
+    """An estimator with more than one answer: what ``push`` gives has a name of its own, the others have theirs."""
+
+    @property
+    def name(self) -> str:
+        """Of what ``push`` gives."""
+
+    @property
+    def other_names(self) -> tuple[str, ...]:
+        """Of the others."""
+
+    def take_others(self) -> tuple[tuple[str, StateEstimate], ...]:
+        """The others' estimates since the last call, with their names."""

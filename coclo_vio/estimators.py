@@ -43,9 +43,16 @@ class EstimatorKind:
         """Whether it follows legs, so that it asks for a robot."""
         return JointSample in self.sensors
 
+    @property
+    def has_eyes(self) -> bool:
+        """Whether it sees."""
+        return bool(self.sensors & _EYES)
+
     def taken(self, equipment: Equipment) -> frozenset[type]:
         """The sensors that it takes of this equipment."""
-        return self.sensors if self.has_legs else self.sensors & equipment.sensors - (_IMUS - {equipment.eye_imu})
+        if self.has_legs:
+            return self.sensors & (LEG_SENSORS | equipment.sensors)
+        return self.sensors & equipment.sensors - (_IMUS - {equipment.eye_imu})
 
 
 def _coclo(equipment: Equipment, config: RunConfig) -> Estimator:
@@ -97,6 +104,19 @@ def _visual(*, uses_imu: bool = False, uses_twist: bool = False) -> Callable[[Eq
     return make
 
 
+def _combined(equipment: Equipment, config: RunConfig) -> Estimator:
+    from coclo_vio.combined import combined_odometry  # noqa: PLC0415 -- loads GTSAM and OpenCV, as _inekf
+
+    return combined_odometry(
+        LegOdometryFilter(equipment.legs(), config.filter, remembers_frames=True),
+        equipment.cameras(),
+        config.frontend,
+        config.smoother,
+        config.bridge,
+        has_frames=StereoFrame in equipment.sensors,
+    )
+
+
 ESTIMATORS: Mapping[str, EstimatorKind] = {
     "coclo": EstimatorKind(
         "contact-centric leg odometry, the configured profile (default: robust)", LEG_SENSORS, _coclo
@@ -114,6 +134,11 @@ ESTIMATORS: Mapping[str, EstimatorKind] = {
     "naive_rolling": EstimatorKind("naive with rolling feet", LEG_SENSORS, _naive(rolls_feet=True, weighs_load=False)),
     "naive_weighted": EstimatorKind(
         "naive with rolling feet weighed by load", LEG_SENSORS, _naive(rolls_feet=True, weighs_load=True)
+    ),
+    "combined": EstimatorKind(
+        "legs and stereo together, each teaching the other: combined_coclo and combined_vins",
+        LEG_SENSORS | _EYES,
+        _combined,
     ),
     "vins": EstimatorKind("stereo and a preintegrated IMU in a sliding window", _EYES | _IMUS, _visual(uses_imu=True)),
     "stereo": EstimatorKind("stereo alone in the same window; an IMU only levels the start", _EYES | _IMUS, _visual()),

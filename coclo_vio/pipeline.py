@@ -2,11 +2,12 @@
 """A recording through an estimator: measurements in, estimates out, one at a time."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from coclo_vio.errors import CocloError
-from coclo_vio.estimates import Estimator, Event, KeyframeHealth, SelfReporting, StateEstimate
+from coclo_vio.estimates import Estimator, Event, KeyframeHealth, SelfReporting, Several, StateEstimate
 from coclo_vio.measurements import Measurement
 
 _NS_PER_S = 1_000_000_000
@@ -25,6 +26,7 @@ class RunSummary:
         failure: why it stopped early, None if it went through.
         events: what it lived through.
         estimated_until_ns: stamp of the last estimate, None without any.
+        others: how many estimates came out under each further name.
     """
 
     measurements: int
@@ -35,6 +37,7 @@ class RunSummary:
     failure: str | None
     events: tuple[Event, ...] = ()
     estimated_until_ns: int | None = None
+    others: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def realtime_factor(self) -> float | None:
@@ -50,6 +53,7 @@ def run(
     take: Callable[[StateEstimate], None],
     progress: Callable[[int], None] | None = None,
     keep_health: Callable[[KeyframeHealth], None] | None = None,
+    take_other: Callable[[str, StateEstimate], None] | None = None,
 ) -> RunSummary:
     """Push every measurement and hand each estimate on; an error ends the run, what came before it stays.
 
@@ -61,7 +65,10 @@ def run(
         take: called with each estimate.
         progress: called with the stamp (ns) of each measurement.
         keep_health: called with each keyframe's health, where the estimator has keyframes.
+        take_other: called with name and estimate, where the estimator has several answers.
     """
+    several = estimator if isinstance(estimator, Several) else None
+    others: Counter[str] = Counter()
     diary = _Diary(estimator, keep_health)
     pushed = estimates = 0
     first_ns = last_ns = until_ns = None
@@ -81,6 +88,10 @@ def run(
                 estimates += 1
                 until_ns = estimate.stamp_ns
                 take(estimate)
+            for name, other in () if several is None else several.take_others():
+                others[name] += 1
+                if take_other is not None:
+                    take_other(name, other)
             if progress is not None:
                 progress(stamp_ns)
     except CocloError as error:
@@ -88,7 +99,8 @@ def run(
     diary.read()
     recording_ns = None if first_ns is None or last_ns is None else (first_ns, last_ns)
     counts = dict(estimator.counts)
-    return RunSummary(pushed, estimates, recording_ns, compute_s, counts, failure, tuple(diary.events), until_ns)
+    events = tuple(diary.events)
+    return RunSummary(pushed, estimates, recording_ns, compute_s, counts, failure, events, until_ns, dict(others))
 
 
 class _Diary:

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from coclo_vio.backend.config import InvariantConfig
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.bridge import BridgeConfig
 from coclo_vio.calibration import ImuCalibration
 from coclo_vio.config import StageConfig, merged, parse_settings, read_yaml
 from coclo_vio.datasets.config import DatasetConfig
@@ -30,6 +31,9 @@ class RunConfig(StageConfig):
     inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
     frontend: Annotated[FrontendConfig, Field(description="the eyes of the visual modes")] = FrontendConfig()
     smoother: Annotated[SmootherConfig, Field(description="the sliding window of the visual modes")] = SmootherConfig()
+    bridge: Annotated[BridgeConfig, Field(description="between legs and eyes, where both work together")] = (
+        BridgeConfig()
+    )
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     imu_calibration: Annotated[
         Literal["recording", "robot"],

@@ -46,7 +46,7 @@ def run(
         typer.Option(
             "--mode",
             "-m",
-            help=f"One of: {', '.join(ESTIMATORS)}. Default: coclo, or by sight where there are no legs.",
+            help=f"One of: {', '.join(ESTIMATORS)}. Default: combined, or coclo or vins by what there is.",
         ),
     ] = None,
     robot: RobotOption = None,
@@ -71,20 +71,21 @@ def run(
         pictures_every = every if debug_images else None
         told = comparison.run_all(dataset, [mode], resolved, output, progress, pictures_every)
     tell_run(told, output)
-    failure = told["estimators"][mode]["failure"]
+    main = next(iter(told["estimators"].values()))
+    failure = main["failure"]
     evaluations: dict[str, Evaluation] = {}
-    if told["ground_truth"] is not None and told["estimators"][mode]["estimates"]:
+    if told["ground_truth"] is not None and main["estimates"]:
         evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
         print_table(evaluations, _title(dataset.resolve().name, resolved))
         tell_failures(failures)
-    if bag is not None and told["estimators"][mode]["estimates"]:
+    if bag is not None and main["estimates"]:
         write_run_bag(bag, output, list(told["estimators"]), evaluations)
         give(f"bag: {bag}")
-    if failure and not told["estimators"][mode]["estimates"]:
+    if failure and not main["estimates"]:
         raise DatasetError(f"no estimate came out: {failure}")
     if failure:
         raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
-    if not told["estimators"][mode]["estimates"]:
+    if not main["estimates"]:
         needed = (
             "joint samples in time order, stamped in the unit their column says"
             if ESTIMATORS[mode].has_legs
