@@ -25,7 +25,7 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 ROBOT = RobotModel(load_robot("daisy"))
 WALK = BodyMotionConfig(rest_s=0.8, walk_s=1.2, stop_s=0.0, ramp_s=0.4)
 EQUIPMENT = Equipment(robot=ROBOT)
-LEG_MODES = [name for name, kind in ESTIMATORS.items() if kind.has_legs]
+LEG_MODES = [name for name, kind in ESTIMATORS.items() if kind.has_legs and not kind.has_eyes]
 VISUAL_MODES = [name for name, kind in ESTIMATORS.items() if not kind.has_legs]
 KINDS = {"coclo": LegOdometryFilter, "inekf": InvariantLegOdometry, "naive": NaiveLegOdometry}
 

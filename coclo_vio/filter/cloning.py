@@ -100,7 +100,7 @@ def _as_seen(T: Array, eyes: Array) -> tuple[Array, Array, Array]:  # noqa: N803
     E = se3.exp(np.concatenate((eyes[:3], np.zeros(3))))
     seen = E @ T @ se3.inverse(E)
     of_eyes = np.zeros((6, 4))
-    of_eyes[:, :3] = (se3.adjoint(se3.inverse(seen)) - np.eye(6))[:, :3]
+    of_eyes[:, :3] = (se3.adjoint(se3.inverse(seen)) - np.eye(6))[:, :3] @ so3.right_jacobian(-eyes[:3])
     of_eyes[3:, 3] = seen[:3, :3].T @ seen[:3, 3] / (1.0 + eyes[3])
     stretch = np.repeat([1.0, 1.0 + eyes[3]], 3)
     of_eyes[:, :] *= stretch[:, None]

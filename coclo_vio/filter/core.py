@@ -88,10 +88,14 @@ class SquareRootFilter:
         self._copy([(layout.clone_rotation, ROTATION), (layout.clone_position, POSITION)])
         self.mean = replace(self.mean, vector=vector, clone_rotation=self.mean.rotation)
 
-    def mark_frame(self, dt_s: float) -> None:
+    def mark_frame(self, dt_s: float, noise: tuple[float, float] = (0.0, 0.0)) -> None:
         """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; the last one is forgotten.
 
         The body is taken to go on as it does: ``R exp(w dt)``, ``r + v dt``. The errors of rate and velocity go along.
+
+        Args:
+            dt_s: from the present to the frame, s.
+            noise: one sigma of what the body turns (rad) and moves (m) otherwise, each axis.
         """
         mean, layout = self.mean, self.mean.layout
         vector = mean.vector.copy()
@@ -102,7 +106,16 @@ class SquareRootFilter:
         along[RATE] = np.concatenate((turning, moving)).T
         along[VELOCITY, 3:] = np.eye(3) * dt_s
         self._copy([(layout.frame_rotation, ROTATION), (layout.frame_position, POSITION)], along)
+        self._widen([(layout.frame_rotation, noise[0]), (layout.frame_position, noise[1])])
         self.mean = replace(mean, vector=vector, frame_rotation=mean.rotation @ so3.exp(vector[RATE] * dt_s))
+
+    def _widen(self, sigmas: Sequence[tuple[slice, float]]) -> None:
+        """Independent noise on some errors."""
+        rows = np.zeros_like(self.factor)
+        for at, sigma in sigmas:
+            rows[at, at] = sigma * np.eye(at.stop - at.start)
+        if rows.any():
+            self.factor = lower_factor(np.concatenate((self.factor.T, rows)))
 
     def keep_frame(self) -> None:
         """The frame's pose becomes the cloned one."""

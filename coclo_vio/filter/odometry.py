@@ -160,7 +160,7 @@ class LegOdometryFilter:
     def mark_frame(self, stamp_ns: int) -> Array:
         """Remember the pose at a frame's stamp, which lies between samples; the last frame is forgotten.
 
-        From the last sample on the body is taken to go on with its rate and velocity.
+        From the last sample on the body is taken to go on with its rate and velocity; across a gap it may wander off.
 
         Returns:
             ``T_world_body`` of the frame, (4, 4).
@@ -171,9 +171,17 @@ class LegOdometryFilter:
         core = self._started()
         if not core.mean.layout.has_frame:
             raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
-        core.mark_frame((stamp_ns - self._stamp_ns) / _NS_PER_S)
+        dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+        core.mark_frame(dt_s, self._wandering(dt_s))
         self._frame_ns = stamp_ns
         return se3.transform(core.mean.frame_rotation, core.mean.vector[core.mean.layout.frame_position])
+
+    def _wandering(self, dt_s: float) -> tuple[float, float]:
+        """One sigma of turn (rad) and way (m) beyond steady motion; nothing between two samples."""
+        if dt_s <= self.config.max_gap_s:
+            return 0.0, 0.0
+        robust, reach = self.config.robust, float(np.sqrt(dt_s**3 / 3.0))
+        return robust.angular_acceleration_density * reach, robust.acceleration_density * reach
 
     def anchor_frame(self) -> None:
         """The frame becomes keyframe and anchor: poses of pairs and evidence are counted from there.
