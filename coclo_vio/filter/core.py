@@ -80,6 +80,13 @@ class SquareRootFilter:
         """Variances of some errors, (k,)."""
         return np.asarray(np.einsum("ij,ij->i", self.factor[errors], self.factor[errors]))
 
+    def widen_places(self, times: float) -> None:
+        """Multiply the sigmas of rotation and of all places but the anchor's, with all their correlations."""
+        layout = self.mean.layout
+        for rows in (ROTATION, POSITION, layout.feet, layout.clone_rotation, layout.clone_position):
+            self.factor[rows] *= times
+        self.factor[layout.frame_rotation.start : layout.frame_position.stop] *= times
+
     def clone(self) -> None:
         """Remember the present pose as the cloned one, with all its correlations; the last clone is forgotten."""
         layout = self.mean.layout

@@ -227,7 +227,7 @@ class LegOdometryFilter:
 
         Args:
             evidence: of the poses, from the anchor, of the keyframe and the frame that are remembered.
-            widening: the filter's own sigmas are multiplied by this first.
+            widening: the filter's own sigmas of rotation and places are multiplied by this first.
 
         Raises:
             FilterError: the evidence is of other times.
@@ -239,7 +239,7 @@ class LegOdometryFilter:
                 f"evidence of {of_ns} ns came while {(self._clone_ns, frame_ns)} ns are remembered; "
                 "mark_frame, take_evidence and keep_frame go together"
             )
-        core.factor = core.factor * widening
+        core.widen_places(widening)
         return self._gate.take(core, evidence)
 
     def _marked(self) -> tuple[SquareRootFilter, int]:
