@@ -244,7 +244,7 @@ class SlidingWindowSmoother:
         covariance = np.zeros((9, 9))
         covariance[:6, :6] = given.covariance
         covariance[6:, 6:] = np.eye(3) * self.config.start.rest_velocity_mps**2
-        self._begin(tracks, given.T_world_body, covariance, np.zeros(3), knows_rate=False)
+        self._last = self._begin(tracks, given.T_world_body, covariance, np.zeros(3))
         return self._answer()
 
     def _begin(
@@ -256,7 +256,7 @@ class SlidingWindowSmoother:
     ) -> Frame:
         """A window of one keyframe, with the covariance (9, 9) of its pose in the world and its velocity."""
         number = 0 if self._window is None else self._window.newest.number + 1
-        self._window = Window(self._rig, self.config)
+        self._window = Window(self._rig, self.config, is_anchored=self._given is not None)
         keyframe = Keyframe(number, tracks.stamp_ns, tracks)
         self._window.add(keyframe, T, np.zeros(len(tracks), dtype=np.bool_))
         if self._imu is not None:

@@ -74,8 +74,9 @@ class Window:
     it, and no estimate that has gone out before is moved as a whole.
     """
 
-    def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
+    def __init__(self, rig: RectifiedStereo, config: SmootherConfig, *, is_anchored: bool = False) -> None:
         self._config = config
+        self._is_anchored = is_anchored
         self._pixels = PixelModel(rig, config.noise)
         self._sightings = SightingFactors(rig, config.noise)
         self._cache: dict[tuple[int, int], Term] = {}  # factors of sightings by landmark and keyframe
@@ -290,11 +291,12 @@ class Window:
         values = gtsam.Values(self.values)
         for landmark_id in [*lost, *kept]:
             values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
-        prior = untouched + marginal_prior(touched, leaving, values)
-        following = self.keyframes[1].number
-        key, free = factors.pose_key(following), self._unmeasured(following)
-        self.prior = prior + relative_to(prior, key, free, values)
-        self._hold(following, self.world_covariance(self.pose(following)) + self._next_covariance)
+        self.prior = untouched + marginal_prior(touched, leaving, values)
+        if not self._is_anchored:
+            following = self.keyframes[1].number
+            key, free = factors.pose_key(following), self._unmeasured(following)
+            self.prior += relative_to(self.prior, key, free, values)
+            self._hold(following, self.world_covariance(self.pose(following)) + self._next_covariance)
         self._forget(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
         for landmark_id, landmark in self.landmarks.items():
@@ -310,6 +312,9 @@ class Window:
             The covariance of what is not held, (6, 6).
         """
         number = self.keyframes[0].number
+        if self._is_anchored:
+            self.prior.append(factors.pose_prior(number, self.pose(number), covariance))
+            return covariance
         self._hold(number, covariance)
         self.prior += self._tilt_prior(number, covariance)
         return np.asarray(covariance - self._held_covariance)
@@ -397,6 +402,9 @@ class Window:
         lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
         self._forget(oldest, lost)
         number = self.keyframes[0].number
+        if self._is_anchored:
+            self.prior = [factors.pose_prior(number, self.pose(number), covariance[:6, :6])]
+            return
         self._hold(number, held + covariance[:6, :6])
         self.prior = self._tilt_prior(number, covariance[:6, :6])
         if self.values.exists(factors.velocity_key(number)):
