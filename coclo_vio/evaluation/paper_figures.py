@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the paper reports of its own robot: Table I, to stand beside ours and never among ours.
 
-Source: "State Estimation for Legged Robots Using Contact-Centric Leg Odometry", Table I and section V. A real Daisy, one
-recording a trial, stereo with a 50 mm base line at 15 Hz. The figure is the position error over the ground truth's net
-displacement, ``Evaluation.paper_drift_percent`` here; for the flat square taken after the first metre.
+Source: "State Estimation for Legged Robots Using Contact-Centric Leg Odometry", Table I and section V. A real Daisy,
+one recording a trial, stereo with a 50 mm base line at 15 Hz. The figure is the position error over the ground truth's
+net displacement, ``Evaluation.paper_drift_percent`` here; for the flat square taken after the first metre.
 """
 
 from collections.abc import Mapping

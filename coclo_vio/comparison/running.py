@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording through several estimators into one run folder, and the folder's evaluation."""
+"""A recording through several estimators into one run folder."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -12,22 +12,16 @@ from coclo_vio.config import write_yaml
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
 from coclo_vio.datasets.report import STREAM_NAMES
 from coclo_vio.equipment import Equipment
-from coclo_vio.errors import CocloError, DatasetError, EvaluationError
+from coclo_vio.errors import CocloError, DatasetError
 from coclo_vio.estimates import Estimator, Several
 from coclo_vio.estimators import EstimatorKind, estimator_kind
-from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
-from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.figures import plot_contacts, plot_keyframes, write_figures
-from coclo_vio.evaluation.report import write_report
-from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter, read_keyframes
-from coclo_vio.measurements import CameraImuSample, ImuSample, StereoFrame, StereoTracks
+from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter
+from coclo_vio.measurements import StereoFrame, StereoTracks
 from coclo_vio.run_config import RunConfig
-from coclo_vio.run_folder import RecordedRun, StateWriter
-from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
+from coclo_vio.run_folder import StateWriter
 
 _NS_PER_S = 1_000_000_000
 _EYES = (STREAM_NAMES[StereoFrame], STREAM_NAMES[StereoTracks])
-_UP = (STREAM_NAMES[ImuSample], STREAM_NAMES[CameraImuSample])
 Progress = Callable[[str, int], None]  # estimator, stamp in ns
 
 
@@ -220,85 +214,3 @@ def _run_one(
             lambda other, estimate: others[other].write(estimate),
         )
     return _Ran(summary, prepared.sensors, keyframes.summary(), pictures.written, name)
-
-
-def evaluate_run(
-    folder: Path, config: EvaluationConfig, truth: GroundTruth | None = None
-) -> tuple[dict[str, Evaluation], dict[str, str]]:
-    """Every estimator of a run folder against ground truth.
-
-    Args:
-        folder: what ``run_all`` wrote.
-        config: how to compare.
-        truth: another ground truth than the run's own.
-
-    Returns:
-        The evaluations by estimator, and for those that could not be evaluated the reason.
-
-    Raises:
-        DatasetError: no run folder, or no ground truth.
-    """
-    run = run_folder.read_run_json(folder)
-    truth = truth or run_folder.read_ground_truth(folder, run)
-    if truth is None:
-        raise DatasetError(f"{folder} has no ground truth; give one with `coclo-vio evaluate {folder} --vicon FILE`")
-    evaluations: dict[str, Evaluation] = {}
-    failures: dict[str, str] = {}
-    for name, told in run["estimators"].items():
-        try:
-            estimate = run_folder.read_estimates(folder, name).trajectory
-            recording = told.get("recording_ns") or run.get("recording_ns")
-            evaluations[name] = evaluate(
-                estimate,
-                truth,
-                config,
-                recording_ns=None if recording is None else (recording[0], recording[1]),
-                realtime_factor=told.get("realtime_factor"),
-                knows_up="sensors" not in told or any(sensor in _UP for sensor in told["sensors"]),
-            )
-        except CocloError as error:
-            failures[name] = told.get("failure") or str(error)
-    return evaluations, failures
-
-
-def evaluate_tum(path: Path, config: EvaluationConfig, truth: GroundTruth | None) -> dict[str, Evaluation]:
-    """One TUM trajectory against ground truth.
-
-    Raises:
-        EvaluationError: no ground truth was given, or the two cannot be compared.
-        DatasetError: the file cannot be read.
-    """
-    estimate = read_tum(path)
-    if truth is None:
-        raise EvaluationError(f"{path} is a trajectory without ground truth; give one with --vicon FILE")
-    return {path.stem: evaluate(estimate, truth, config)}
-
-
-def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
-    """``compare.json``, figures and ``report.html`` of a run folder; returns the path of the report."""
-    with run_folder.writing(folder):
-        write_evaluations(folder / "compare.json", evaluations)
-        runs = [run_folder.read_estimates(folder, name) for name in evaluations]
-        figures = _figures(folder, evaluations, runs)
-        return write_report(folder / "report.html", title, evaluations, figures, config.model_dump(mode="json"))
-
-
-def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None:
-    """An object per estimator."""
-    run_folder.write_json(path, {name: evaluation.to_json() for name, evaluation in evaluations.items()})
-
-
-def _figures(folder: Path, evaluations: Mapping[str, Evaluation], runs: Sequence[RecordedRun]) -> list[Path]:
-    if not evaluations:
-        return []
-    estimates: dict[str, Trajectory] = {name: evaluation.estimate for name, evaluation in evaluations.items()}
-    reference = next(iter(evaluations.values())).reference
-    figures = write_figures(estimates, reference, folder / "figures")
-    first = next((run for run in runs if run.leg_names), None)
-    if first is not None:
-        bands = folder / "figures" / "contacts.png"
-        figures.append(plot_contacts(first.trajectory.stamps_ns, first.contact_probability, first.leg_names, bands))
-    keyframes = {name: read for name in evaluations if (read := read_keyframes(folder, name)) is not None}
-    if keyframes:
-        figures.append(plot_keyframes(keyframes, folder / "figures" / "keyframes.png"))
-    return figures
