@@ -15,6 +15,7 @@ from coclo_vio.config import StageConfig, merged, parse_settings, read_yaml
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.errors import ConfigError, listing
 from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.faults import FaultsConfig
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
@@ -34,6 +35,7 @@ class RunConfig(StageConfig):
     bridge: Annotated[BridgeConfig, Field(description="between legs and eyes, where both work together")] = (
         BridgeConfig()
     )
+    faults: Annotated[FaultsConfig, Field(description="what goes wrong on purpose")] = FaultsConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     imu_calibration: Annotated[
         Literal["recording", "robot"],

@@ -15,6 +15,7 @@ from coclo_vio.equipment import Equipment
 from coclo_vio.errors import CocloError, DatasetError
 from coclo_vio.estimates import Estimator, Several
 from coclo_vio.estimators import EstimatorKind, estimator_kind
+from coclo_vio.faults import Faults
 from coclo_vio.keyframe_log import HasPictures, KeyframeWriter, PictureWriter
 from coclo_vio.measurements import StereoFrame, StereoTracks
 from coclo_vio.run_config import RunConfig
@@ -52,6 +53,7 @@ def run_all(
     kinds = {mode: estimator_kind(mode) for mode in modes}  # a misspelt mode is found before anything runs
     dataset = open_dataset(path, config.robot, config.dataset)
     asked, config = config, config.on_recording(dataset.imu_calibration())
+    faults = Faults(config.faults, config.robot)
     prepared = {mode: _prepared(kind, path, dataset, config) for mode, kind in kinds.items()}
     lacks = [one for one in prepared.values() if isinstance(one, CocloError)]
     if len(lacks) == len(prepared) and lacks:
@@ -64,7 +66,7 @@ def run_all(
             if isinstance(one, CocloError):
                 ran = _Ran(pipeline.RunSummary(0, 0, None, 0.0, {}, str(one)), frozenset())
             else:
-                ran = _run_one(mode, dataset, one, folder, progress, pictures_every)
+                ran = _run_one(mode, dataset, faults, one, folder, progress, pictures_every)
             run["recording_ns"] = _union(run["recording_ns"], ran.summary.recording_ns)
             run["estimators"].update(ran.to_json(mode))
             run_folder.write_json(folder / "run.json", run)
@@ -113,6 +115,7 @@ def _described(path: Path, dataset: Dataset, asked: RunConfig, config: RunConfig
         "robot": None if config.robot is None else config.robot.name,
         "imu_calibration": "robot" if own else "recording",
         "ground_truth": None if truth is None else {"has_stamps": truth.has_stamps, "source": truth.source},
+        "faults": None if config.faults.is_none else config.faults.model_dump(mode="json"),
         "recording_ns": None,
         "estimators": {},
     }
@@ -189,6 +192,7 @@ class _Ran:
 def _run_one(
     mode: str,
     dataset: Dataset,
+    faults: Faults,
     prepared: _Prepared,
     folder: Path,
     progress: Progress | None,
@@ -207,7 +211,7 @@ def _run_one(
         keyframes = files.enter_context(KeyframeWriter(folder, (name, *other_names)[-1]))
         summary = pipeline.run(
             estimator,
-            dataset.measurements(prepared.sensors),
+            faults.measurements(dataset.measurements, prepared.sensors),
             writer.write,
             told,
             keyframes.write,
