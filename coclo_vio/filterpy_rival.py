@@ -29,6 +29,8 @@ from coclo_vio.filter.state import (
     POSITION,
     RATE,
     ROTATION,
+    SLIP,
+    SLIP_TURN,
     VELOCITY,
     State,
 )
@@ -117,6 +119,9 @@ class FilterpyRival:
         rolled = feet.copy()
         rolled[:, 0] += self._radii_m * turned[:, 1]
         rolled[:, 1] -= self._radii_m * turned[:, 0]
+        slip = x[SLIP] + np.cross(x[SLIP_TURN], motion.position_body)
+        rolled += slip @ rotation.T * dt_s
+        moved[SLIP_TURN.start : SLIP.stop] *= math.exp(-dt_s / self._config.slip_memory_s)
         legs = motion.position_body.copy()
         legs[:, :2] += x[LEG_SCALE] * (legs - self._hips)[:, :2]
         carried = position + legs @ rotated.T
@@ -128,7 +133,7 @@ class FilterpyRival:
         """The blocks of ``observation`` for one state."""
         rotation = _rotation(x[ROTATION])
         scale, give, legs = x[LEG_SCALE], x[LEG_GIVE], inputs.legs
-        velocity = x[VELOCITY] @ rotation + x[RATE] @ inputs.levers_cross
+        velocity = x[VELOCITY] @ rotation - x[SLIP] + (x[RATE] - x[SLIP_TURN]) @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
         velocity += inputs.giving
         held = legs[inputs.motion.holds[legs]]

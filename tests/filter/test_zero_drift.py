@@ -27,6 +27,8 @@ CERTAIN = FilterConfig(
         gravity_noise_mps2=1e6,
         estimates_leg_scale=False,
         estimates_leg_give=False,
+        slip_share=0.0,
+        slip_turn_per_m=0.0,
     ),
     initial=InitialConfig(
         gyroscope_bias_radps=TINY, accelerometer_bias_mps2=TINY, rest_force_noise_mps2=TINY, rest_rate_noise_radps=TINY
