@@ -45,7 +45,7 @@ def at(step: int) -> int:
 
 
 def recorded(steps: int = 40) -> list[Measurement]:
-    """All sensors at 10 Hz; readings tell their step. The first measurement is the body IMU's, a step before the others."""
+    """All sensors at 10 Hz; readings tell their step. The body IMU speaks a step before the others."""
     rows: list[Measurement] = [ImuSample(BEGIN_NS, np.zeros(3), UP)]
     for step in range(1, steps + 1):
         stamp_ns = at(step)
