@@ -2,7 +2,7 @@
 # Everything runs in .venv, which `setup` makes; every other target makes it first where it is missing or out of date.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-slow lint bench sample clean
+.PHONY: help setup demo test test-slow lint bench table sample clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -50,6 +50,9 @@ bench: setup ## latencies and rates as JSON in out/benchmark.json (OUT=... elsew
 	@mkdir -p $(OUT)
 	$(ONE_THREAD) $(BIN)/coclo-vio benchmark --json > $(OUT)/benchmark.json
 	@cat $(OUT)/benchmark.json
+
+table: setup ## the paper's Table I over ten seeds, in out/table (OUT=... elsewhere); goes on where it was stopped
+	$(ONE_THREAD) $(BIN)/coclo-vio table --seeds 10 -o $(OUT)/table
 
 sample: setup ## remake the bundled sample from its seed (needs OpenGL without a screen)
 	$(ONE_THREAD) $(BIN)/python -m coclo_vio.sample coclo_vio/sample_data/daisy_stairs.mcap

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from coclo_vio import __version__
-from coclo_vio.cli import estimating, showing, simulating
+from coclo_vio.cli import estimating, showing, simulating, tabling
 from coclo_vio.cli.terminal import err, out
 from coclo_vio.errors import CocloError, ConfigError
 
@@ -24,6 +24,7 @@ for _command in (
     estimating.compare,
     estimating.evaluate,
     simulating.simulate,
+    tabling.table,
     showing.inspect,
     showing.benchmark,
     showing.config,

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command ``table``. MuJoCo and Dask are extras: what needs them is imported when the command runs."""
+
+import importlib
+import os
+import shlex
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from coclo_vio.cli.options import ConfigOption, JsonOption, OutOption, SetOption
+from coclo_vio.cli.terminal import err, give, give_json, out, say
+from coclo_vio.config import parse_settings, read_yaml
+from coclo_vio.errors import DatasetError, SimulationError
+from coclo_vio.run_config import resolve
+
+if TYPE_CHECKING:
+    from coclo_vio.table.grids import Grid
+    from coclo_vio.table.plan import TablePlan
+    from coclo_vio.table.work import News
+
+SeedsOption = Annotated[int, typer.Option(min=1, help="How many seeds of each trial.")]
+FirstSeedOption = Annotated[int, typer.Option(min=0, help="The first of the seeds; the others follow.")]
+TrialsOption = Annotated[str, typer.Option(help="Grounds, separated by commas.")]
+ModesOption = Annotated[str, typer.Option(help="Estimators, separated by commas.")]
+PolicySeedsOption = Annotated[
+    int, typer.Option(min=0, help="With so many of the seeds run combined with every feedback policy; 0 for none.")
+]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; one for each core if not given.")]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDR",
+        help="Work on a Dask cluster: address of its scheduler. Its workers have to see OUT and DIR under the same "
+        "paths; start them with --no-nanny --nthreads 1.",
+    ),
+]
+IdealOption = Annotated[bool, typer.Option("--ideal", help="A robot that is exactly as described.")]
+RecordingsOption = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Where recordings are, and missing ones are simulated to. Default: in OUT."),
+]
+KeepOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-recordings/--no-keep-recordings", help="Whether a recording stays once all its jobs are finished."
+    ),
+]
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Forget the finished jobs in OUT and begin anew.")]
+
+
+def table(
+    seeds: SeedsOption = 10,
+    first_seed: FirstSeedOption = 11,
+    trials: TrialsOption = "flat,ramp,stairs",
+    modes: ModesOption = "coclo,vins,combined",
+    policy_seeds: PolicySeedsOption = 3,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    ideal: IdealOption = False,
+    recordings: RecordingsOption = None,
+    keep_recordings: KeepOption = True,
+    fresh: FreshOption = False,
+    settings: SetOption = None,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+    output: OutOption = Path("out/table"),
+) -> None:
+    """The paper's Table I over simulated trials; a run that was stopped goes on where it was."""
+    _check_extra()
+    from coclo_vio.simulated_recording import SIMULATED_ROBOT  # noqa: PLC0415 -- an extra
+    from coclo_vio.table import build  # noqa: PLC0415
+    from coclo_vio.table import plan as planning  # noqa: PLC0415
+    from coclo_vio.table.recordings import Recordings  # noqa: PLC0415
+    from coclo_vio.table.store import JobStore  # noqa: PLC0415
+
+    plan = planning.TablePlan(
+        config=resolve(SIMULATED_ROBOT, config, settings or ()),
+        seeds=seeds,
+        first_seed=first_seed,
+        trials=planning.checked_trials(_names(trials)),
+        modes=planning.checked_modes(_names(modes)),
+        policy_seeds=policy_seeds,
+        ideal=ideal,
+    )
+    store = JobStore(output.resolve())
+    places = Recordings((recordings or output / "recordings").resolve(), plan, keep_recordings)
+    work = build.unfinished(plan, places, store, fresh=fresh)
+    total = sum(1 for _ in plan.jobs())
+    left = sum(len(unit.jobs) for unit in work)
+    if left < total:
+        say(f"{total - left} of {total} jobs are finished already, in {output}")
+    with _terminable(), _progress(total, total - left) as tell:
+        build.do(work, workers or os.cpu_count() or 1, scheduler, tell)
+    lost = build.missing(plan, store)
+    if lost:
+        raise DatasetError(
+            f"{len(lost)} jobs have left nothing in {store.folder}, such as {lost[0].name}: do all workers see that "
+            "folder? Run again, the finished jobs are kept"
+        )
+    told = {"set": parse_settings(settings or ()), "file": read_yaml(config) if config else {}}
+    made, notes = build.write_table(plan, store, _command(plan, settings or [], config), told)
+    _show(made, notes, output, as_json=as_json)
+
+
+def _check_extra() -> None:
+    """See that MuJoCo is installed.
+
+    Raises:
+        SimulationError: it is not.
+    """
+    try:
+        importlib.import_module("coclo_vio.simulated_recording")
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco":
+            raise
+        raise SimulationError("a table needs MuJoCo, which is an extra: pip install 'coclo-vio[sim,viz]'") from error
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _command(plan: "TablePlan", settings: list[str], config: Path | None) -> str:
+    """The command line that makes the same table: without where things are and how many processes work."""
+    words = ["coclo-vio", "table", "--seeds", str(plan.seeds), "--first-seed", str(plan.first_seed)]
+    words += ["--trials", ",".join(plan.trials), "--modes", ",".join(plan.modes)]
+    words += ["--policy-seeds", str(plan.policy_seeds), *(["--ideal"] if plan.ideal else [])]
+    words += [word for setting in settings for word in ("--set", setting)]
+    return shlex.join([*words, *(["-c", config.name] if config else [])])
+
+
+def _show(made: Mapping[str, Any], notes: list[str], output: Path, *, as_json: bool) -> None:
+    from coclo_vio.table.grids import grids, sentences  # noqa: PLC0415 -- an extra
+    from coclo_vio.table.page import failures  # noqa: PLC0415
+
+    for line in (*failures(made), *notes):
+        say(line)
+    if as_json:
+        give_json(made)
+        return
+    for grid in grids(made["summary"]):
+        _print_grid(grid)
+    for line in sentences(made["summary"]["claims"]):
+        give(line)
+    give(f"table: {output / 'table.html'}, table.md and table.json beside it")
+
+
+def _print_grid(grid: "Grid") -> None:
+    shown = Table(title=escape(grid.title), box=SIMPLE_HEAD, pad_edge=False, title_justify="left")
+    for number, head in enumerate(grid.head):
+        shown.add_column(escape(head), justify="right" if number else "left")
+    for row in grid.rows:
+        shown.add_row(*(escape(cell) for cell in row))
+    out.print(shown)
+    out.print(escape(grid.caption), highlight=False)
+    out.print()
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """A request to end is taken as an interrupt: what is finished stays, nothing half does."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        say("stopped; finished jobs are kept: the same command goes on from here")
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _progress(total: int, finished: int) -> Iterator[Callable[["News"], None]]:
+    """A bar of jobs with what runs now; a line a job where there is no terminal."""
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("", total=total, completed=finished)
+        running: dict[str, str] = {}  # by recording
+        done = finished
+
+        def tell(news: "News") -> None:
+            nonlocal done
+            recording = "_".join(news.name.split("_")[:2])
+            running.pop(recording, None)
+            if news.kind in ("simulating", "running"):
+                running[recording] = news.name if news.kind == "running" else f"simulating {news.name}"
+            elif news.kind in ("done", "failed"):
+                done += 1
+                if news.kind == "failed" or not err.is_terminal:
+                    say(f"{done} of {total}: {news.name}{f' failed: {news.reason}' if news.reason else ''}")
+            bar.update(task, completed=done, description=escape(", ".join(running.values())))
+
+        yield tell
