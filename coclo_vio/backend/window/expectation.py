@@ -9,11 +9,12 @@ import numpy as np
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.exchange import Told
 from coclo_vio.backend.window.inertial import GRAVITY_MPS2, Preintegration
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
-from coclo_vio.estimates import OdometryDelta, PoseEvidence
+from coclo_vio.estimates import OdometryDelta
 from coclo_vio.geometry import so3
 
 _NS_PER_S = 1_000_000_000
@@ -96,20 +97,16 @@ class Expectation:
         window: Window,
         stamp_ns: int,
         motion: Motion,
-        odometry: OdometryDelta | None,
+        told: Told,
         bias: gtsam.imuBias.ConstantBias,
-        evidence: PoseEvidence | None = None,
     ) -> Iterator[factors.Term]:
-        """What ties the next keyframe, at ``stamp_ns``, to the newest one, besides landmarks.
-
-        Evidence takes the place of the odometry, whose knowledge it holds.
-        """
+        """What ties the next keyframe, at ``stamp_ns``, to the newest one, besides landmarks."""
         start, end = window.newest.number, window.newest.number + 1
-        told = None if evidence is None else factors.evidence(start, end, evidence)
-        if told is not None:
-            yield told
-        elif odometry is not None:
-            yield factors.relative_pose(start, end, odometry.T_start_end, odometry.covariance)
+        evidence = None if told.evidence is None else factors.evidence(start, end, told.evidence)
+        if evidence is not None:
+            yield evidence
+        elif told.odometry is not None:
+            yield factors.relative_pose(start, end, told.odometry.T_start_end, told.odometry.covariance)
         if self._imu is not None and self.has_inertial_tie:
             yield factors.inertial(start, end, self._imu.measured)
             return
@@ -117,7 +114,7 @@ class Expectation:
             known = bias.vector()
             yield factors.velocity_prior(end, motion.velocity_world, self._config.start.moving_velocity_mps)
             yield factors.bias_prior(end, known[:3], known[3:], np.repeat(_CARRIED_BIAS, 3))
-        if odometry is None:
+        if told.odometry is None:
             age_s = (stamp_ns - window.newest.stamp_ns) / _NS_PER_S
             T_start_end, covariance = self._steady.since_keyframe(age_s)
             yield factors.relative_pose(start, end, T_start_end, covariance)

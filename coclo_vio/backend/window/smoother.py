@@ -9,21 +9,24 @@ sensors", 2019 (VINS-Fusion); what is ours is the prior on landmarks still seen,
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
+from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.diary import Diary
+from coclo_vio.backend.window.exchange import Exchange, Told
 from coclo_vio.backend.window.expectation import Expectation
+from coclo_vio.backend.window.frame import Frame, carried
 from coclo_vio.backend.window.inertial import InertialWatch, Preintegration, Quiet, is_possible
 from coclo_vio.backend.window.keyframe_choice import has_turned_over, is_keyframe, stand_still
 from coclo_vio.backend.window.localisation import Located, PixelModel
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
-from coclo_vio.backend.window.start import HELD_SIGMA, Starter
+from coclo_vio.backend.window.sight import Glance, glance, sees_enough
+from coclo_vio.backend.window.standstill import Standstill
+from coclo_vio.backend.window.start import Starter
 from coclo_vio.backend.window.window import Keyframe, Solution, Window
 from coclo_vio.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.errors import SmootherError
@@ -36,32 +39,10 @@ from coclo_vio.estimates import (
     PoseEvidence,
     StateEstimate,
 )
-from coclo_vio.geometry import se3
 from coclo_vio.measurements import InertialReading, StereoTracks
 
 _NS_PER_S = 1_000_000_000
-_UNSURE = 10.0  # how many times its sigma an expectation may be off that most sightings contradict
-_REST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
-_MOST_RESTS = 100  # pieces of one standstill whose mean is the gyroscope's bias
-_HELD_SOLVE_NS = 500_000_000  # how often a standstill teaches the biases
 _REST_TIE_NS = 500_000_000  # of a rest are part of the motion after it: they tell tilt and bias together
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """The last frame's answer.
-
-    Attributes:
-        stamp_ns: its time.
-        T_world_body: (4, 4).
-        velocity_world: m/s, (3,).
-        covariance: as that of ``StateEstimate``, (9, 9).
-    """
-
-    stamp_ns: int
-    T_world_body: Array
-    velocity_world: Array
-    covariance: Array
 
 
 class SlidingWindowSmoother:
@@ -92,13 +73,12 @@ class SlidingWindowSmoother:
         self._bias = gtsam.imuBias.ConstantBias()
         self._keyframe_covariance = np.eye(15)  # of [pose, velocity, accelerometer bias, gyroscope bias]
         self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
-        self._given: PoseBelief | None = None
-        self._said: tuple[PoseEvidence, PoseBelief] | None = None
+        self._exchange = Exchange()
         self._silent_until_ns = 0
         self._longest_blind_s = self.config.failure.longest_blind_s
         self._seen_ns = 0  # last time that the eyes saw anything
-        self._rest_rates: list[Array] = []  # means over pieces of one standstill
-        self._held_ns: int | None = None  # last time that a standstill was solved for
+        density = self._imu_calibration.gyroscope_noise_density
+        self._standstill = Standstill(max(density, self.config.inertial.gyroscope_noise_density))
         self._diary = Diary()
 
     @property
@@ -122,9 +102,10 @@ class SlidingWindowSmoother:
         if self._window is None:
             return None
         newest = self._window.newest
-        if self._said is not None and self._said[1].stamp_ns == newest.stamp_ns:
-            return self._said[1]
-        return PoseBelief(newest.stamp_ns, self._window.pose(newest.number), self._keyframe_covariance[:6, :6])
+        covariance = self._keyframe_covariance[:6, :6]
+        return self._exchange.belief(newest.stamp_ns) or PoseBelief(
+            newest.stamp_ns, self._window.pose(newest.number), covariance
+        )
 
     @property
     def evidence(self) -> PoseEvidence | None:
@@ -132,15 +113,14 @@ class SlidingWindowSmoother:
 
         None where the last keyframe is the first one of its window, or the two are not determined.
         """
-        is_current = self._said is not None and self._said[1].stamp_ns == self.keyframe_ns
-        return self._said[0] if self._said is not None and is_current else None
+        return self._exchange.evidence(self.keyframe_ns)
 
     def start_from(self, belief: PoseBelief) -> None:
         """Start, or start anew, with the frame of this stamp and in the world of this belief.
 
-        A start of its own is not sought any more.
+        A start of its own is not sought any more, and from then on the window keeps what it knows of that world.
         """
-        self._given = PoseBelief(belief.stamp_ns, belief.T_world_body, belief.covariance + np.eye(6) * HELD_SIGMA**2)
+        self._exchange.start_from(belief)
 
     def take_events(self) -> tuple[Event, ...]:
         """What happened since the last call."""
@@ -181,47 +161,41 @@ class SlidingWindowSmoother:
             self._diary.count("frame_stamp_refused")
             return None
         self._diary.count("frames")
-        if self._given is not None and self._given.stamp_ns == tracks.stamp_ns:
-            return self._start_as_given(tracks, self._given)
+        given = self._exchange.given
+        if given is not None and given.stamp_ns == tracks.stamp_ns:
+            return self._start_as_given(tracks, given)
         if self._window is None:
-            return self._try_to_start(tracks) if self._given is None else None
+            return self._try_to_start(tracks) if given is None else None
         if odometry is not None and odometry.start_ns != self._window.newest.stamp_ns:
-            odometry = None
+            odometry = evidence = None
             self._diary.count("odometry_refused")
         motion = self._expected(self._window, tracks.stamp_ns, odometry)
-        is_wrong, located = self._located(self._window, tracks, motion)
-        self._last = self._frame(self._window, tracks, motion, located, is_wrong, odometry, evidence)
-        seen_at = motion.T_world_body if located is None else located.T_world_body
-        covariance = None if located is None else located.covariance
+        fewest = self.config.failure.fewest_inliers
+        seen = glance(self._window.landmarks, self._pixels, tracks, motion, fewest)
+        self._last = self._frame(self._window, seen, Told(odometry, evidence))
+        seen_at = motion.T_world_body if seen.located is None else seen.located.T_world_body
+        covariance = None if seen.located is None else seen.located.covariance
         is_keyframe = self._window.newest.stamp_ns == tracks.stamp_ns
         self._steady.add(tracks.stamp_ns, seen_at, self._last.T_world_body, covariance, is_keyframe=is_keyframe)
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
 
-    def _frame(
-        self,
-        window: Window,
-        tracks: StereoTracks,
-        motion: Motion,
-        located: Located | None,
-        is_wrong: BoolArray,
-        odometry: OdometryDelta | None,
-        evidence: PoseEvidence | None,
-    ) -> Frame:
+    def _frame(self, window: Window, seen: Glance, told: Told) -> Frame:
+        tracks, located = seen.tracks, seen.located
         self._diary.tell_sight(tracks, is_blind=located is None)
         quiet = self._watch.quiet
         if quiet is not None and self._imu is not None and located is not None and self._stands(window, tracks):
-            return self._hold(window, tracks, motion, quiet)
-        self._held_ns, self._rest_rates = None, []
-        sees_nothing = located is None and not self._sees_enough(tracks)
+            return self._hold(window, seen, quiet)
+        self._standstill.end()
+        sees_nothing = located is None and not sees_enough(tracks, self.config)
         if not sees_nothing:
             self._seen_ns = tracks.stamp_ns
         elif self._imu is not None and (tracks.stamp_ns - self._seen_ns) / _NS_PER_S > self._longest_blind_s:
-            return self._lost(window, tracks, motion)
+            return self._lost(window, tracks, seen.motion)
         if sees_nothing and not self._is_overdue(window, tracks):
-            return self._unseen(tracks, motion)
+            return self._unseen(tracks, seen.motion)
         if located is None or is_keyframe(self.config.keyframe, window.newest.tracks, tracks, self._rig.focal_px[0]):
-            return self._solved(window, tracks, motion, located, is_wrong, odometry, evidence)
-        return self._between(tracks, motion, located)
+            return self._solved(window, seen, told)
+        return self._between(tracks, seen.motion, located)
 
     def _try_to_start(self, tracks: StereoTracks) -> StateEstimate | None:
         start = self._starter.try_at(tracks.stamp_ns, self._watch)
@@ -233,7 +207,7 @@ class SlidingWindowSmoother:
             self._diary.tell(tracks.stamp_ns, "moving_start", "no rest to start from: gravity is found on the way")
         self._silent_until_ns = start.silent_until_ns
         inertial, self._seen_ns = self.config.inertial, tracks.stamp_ns
-        gyroscope = inertial.gyroscope_bias if start.rest is None else self._rest_sigma(start.rest.span_s)
+        gyroscope = inertial.gyroscope_bias if start.rest is None else self._standstill.rate_sigma(start.rest.span_s)
         self._keyframe_covariance[9:, 9:] = np.diag(np.repeat([inertial.accelerometer_bias, gyroscope], 3) ** 2)
         self._last = self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
@@ -256,7 +230,7 @@ class SlidingWindowSmoother:
     ) -> Frame:
         """A window of one keyframe, with the covariance (9, 9) of its pose in the world and its velocity."""
         number = 0 if self._window is None else self._window.newest.number + 1
-        self._window = Window(self._rig, self.config, is_anchored=self._given is not None)
+        self._window = Window(self._rig, self.config, is_anchored=self._exchange.given is not None)
         keyframe = Keyframe(number, tracks.stamp_ns, tracks)
         self._window.add(keyframe, T, np.zeros(len(tracks), dtype=np.bool_))
         if self._imu is not None:
@@ -274,29 +248,6 @@ class SlidingWindowSmoother:
 
     def _expected(self, window: Window, stamp_ns: int, odometry: OdometryDelta | None) -> Motion:
         return self._expectation.of_frame(window, stamp_ns, odometry, self._bias, self._keyframe_covariance)
-
-    def _located(self, window: Window, tracks: StereoTracks, motion: Motion) -> tuple[BoolArray, Located | None]:
-        """Which tracks do not fit the landmarks, (N,), and the frame's pose against those that do."""
-        is_known, points, covariances = window.landmarks.known(tracks)
-        sightings = window.landmarks.sightings(tracks)[is_known]
-        is_wrong = np.zeros(len(tracks), dtype=np.bool_)
-        if not is_known.any():
-            return is_wrong, None
-        located = self._pixels.locate(motion.T_world_body, motion.covariance, points, sightings, covariances)
-        if 2 * np.count_nonzero(located.is_inlier) < len(points):
-            unsure = self._pixels.locate(
-                motion.T_world_body, _UNSURE**2 * motion.covariance, points, sightings, covariances
-            )
-            if np.count_nonzero(unsure.is_inlier) > np.count_nonzero(located.is_inlier):
-                located = unsure
-        is_wrong[is_known] = ~located.is_inlier
-        has_sight = np.count_nonzero(located.is_inlier) >= self.config.failure.fewest_inliers
-        return is_wrong, located if has_sight else None
-
-    def _sees_enough(self, tracks: StereoTracks) -> bool:
-        disparity = tracks.left_px[:, 0] - tracks.right_px[:, 0]
-        seen = int(np.count_nonzero(disparity > self.config.min_disparity_px))
-        return seen >= self.config.failure.fewest_inliers
 
     def _is_overdue(self, window: Window, tracks: StereoTracks) -> bool:
         """Whether readings have been integrated for long enough to want a keyframe, seen or not."""
@@ -323,80 +274,58 @@ class SlidingWindowSmoother:
     def _widened(self, motion: Motion, located: Located | None) -> Array:
         """The last keyframe's covariance carried on, and the uncertainty of the motion since then, (9, 9)."""
         assert self._window is not None
-        T = motion.T_world_body if located is None else located.T_world_body
-        moved = se3.adjoint(se3.inverse(T) @ self._window.pose(self._window.newest.number))
-        covariance = self._keyframe_covariance[:9, :9].copy()
-        covariance[:6, :6] = moved @ covariance[:6, :6] @ moved.T
-        covariance[:6, :6] += motion.covariance if located is None else located.covariance
-        covariance[:6, 6:] = moved @ covariance[:6, 6:]
-        covariance[6:, :6] = covariance[:6, 6:].T
-        return covariance
+        T, added = motion.T_world_body, motion.covariance
+        if located is not None:
+            T, added = located.T_world_body, located.covariance
+        before = self._window.pose(self._window.newest.number)
+        return carried(self._keyframe_covariance[:9, :9], before, T, added)
 
-    def _hold(self, window: Window, tracks: StereoTracks, motion: Motion, quiet: Quiet) -> Frame:
+    def _hold(self, window: Window, seen: Glance, quiet: Quiet) -> Frame:
         """Nothing moves: the frame is the keyframe, which learns that it stands and what the gyroscope reads then."""
         assert self._imu is not None
-        number, stamp_ns = window.newest.number, tracks.stamp_ns
+        number, stamp_ns = window.newest.number, seen.tracks.stamp_ns
         self._diary.count("standstill_frames")
-        if self._held_ns is None or stamp_ns - self._held_ns >= _HELD_SOLVE_NS:
-            self._held_ns = stamp_ns
-            self._rest_rates = [*self._rest_rates[1 - _MOST_RESTS :], quiet.angular_velocity]
-            rate, span_s = np.mean(self._rest_rates, axis=0), quiet.span_s * len(self._rest_rates)
+        if self._standstill.is_due(stamp_ns):
+            rate, sigma = self._standstill.add(stamp_ns, quiet)
             speed = self.config.standstill.velocity_mps
-            window.newest.rest_terms = [*factors.rest(number, speed, rate, self._rest_sigma(span_s))]
-            if self._try_to_solve(window, tracks) is None:
-                return self._restarted(window, tracks, motion)
+            window.newest.rest_terms = [*factors.rest(number, speed, rate, sigma)]
+            if self._try_to_solve(window, stamp_ns) is None:
+                return self._restarted(window, seen.tracks, seen.motion)
         if self._imu.start_ns is None or stamp_ns - self._imu.start_ns > 2 * _REST_TIE_NS:
             self._imu.restart(stamp_ns - _REST_TIE_NS, self._bias)
         return Frame(stamp_ns, window.pose(number), window.velocity(number), self._keyframe_covariance[:9, :9])
 
-    def _rest_sigma(self, span_s: float) -> float:
-        """One sigma of the mean angular velocity over a rest, rad/s."""
-        density = max(self._imu_calibration.gyroscope_noise_density, self.config.inertial.gyroscope_noise_density)
-        return max(_REST_RATE_RADPS, float(density / np.sqrt(span_s)))
-
-    def _solved(
-        self,
-        window: Window,
-        tracks: StereoTracks,
-        motion: Motion,
-        located: Located | None,
-        is_wrong: BoolArray,
-        odometry: OdometryDelta | None,
-        evidence: PoseEvidence | None,
-    ) -> Frame:
+    def _solved(self, window: Window, seen: Glance, told: Told) -> Frame:
         """A new keyframe: the window with it solved, the oldest one marginalised."""
         began_s = time.process_time()
-        before = window.newest
-        ties = [*self._expectation.ties(window, tracks.stamp_ns, motion, odometry, self._bias, evidence)]
-        keyframe = Keyframe(before.number + 1, tracks.stamp_ns, tracks, list(ties))
+        before, stamp_ns, motion = window.newest, seen.tracks.stamp_ns, seen.motion
+        ties = [*self._expectation.ties(window, stamp_ns, motion, told, self._bias)]
+        keyframe = Keyframe(before.number + 1, stamp_ns, seen.tracks, list(ties))
         if self._imu is not None and not self._expectation.has_inertial_tie:
-            self._diary.tell(
-                tracks.stamp_ns, "imu_gap", "the IMU was silent for too long: this keyframe does without it"
-            )
-        T = motion.T_world_body if located is None else located.T_world_body
-        window.add(keyframe, T, is_wrong)
+            self._diary.tell(stamp_ns, "imu_gap", "the IMU was silent for too long: this keyframe does without it")
+        T = motion.T_world_body if seen.located is None else seen.located.T_world_body
+        window.add(keyframe, T, seen.is_wrong)
         if self._imu is not None:
             window.set_inertial(keyframe.number, motion.velocity_world, self._bias)
-        solution = self._try_to_solve(window, tracks)
+        solution = self._try_to_solve(window, stamp_ns)
         if solution is None:
-            return self._restarted(window, tracks, motion)
-        if odometry is not None:
+            return self._restarted(window, seen.tracks, motion)
+        if told.odometry is not None:
             self._say(window, ties)
         if len(window.keyframes) > self.config.keyframes:
-            self._drop_oldest(window, tracks.stamp_ns)
+            self._drop_oldest(window, stamp_ns)
         if self._imu is not None:
-            self._imu.restart(tracks.stamp_ns, self._bias)
-        used, compute_s = int(np.count_nonzero(~is_wrong)), time.process_time() - began_s
-        self._diary.note(tracks.stamp_ns, used, len(window.keyframes), solution, compute_s)
+            self._imu.restart(stamp_ns, self._bias)
+        used, compute_s = int(np.count_nonzero(~seen.is_wrong)), time.process_time() - began_s
+        self._diary.note(stamp_ns, used, len(window.keyframes), solution, compute_s)
         T, velocity = window.pose(keyframe.number), self._velocity(window, before)
-        return Frame(tracks.stamp_ns, T, velocity, self._keyframe_covariance[:9, :9])
+        return Frame(stamp_ns, T, velocity, self._keyframe_covariance[:9, :9])
 
     def _say(self, window: Window, ties: Sequence[factors.Term]) -> None:
         """Note what is known of the newest keyframes, for whoever gave the odometry."""
         try:
-            self._said = window.newest_pair(ties)
+            self._exchange.note(window, ties)
         except SmootherError as error:
-            self._said = None
             self._diary.tell(window.newest.stamp_ns, "nothing_to_say", str(error))
 
     def _velocity(self, window: Window, before: Keyframe) -> Array:
@@ -405,16 +334,16 @@ class SlidingWindowSmoother:
         dt_s = (window.newest.stamp_ns - before.stamp_ns) / _NS_PER_S
         return np.asarray((window.pose(window.newest.number)[:3, 3] - window.pose(before.number)[:3, 3]) / dt_s)
 
-    def _try_to_solve(self, window: Window, tracks: StereoTracks) -> Solution | None:
+    def _try_to_solve(self, window: Window, stamp_ns: int) -> Solution | None:
         """Solve and take over biases and covariance; None where it failed or ran away."""
         try:
             solution = window.solve()
         except SmootherError as error:
-            self._diary.tell(tracks.stamp_ns, "solver_failed", str(error))
+            self._diary.tell(stamp_ns, "solver_failed", str(error))
             return None
         if window.last_speed_mps > self.config.failure.fastest_mps:
             what = f"the solution moves at {window.last_speed_mps:.0f} m/s, over {self.config.failure.fastest_mps}"
-            self._diary.tell(tracks.stamp_ns, "solver_failed", what)
+            self._diary.tell(stamp_ns, "solver_failed", what)
             return None
         self._keyframe_covariance = np.zeros((15, 15))
         size = len(solution.covariance)

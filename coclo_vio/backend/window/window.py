@@ -13,11 +13,9 @@ from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import SightingFactors, Term
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
 from coclo_vio.backend.window.localisation import PixelModel
-from coclo_vio.backend.window.marginalisation import evidence_of_pair, marginal_prior, relative_to
+from coclo_vio.backend.window.marginalisation import marginal_prior, relative_to
 from coclo_vio.backend.window.solver import minimise
 from coclo_vio.calibration import RectifiedStereo
-from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import PoseBelief, PoseEvidence
 from coclo_vio.geometry import se3
 from coclo_vio.measurements import StereoTracks
 
@@ -94,6 +92,11 @@ class Window:
         return self.keyframes[-1]
 
     @property
+    def solvable_landmarks(self) -> list[int]:
+        """Landmarks that are part of the problem."""
+        return [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
+
+    @property
     def last_speed_mps(self) -> float:
         """How fast the body moved between the two newest keyframes."""
         if len(self.keyframes) < 2:
@@ -137,15 +140,15 @@ class Window:
         Raises:
             SmootherError: the problem is not determined, or its solution is not finite.
         """
-        terms = [*self._terms()]
-        seen = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
+        terms = [*self.terms()]
+        seen = self.solvable_landmarks
         values = gtsam.Values(self.values)
         for landmark_id in seen:
             values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
         graph = gtsam.NonlinearFactorGraph()
         for term in terms:
             graph.push_back(term.factor)
-        elimination = self._elimination(seen)
+        elimination = self.elimination(seen)
         staying = [key for keyframe in self.keyframes[1:] or self.keyframes for key in self._keys_of(keyframe.number)]
         found = minimise(
             graph,
@@ -179,38 +182,8 @@ class Window:
             solved.erase(key)
         self.values = solved
 
-    def newest_pair(self, without: Sequence[Term]) -> tuple[PoseEvidence, PoseBelief]:
-        """What is known of the last two keyframes without some terms between them, and of the last one with all.
-
-        Raises:
-            SmootherError: landmarks or older keyframes are not determined.
-        """
-        seen = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
-        values = gtsam.Values(self.values)
-        for landmark_id in seen:
-            values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
-        before, newest = self.keyframes[-2:]
-        pair = (factors.pose_key(before.number), factors.pose_key(newest.number))
-        left_out = {id(term) for term in without}
-        terms = [term for term in self._terms() if id(term) not in left_out]
-        leaving = [key for key in self._elimination(seen) if key not in pair]
-        information, vector = evidence_of_pair(terms, leaving, pair, values)
-        T_before, T_newest = self.pose(before.number), self.pose(newest.number)
-        told = PoseEvidence(before.stamp_ns, newest.stamp_ns, T_before, T_newest, information, vector)
-        with_ties = evidence_of_pair(without, (), pair, values)
-        believed = self._end_of(newest.stamp_ns, T_newest, information + with_ties[0], vector + with_ties[1])
-        return told, believed
-
-    @staticmethod
-    def _end_of(stamp_ns: int, T_world_end: Array, information: Array, vector: Array) -> PoseBelief:  # noqa: N803
-        try:
-            covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
-        except np.linalg.LinAlgError as error:
-            raise SmootherError("the newest keyframes are not determined") from error
-        step = covariance @ vector
-        return PoseBelief(stamp_ns, T_world_end @ se3.exp(step[6:]), covariance[6:, 6:])
-
-    def _terms(self) -> Iterator[Term]:
+    def terms(self) -> Iterator[Term]:
+        """Everything that is known: of keyframes, of landmarks, of what has left."""
         yield from self.prior
         if self._pin is not None:
             yield self._pin
@@ -233,7 +206,7 @@ class Window:
             )
         return term
 
-    def _elimination(self, landmark_ids: Sequence[int]) -> list[int]:
+    def elimination(self, landmark_ids: Sequence[int]) -> list[int]:
         """Landmarks first, those that the prior ties together after the free ones, then states, the newest last."""
         by_freedom = sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior)
         keys = [factors.landmark_key(landmark_id) for landmark_id in by_freedom]

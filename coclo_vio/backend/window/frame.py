@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The answer to a frame, and how sure of it the last keyframe lets one be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.arrays import Array
+from coclo_vio.geometry import se3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """The last frame's answer.
+
+    Attributes:
+        stamp_ns: its time.
+        T_world_body: (4, 4).
+        velocity_world: m/s, (3,).
+        covariance: as that of ``StateEstimate``, (9, 9).
+    """
+
+    stamp_ns: int
+    T_world_body: Array
+    velocity_world: Array
+    covariance: Array
+
+
+def carried(covariance: Array, T_world_before: Array, T_world_now: Array, added: Array) -> Array:  # noqa: N803
+    """The covariance of [pose, velocity] carried on from one pose to another, (9, 9).
+
+    Args:
+        covariance: at the earlier pose, right/local, (9, 9).
+        T_world_before: the earlier pose, (4, 4).
+        T_world_now: the later one, (4, 4).
+        added: of the motion between them, right/local at its end, (6, 6).
+    """
+    moved = np.eye(9)
+    moved[:6, :6] = se3.adjoint(se3.inverse(T_world_now) @ T_world_before)
+    later = np.asarray(moved @ covariance @ moved.T)
+    later[:6, :6] += added
+    return later
