@@ -20,7 +20,7 @@ _MOST_LINES = 400
 _IMPORTERS = {
     "gtsam": ("backend/",),
     "pinocchio": ("geometry/se3.py", "robot/model.py"),
-    "matplotlib": ("evaluation/figures.py",),
+    "matplotlib": ("evaluation/canvas.py",),
     "rosbags": ("datasets/rosbag/storage/", "datasets/rosbag/writing/new_bag.py"),
     "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),
     "typer": ("cli/",),

@@ -3,6 +3,15 @@
 
 from coclo_vio.comparison.evaluating import evaluate_run, evaluate_tum
 from coclo_vio.comparison.running import Progress, run_all
-from coclo_vio.comparison.writing import write_comparison, write_evaluations
+from coclo_vio.comparison.writing import Compared, write_comparison, write_comparisons, write_evaluations
 
-__all__ = ["Progress", "evaluate_run", "evaluate_tum", "run_all", "write_comparison", "write_evaluations"]
+__all__ = [
+    "Compared",
+    "Progress",
+    "evaluate_run",
+    "evaluate_tum",
+    "run_all",
+    "write_comparison",
+    "write_comparisons",
+    "write_evaluations",
+]

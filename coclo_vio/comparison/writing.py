@@ -1,26 +1,92 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a comparison leaves in its run folder: numbers, figures, report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from coclo_vio import run_folder
+from coclo_vio.evaluation.claims import claims, end_error_m, in_units, least_drift
+from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.figures import plot_contacts, plot_keyframes, write_figures
-from coclo_vio.evaluation.report import write_report
+from coclo_vio.evaluation.figures import write_figures
+from coclo_vio.evaluation.index_report import Entry, write_index
+from coclo_vio.evaluation.inner_figures import plot_contacts, plot_error_bands, plot_keyframes
+from coclo_vio.evaluation.report import Lived, write_report
+from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.keyframe_log import read_keyframes
 from coclo_vio.run_config import RunConfig
-from coclo_vio.run_folder import RecordedRun
-from coclo_vio.trajectory import Trajectory
+
+_SURE = ("coclo", "combined_coclo")
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One recording of a comparison over several.
+
+    Attributes:
+        folder: its run folder, inside that of the comparison.
+        evaluations: by estimator.
+        config: as resolved for it.
+    """
+
+    folder: Path
+    evaluations: Mapping[str, Evaluation]
+    config: RunConfig
 
 
 def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
-    """``compare.json``, figures and ``report.html`` of a run folder; returns the path of the report."""
+    """``compare.json``, ``claims.json``, figures and ``report.html`` of a run folder; the path of the report."""
+    found = claims(evaluations, config.evaluation)
     with run_folder.writing(folder):
         write_evaluations(folder / "compare.json", evaluations)
-        runs = [run_folder.read_estimates(folder, name) for name in evaluations]
-        figures = _figures(folder, evaluations, runs)
-        return write_report(folder / "report.html", title, evaluations, figures, config.model_dump(mode="json"))
+        run_folder.write_json(folder / "claims.json", {"claims": [claim.to_json() for claim in found]})
+        run = run_folder.read_run_json(folder)
+        return write_report(
+            folder / "report.html",
+            title,
+            evaluations,
+            _figures(folder, evaluations, run, config.evaluation) if evaluations else (),
+            config.model_dump(mode="json"),
+            summary=_summary(evaluations, config),
+            claims=found,
+            events=[Lived(event["time_s"], mode, event["kind"], event["detail"]) for mode, event in told_events(run)],
+        )
+
+
+def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]) -> Path:
+    """``compare.json``, ``claims.json`` and ``report.html`` over several recordings, whose own reports are there.
+
+    Args:
+        folder: of the whole.
+        title: of the page.
+        compared: by name of the recording.
+
+    Returns:
+        The path of the page.
+    """
+    found = {name: claims(one.evaluations, one.config.evaluation) for name, one in compared.items()}
+    values = {
+        name: {estimator: evaluation.to_json() for estimator, evaluation in one.evaluations.items()}
+        for name, one in compared.items()
+    }
+    entries = {
+        name: Entry(
+            f"{one.folder.relative_to(folder).as_posix()}/report.html",
+            _summary(one.evaluations, one.config),
+            found[name],
+            overview if (overview := one.folder / "figures" / "overview.png").is_file() else None,
+        )
+        for name, one in compared.items()
+    }
+    table = TableOne.of({name: one.evaluations for name, one in compared.items()})
+    with run_folder.writing(folder):
+        run_folder.write_json(folder / "compare.json", values)
+        run_folder.write_json(
+            folder / "claims.json", {name: [claim.to_json() for claim in one] for name, one in found.items()}
+        )
+        return write_index(folder / "report.html", title, table, entries)
 
 
 def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None:
@@ -28,17 +94,57 @@ def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None
     run_folder.write_json(path, {name: evaluation.to_json() for name, evaluation in evaluations.items()})
 
 
-def _figures(folder: Path, evaluations: Mapping[str, Evaluation], runs: Sequence[RecordedRun]) -> list[Path]:
+def told_events(run: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Mode and event of everything that estimators lived through, each once, though two answers of one mode tell it."""
+    modes = {told.get("mode", name): told for name, told in run["estimators"].items()}
+    for mode, told in modes.items():
+        for event in told.get("events") or ():
+            yield mode, event
+
+
+def _summary(evaluations: Mapping[str, Evaluation], config: RunConfig) -> list[str]:
+    """What a reader should know first."""
     if not evaluations:
-        return []
-    estimates: dict[str, Trajectory] = {name: evaluation.estimate for name, evaluation in evaluations.items()}
-    reference = next(iter(evaluations.values())).reference
-    figures = write_figures(estimates, reference, folder / "figures")
-    first = next((run for run in runs if run.leg_names), None)
-    if first is not None:
-        bands = folder / "figures" / "contacts.png"
-        figures.append(plot_contacts(first.trajectory.stamps_ns, first.contact_probability, first.leg_names, bands))
+        return ["No estimate could be compared with ground truth."]
+    longest = max(evaluations.values(), key=lambda evaluation: evaluation.duration_s)
+    who = "A body" if config.robot is None else f"The robot {config.robot.name}"
+    first, *others = least_drift(evaluations, config.evaluation)
+    near = f"; too close to tell: {', '.join(others)}" if others else ""
+    end = in_units(end_error_m(evaluations[first], config.evaluation))
+    return [
+        f"{who} travelled {longest.path_length_m:.2f} m in {longest.duration_s:.0f} s.",
+        f"Least drift: {first}, {end} off at the end{near}.",
+    ]
+
+
+def _figures(
+    folder: Path, evaluations: Mapping[str, Evaluation], run: Mapping[str, Any], config: EvaluationConfig
+) -> list[Path]:
+    estimates = {name: evaluation.estimate for name, evaluation in evaluations.items()}
+    references = {name: evaluation.reference for name, evaluation in evaluations.items()}
+    drawn, events = folder / "figures", _stamps_by_kind(run)
+    figures = write_figures(estimates, references, drawn, events)
+    sure = {name: estimates[name] for name in _SURE if name in estimates and estimates[name].covariance is not None}
+    if sure:
+        noise = (config.ground_truth_rotation_noise_rad, config.ground_truth_position_noise_m)
+        bands = drawn / "error_bands.png"
+        figures.append(
+            plot_error_bands(sure, references, bands, rotation_noise_rad=noise[0], position_noise_m=noise[1])
+        )
     keyframes = {name: read for name in evaluations if (read := read_keyframes(folder, name)) is not None}
     if keyframes:
-        figures.append(plot_keyframes(keyframes, folder / "figures" / "keyframes.png"))
+        figures.append(plot_keyframes(keyframes, drawn / "keyframes.png", events=events))
+    runs = (run_folder.read_estimates(folder, name) for name in evaluations)
+    first = next((one for one in runs if one.leg_names), None)
+    if first is not None:
+        feet = drawn / "contacts.png"
+        figures.append(plot_contacts(first.trajectory.stamps_ns, first.contact_probability, first.leg_names, feet))
     return figures
+
+
+def _stamps_by_kind(run: Mapping[str, Any]) -> dict[str, list[int]]:
+    """Events of all modes, as figures mark them."""
+    stamps: dict[str, list[int]] = {}
+    for mode, event in told_events(run):
+        stamps.setdefault(f"{mode}: {event['kind']}", []).append(int(event["stamp_ns"]))
+    return stamps

@@ -1,212 +1,254 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The paper's figures as PNG files: positions, path, velocities, position error, contact bands, keyframes.
+"""The paper's figures 4 to 9 as PNG files: path, positions, velocities, and the distance to ground truth.
 
-The only importer of matplotlib (extra ``viz``), inside the functions and without a display. The trajectories of a
-figure are in one world and on one clock, as ``Evaluation.estimate`` and ``Evaluation.reference`` are; None where there
-is no ground truth.
+Separate estimators stand on the left, legs and eyes together on the right, on one scale. The trajectories of a figure
+are in one world and on one clock, as ``Evaluation.estimate`` and ``Evaluation.reference`` are; None where there is no
+ground truth.
 """
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from coclo_vio.arrays import Array, IntArray
+from coclo_vio.arrays import Array
 from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.association import gaps_ns
+from coclo_vio.evaluation.canvas import COMBINED, REFERENCE, empty_figure, finish, mark_events, style_of
 from coclo_vio.evaluation.metrics import velocities
 from coclo_vio.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 _NS_PER_S = 1_000_000_000
-_DPI = 110
 _AXES = ("x", "y", "z")
-_REFERENCE_STYLE: dict[str, Any] = {"color": "black", "linewidth": 1.4, "label": "ground truth"}
+_FIRST = ("coclo", "vins", *COMBINED)
 _HOLE_S = 1.0
+_FURTHEST = 2.5  # baselines further off than so many times the worst of _FIRST leave the picture
+_SMALL_M = 0.1
+_CALM_S = 0.3
+_PATH_WIDTH, _PATH_HEIGHTS = 7.0, (1.8, 6.5)
 
 Estimates = Mapping[str, Trajectory]
+Events = Mapping[str, Sequence[int]]
+"""Stamps, ns, by kind."""
 
 
 def plot_positions(estimates: Estimates, reference: Trajectory | None, path: Path) -> Path:
     """x, y and z over time of all estimates and the ground truth (the paper's ramp and stairs figures)."""
-    figure = _figure(8.0, 6.5)
-    start_ns = _start_ns(estimates)
-    axes = figure.subplots(3, 1, sharex=True)
-    for index, axis in enumerate(axes):
-        if reference is not None:
-            axis.plot(
-                _seconds(reference, start_ns), _broken(reference, reference.positions)[:, index], **_REFERENCE_STYLE
-            )
-        for name, estimate in estimates.items():
-            axis.plot(_seconds(estimate, start_ns), _broken(estimate, estimate.positions)[:, index], label=name)
-        axis.set_ylabel(f"{_AXES[index]} [m]")
-    return _finish(figure, axes, "time [s]", path)
+    start_ns, shown = _start_ns(estimates), _within(estimates, reference)
 
+    def draw(axis: Any, index: int, names: Sequence[str]) -> None:
+        if shown is not None:
+            axis.plot(_seconds(shown, start_ns), _broken(shown, shown.positions)[:, index], **REFERENCE)
+        for name in names:
+            estimate = estimates[name]
+            axis.plot(_seconds(estimate, start_ns), _broken(estimate, estimate.positions)[:, index], **style_of(name))
 
-def plot_path(estimates: Estimates, reference: Trajectory | None, path: Path) -> Path:
-    """The way in the x-y plane, both axes to one scale (the paper's flat-ground figure)."""
-    figure = _figure(6.5, 6.0)
-    axis = figure.subplots()
-    if reference is not None:
-        axis.plot(*_broken(reference, reference.positions)[:, :2].T, **_REFERENCE_STYLE)
-    for name, estimate in estimates.items():
-        axis.plot(*_broken(estimate, estimate.positions)[:, :2].T, label=name)
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.set_ylabel("y [m]")
-    return _finish(figure, [axis], "x [m]", path)
+    return _in_columns(list(estimates), [f"{name} [m]" for name in _AXES], draw, path)
 
 
 def plot_velocities(
     estimates: Estimates, reference: Trajectory | None, path: Path, *, window_s: float = 0.25, max_gap_s: float = 0.25
 ) -> Path:
-    """Velocities in the world over time; those of the ground truth, and of estimates without any, from positions."""
-    figure = _figure(8.0, 6.5)
-    start_ns = _start_ns(estimates)
-    axes = figure.subplots(3, 1, sharex=True)
-    for index, axis in enumerate(axes):
-        if reference is not None:
-            shown = _velocity(reference, window_s, max_gap_s)[:, index]
-            axis.plot(_seconds(reference, start_ns), shown, **_REFERENCE_STYLE)
-        for name, estimate in estimates.items():
-            own = estimate.velocity_world
-            shown = _velocity(estimate, window_s, _HOLE_S) if own is None else _broken(estimate, own)
-            axis.plot(_seconds(estimate, start_ns), shown[:, index], label=name, linewidth=0.8)
-        axis.set_ylabel(f"v{_AXES[index]} [m/s]")
-    return _finish(figure, axes, "time [s]", path)
+    """Velocities in the world over time; those of the ground truth, and of estimates without any, from positions.
+
+    Baselines are left out where COCLO, VINS or both together are there: so many curves hide each other.
+    """
+    start_ns, shown = _start_ns(estimates), _within(estimates, reference)
+    names = [name for name in estimates if name in _FIRST] or list(estimates)
+    true = None if shown is None else _velocity(shown, window_s, max_gap_s)
+    own = {name: _own_velocity(estimates[name], window_s) for name in names}
+
+    def draw(axis: Any, index: int, drawn: Sequence[str]) -> None:
+        for name in drawn:
+            style = {**style_of(name), "linewidth": 0.9}
+            axis.plot(_seconds(estimates[name], start_ns), own[name][:, index], **style)
+        if shown is not None and true is not None:
+            axis.plot(_seconds(shown, start_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
+
+    return _in_columns(names, [f"v{name} [m/s]" for name in _AXES], draw, path)
 
 
-def plot_position_error(estimates: Estimates, reference: Trajectory, path: Path, *, max_gap_s: float = 0.25) -> Path:
+def plot_path(estimates: Estimates, reference: Trajectory | None, path: Path) -> Path:
+    """The way from above, both axes to one scale (the paper's flat-ground figure), and below it from the side.
+
+    The height in the picture from the side is not to scale.
+    """
+    shown = _within(estimates, reference)
+    led = shown if shown is not None else next(iter(estimates.values()))
+    extent = np.ptp(led.positions, axis=0)
+    height = float(np.clip(_PATH_WIDTH * extent[1] / max(extent[0], 1e-9), *_PATH_HEIGHTS))
+    figure = empty_figure(_PATH_WIDTH + 1.0, height + 3.4)
+    above, side = figure.subplots(2, 1, height_ratios=(height, 2.0))
+    _draw_way(above, estimates, shown, (0, 1))
+    above.set_xlabel("x [m]")
+    above.set_ylabel("y [m]")
+    above.set_aspect("equal", adjustable="datalim")
+    _draw_side(side, estimates, shown)
+    return finish(figure, [above, side], "along the way, from the side [m]", path)
+
+
+def plot_position_error(
+    estimates: Estimates, references: Estimates, path: Path, *, events: Events | None = None, max_gap_s: float = 0.25
+) -> Path:
     """Distance to the ground truth over time; broken where the ground truth has a hole.
+
+    Args:
+        estimates: by name.
+        references: the ground truth on the clock of each.
+        path: PNG file to write.
+        events: marked where they happened.
+        max_gap_s: a hole of the ground truth is longer, s.
 
     Raises:
         EvaluationError: an estimate has no pose within the ground truth.
     """
-    figure = _figure(8.0, 3.5)
+    figure = empty_figure(9.0, 3.8)
+    axis = figure.subplots()
+    _draw_error(axis, estimates, references, max_gap_s)
     start_ns = _start_ns(estimates)
-    axis = figure.subplots()
-    for name, estimate in estimates.items():
-        inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
-        error = np.linalg.norm(inside.positions - reference.interpolated(inside.stamps_ns).positions, axis=1)
-        for start, end in gaps_ns(reference.stamps_ns, max_gap_s):
-            error[(inside.stamps_ns > start) & (inside.stamps_ns < end)] = np.nan
-        axis.plot(_seconds(inside, start_ns), error, label=name)
-    axis.set_ylabel("position error [m]")
-    axis.set_ylim(bottom=0.0)
-    return _finish(figure, [axis], "time [s]", path)
+    mark_events([axis], _event_times(events or {}, start_ns))
+    return finish(figure, [axis], "time [s]", path)
 
 
-def plot_contacts(
-    stamps_ns: IntArray,
-    probability: Array,
-    legs: Sequence[str],
-    path: Path,
-    *,
-    threshold: float = 0.5,
-) -> Path:
-    """One band a leg: dark while it stands, with its contact probability as a line.
+def plot_overview(estimates: Estimates, references: Estimates, path: Path, *, max_gap_s: float = 0.25) -> Path:
+    """What a glance should tell: the way, from the side where it climbs, and the distance to the ground truth.
 
     Args:
-        stamps_ns: times, ns, (N,).
-        probability: contact probabilities 0..1, (N, legs).
-        legs: names, one a column.
+        estimates: by name.
+        references: the ground truth on the clock of each.
         path: PNG file to write.
-        threshold: a leg stands above this probability.
-
-    Raises:
-        EvaluationError: the shapes do not belong together.
+        max_gap_s: a hole of the ground truth is longer, s.
     """
-    if probability.shape != (len(stamps_ns), len(legs)) or len(stamps_ns) == 0:
-        raise EvaluationError(
-            f"contact bands need probabilities of shape ({len(stamps_ns)}, {len(legs)}), stamps by legs and not empty, "
-            f"got {probability.shape}"
-        )
-    figure = _figure(8.0, 0.6 * len(legs) + 1.2)
-    axis = figure.subplots()
-    times_s = (stamps_ns - stamps_ns[0]) / _NS_PER_S
-    for row, column in enumerate(probability.T):
-        low = np.full(len(times_s), -row - 0.4)
-        axis.fill_between(times_s, low, low + 0.8, where=column > threshold, step="post", alpha=0.35, linewidth=0)
-        axis.plot(times_s, low + 0.8 * column, linewidth=0.6, color="black")
-    axis.set_yticks([-float(row) for row in range(len(legs))], labels=list(legs))
-    axis.margins(x=0.0)
-    return _finish(figure, [axis], "time [s]", path)
+    figure = empty_figure(10.0, 3.9)
+    way, error = figure.subplots(1, 2)
+    reference = next(iter(references.values()))
+    shown = _within(estimates, reference)
+    extent = reference.positions.max(axis=0) - reference.positions.min(axis=0)
+    if extent[2] > 0.05 * float(np.hypot(extent[0], extent[1])):
+        _draw_side(way, estimates, shown)
+        way.set_xlabel("along the way, from the side [m]")
+    else:
+        _draw_way(way, estimates, shown, (0, 1))
+        way.set_aspect("equal", adjustable="datalim")
+        way.set_xlabel("x [m]")
+        way.set_ylabel("y [m]")
+    _draw_error(error, estimates, references, max_gap_s)
+    return finish(figure, [way, error], "time [s]", path)
 
 
-def plot_keyframes(keyframes: Mapping[str, Mapping[str, Array]], path: Path) -> Path:
-    """Over time and for each smoother: tracks at its keyframes, and what is left of their reprojection errors.
-
-    Args:
-        keyframes: by estimator, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
-        path: PNG file to write.
-
-    Raises:
-        EvaluationError: there is no keyframe.
-    """
-    stamps = [columns["stamp_ns"] for columns in keyframes.values() if len(columns["stamp_ns"])]
-    if not stamps:
-        raise EvaluationError("a figure of keyframes needs at least one, there is none; run a visual mode first")
-    start_ns = min(float(each[0]) for each in stamps)
-    figure = _figure(8.0, 4.0)
-    axes = figure.subplots(2, 1, sharex=True)
-    for name, columns in keyframes.items():
-        times_s = (columns["stamp_ns"] - start_ns) / _NS_PER_S
-        axes[0].plot(times_s, columns["tracks"], label=name, linewidth=0.8)
-        axes[1].plot(times_s, columns["reprojection_px"], label=name, linewidth=0.8)
-    axes[0].set_ylabel("tracks")
-    axes[1].set_ylabel("reprojection [px]")
-    for axis in axes:
-        axis.set_ylim(bottom=0.0)
-    return _finish(figure, axes, "time [s]", path)
-
-
-def write_figures(estimates: Estimates, reference: Trajectory | None, folder: Path) -> list[Path]:
+def write_figures(
+    estimates: Estimates, references: Estimates | None, folder: Path, events: Events | None = None
+) -> list[Path]:
     """Every figure that needs trajectories only, in ``folder``, which is made; the paths written.
+
+    Args:
+        estimates: by name, in one world.
+        references: the ground truth on the clock of each, where there is any; of the first where one is drawn.
+        folder: where to write.
+        events: marked in the figure of errors.
 
     Raises:
         EvaluationError: matplotlib is missing, or there is no estimate.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    reference = None if not references else next(iter(references.values()))
     written = [
         plot_path(estimates, reference, folder / "path.png"),
         plot_positions(estimates, reference, folder / "positions.png"),
         plot_velocities(estimates, reference, folder / "velocities.png"),
     ]
-    if reference is not None:
-        written.append(plot_position_error(estimates, reference, folder / "position_error.png"))
+    if references:
+        written.insert(0, plot_overview(estimates, references, folder / "overview.png"))
+        written.append(plot_position_error(estimates, references, folder / "position_error.png", events=events))
     return written
 
 
-def _figure(width: float, height: float) -> "Figure":
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 -- an extra, and slow
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise EvaluationError(
-            "figures need matplotlib, which is not installed; install it with `pip install 'coclo-vio[viz]'`, or go "
-            "without figures"
-        ) from error
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any, path: Path) -> Path:
+    """A row for each axis of the world; a column for what runs alone, and one for what runs together."""
+    alone = [name for name in names if name not in COMBINED]
+    together = [name for name in names if name in COMBINED]
+    columns = [(title, drawn) for title, drawn in (("alone", alone), ("combined", together)) if drawn]
+    figure = empty_figure(8.5 if len(columns) == 1 else 12.0, 7.0)
+    axes = figure.subplots(len(rows), len(columns), sharex=True, sharey="row", squeeze=False)
+    for column, (title, drawn) in enumerate(columns):
+        for index, label in enumerate(rows):
+            draw(axes[index, column], index, drawn)
+            if column == 0:
+                axes[index, column].set_ylabel(label)
+        if len(columns) > 1:
+            axes[0, column].set_title(title, fontsize="medium")
+    return finish(figure, list(axes.flat), "time [s]", path, labelled=axes[-1, :-1])
 
 
-def _finish(figure: "Figure", axes: Sequence[Any], x_label: str, path: Path) -> Path:
-    for axis in axes:
-        axis.grid(visible=True, alpha=0.3)
-    if axes[0].get_legend_handles_labels()[0]:
-        axes[0].legend(loc="best", fontsize="small")
-    axes[-1].set_xlabel(x_label)
-    figure.savefig(path, dpi=_DPI, format="png")
-    return path
+def _draw_way(axis: Any, estimates: Estimates, reference: Trajectory | None, plane: tuple[int, int]) -> None:
+    """Positions in a plane of the world."""
+    if reference is not None:
+        axis.plot(*_broken(reference, reference.positions)[:, plane].T, **REFERENCE)
+    for name, estimate in estimates.items():
+        axis.plot(*_broken(estimate, estimate.positions)[:, plane].T, **style_of(name))
+
+
+def _draw_side(axis: Any, estimates: Estimates, reference: Trajectory | None) -> None:
+    """Height over the way along the direction in which most of it goes."""
+    led = reference if reference is not None else next(iter(estimates.values()))
+    start = led.positions[0]
+    ahead = np.linalg.svd(led.positions[:, :2] - led.positions[:, :2].mean(axis=0), full_matrices=False)[2][0]
+    ahead = ahead * (1.0 if ahead @ (led.positions[-1] - start)[:2] >= 0.0 else -1.0)
+    drawn = [] if reference is None else [(reference, dict(REFERENCE))]
+    for trajectory, style in [*drawn, *((estimate, style_of(name)) for name, estimate in estimates.items())]:
+        moved = _broken(trajectory, trajectory.positions - start)
+        axis.plot(moved[:, :2] @ ahead, moved[:, 2], **style)
+    axis.set_ylabel("height [m]")
+
+
+def _draw_error(axis: Any, estimates: Estimates, references: Estimates, max_gap_s: float) -> None:
+    """Distances to the ground truth, its noise averaged away; millimetres where that is what they are."""
+    start_ns = _start_ns(estimates)
+    errors = {name: _distance(estimate, references[name], max_gap_s) for name, estimate in estimates.items()}
+    worst = {name: float(np.nanmax(error, initial=0.0)) for name, (_, error) in errors.items()}
+    first = [worst[name] for name in worst if name in _FIRST]
+    top_m = max(worst.values()) if not first else min(max(worst.values()), _FURTHEST * max(first))
+    scale, unit = (1e3, "mm") if top_m < _SMALL_M else (1.0, "m")
+    for name, (inside, error) in errors.items():
+        axis.plot(_seconds(inside, start_ns), scale * error, **style_of(name))
+    axis.set_ylabel(f"position error [{unit}]")
+    axis.set_ylim(0.0, 1.05 * scale * top_m or None)
+    axis.margins(x=0.01)
+
+
+def _distance(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> tuple[Trajectory, Array]:
+    """The part of an estimate within the ground truth, and how far it is off, m; NaN in holes of the ground truth.
+
+    Positions are averaged over ``_CALM_S``, so that the noise of the ground truth does not stand for an error.
+    """
+    inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
+    apart = inside.positions - reference.interpolated(inside.stamps_ns).positions
+    spacing_s = inside.duration_s / max(1, len(inside) - 1)
+    width = min(len(inside), max(1, round(_CALM_S / spacing_s))) if spacing_s > 0.0 else 1
+    error = np.linalg.norm(uniform_filter1d(apart, width, axis=0, mode="nearest"), axis=1)
+    for start, end in gaps_ns(reference.stamps_ns, max_gap_s):
+        error[(inside.stamps_ns > start) & (inside.stamps_ns < end)] = np.nan
+    return inside, error
+
+
+def _event_times(events: Events, start_ns: int) -> dict[str, list[float]]:
+    return {kind: [(stamp_ns - start_ns) / _NS_PER_S for stamp_ns in stamps] for kind, stamps in events.items()}
 
 
 def _start_ns(estimates: Estimates) -> int:
     if not estimates:
         raise EvaluationError("a figure needs at least one estimate, there is none; run an estimator first")
     return min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
+
+
+def _within(estimates: Estimates, reference: Trajectory | None) -> Trajectory | None:
+    """The ground truth while there are estimates."""
+    start_ns = _start_ns(estimates)
+    if reference is None:
+        return None
+    return reference.between(start_ns, max(int(estimate.stamps_ns[-1]) for estimate in estimates.values()))
 
 
 def _seconds(trajectory: Trajectory, start_ns: int) -> Array:
@@ -218,6 +260,11 @@ def _broken(trajectory: Trajectory, values: Array) -> Array:
     shown = values.copy()
     shown[:-1][np.diff(trajectory.stamps_ns) > _HOLE_S * _NS_PER_S] = np.nan
     return shown
+
+
+def _own_velocity(estimate: Trajectory, window_s: float) -> Array:
+    own = estimate.velocity_world
+    return _velocity(estimate, window_s, _HOLE_S) if own is None else _broken(estimate, own)
 
 
 def _velocity(trajectory: Trajectory, window_s: float, max_gap_s: float) -> Array:

@@ -20,3 +20,8 @@ PAPER_TABLE_I: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 """Drift, percent of net displacement, by trial and estimator; the paper combined nothing on the ramp."""
+
+PAPER_COLUMNS: Mapping[str, str] = MappingProxyType(
+    {"coclo": "COCLO", "vins": "VINS", "combined_coclo": "combined COCLO", "combined_vins": "combined VINS"}
+)
+"""The estimators of Table I by ours, in its order."""

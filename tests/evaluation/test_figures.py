@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.errors import EvaluationError
-from coclo_vio.evaluation.figures import plot_contacts, plot_keyframes, plot_position_error, write_figures
+from coclo_vio.evaluation.figures import plot_position_error, plot_positions, write_figures
 
 matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
 
@@ -22,8 +22,10 @@ def test_every_figure_shows_every_estimate(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.02))
     one = {"coclo": walk(np.arange(0.0, 25.0, 0.02), 1)}
     both = {**one, "vins": walk(np.arange(0.0, 25.0, 0.1), 2)}
-    few, many = write_figures(one, truth, tmp_path / "one"), write_figures(both, truth, tmp_path / "two")
-    assert [path.name for path in few] == ["path.png", "positions.png", "velocities.png", "position_error.png"]
+    few = write_figures(one, dict.fromkeys(one, truth), tmp_path / "one")
+    many = write_figures(both, dict.fromkeys(both, truth), tmp_path / "two")
+    names = ["overview.png", "path.png", "positions.png", "velocities.png", "position_error.png"]
+    assert [path.name for path in few] == names
     for path_one, path_two in zip(few, many, strict=True):
         assert coloured(path_two) > coloured(path_one) > 100
 
@@ -33,39 +35,45 @@ def test_figures_without_ground_truth(walk, tmp_path):
     assert [path.name for path in written] == ["path.png", "positions.png", "velocities.png"]
 
 
-def test_contact_bands_show_stance(tmp_path):
-    stamps_ns = np.arange(200) * 10_000_000
-    standing = plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR"], tmp_path / "stand.png")
-    flying = plot_contacts(stamps_ns, np.zeros((200, 2)), ["FL", "FR"], tmp_path / "fly.png")
-    assert coloured(standing) > 10_000 > coloured(flying)
-    with pytest.raises(EvaluationError, match=r"\(200, 3\)"):
-        plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR", "RL"], tmp_path / "wrong.png")
+def test_what_runs_together_stands_beside_what_runs_alone(walk, tmp_path):
+    truth = walk(np.arange(0.0, 25.0, 0.1))
+    alone = {"coclo": truth, "vins": truth}
+    narrow = plot_positions(alone, truth, tmp_path / "alone.png")
+    wide = plot_positions({**alone, "combined_coclo": truth}, truth, tmp_path / "both.png")
+    assert matplotlib_image.imread(wide).shape[1] > 1.3 * matplotlib_image.imread(narrow).shape[1]
 
 
-def test_keyframes_of_every_smoother_are_shown(tmp_path):
-    def columns(level: float) -> dict[str, np.ndarray]:
-        stamps_ns = 1e18 + np.arange(50) * 2e8
-        return {"stamp_ns": stamps_ns, "tracks": np.full(50, 100 * level), "reprojection_px": np.full(50, level)}
+def test_events_are_marked_in_the_errors(walk, tmp_path):
+    truth = walk(np.arange(0.0, 25.0, 0.1))
+    estimates, references = {"coclo": walk(np.arange(0.0, 25.0, 0.1), 1)}, {"coclo": truth}
+    quiet = plot_position_error(estimates, references, tmp_path / "quiet.png")
+    eventful = plot_position_error(
+        estimates, references, tmp_path / "eventful.png", events={"vins: blind": [5_000_000_000, 9_000_000_000]}
+    )
+    assert coloured(eventful) > coloured(quiet) + 300
 
-    one = plot_keyframes({"vins": columns(1.0)}, tmp_path / "one.png")
-    two = plot_keyframes({"vins": columns(1.0), "stereo": columns(0.5)}, tmp_path / "two.png")
-    assert coloured(two) > coloured(one) > 100
-    with pytest.raises(EvaluationError, match="there is none; run a visual mode first"):
-        plot_keyframes({"vins": {"stamp_ns": np.zeros(0)}}, tmp_path / "none.png")
+
+def test_a_baseline_that_is_far_off_does_not_flatten_the_others(line, tmp_path):
+    truth = line(5.0)
+    near = {"coclo": line(5.0, scale=1.01)}
+    far = {**near, "naive": line(5.0, scale=3.0)}
+    alone = plot_position_error(near, dict.fromkeys(near, truth), tmp_path / "near.png")
+    beside = plot_position_error(far, dict.fromkeys(far, truth), tmp_path / "far.png")
+    assert coloured(beside) > 0.3 * coloured(alone)
 
 
 def test_position_error_outside_the_ground_truth_is_an_error(line, tmp_path):
     late = line(1.0).restamped(line(1.0).stamps_ns + 10**12)
     with pytest.raises(EvaluationError, match="no pose between"):
-        plot_position_error({"late": late}, line(1.0), tmp_path / "error.png")
+        plot_position_error({"late": late}, {"late": line(1.0)}, tmp_path / "error.png")
 
 
 def test_no_estimate_is_an_error(line, tmp_path):
     with pytest.raises(EvaluationError, match="at least one estimate"):
-        write_figures({}, line(1.0), tmp_path)
+        write_figures({}, None, tmp_path)
 
 
 def test_missing_matplotlib_says_how_to_install_it(line, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(EvaluationError, match=r"pip install 'coclo-vio\[viz\]'"):
-        write_figures({"coclo": line(1.0)}, line(1.0), tmp_path)
+        write_figures({"coclo": line(1.0)}, {"coclo": line(1.0)}, tmp_path)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page over several recordings: the table in the form of the paper's Table I, then each recording with a link."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from urllib.parse import quote
+
+from coclo_vio.evaluation import page
+from coclo_vio.evaluation.claims import Claim
+from coclo_vio.evaluation.paper_figures import PAPER_MARK
+from coclo_vio.evaluation.report import claims_list
+from coclo_vio.evaluation.table_one import TableOne
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One recording of a page over several.
+
+    Attributes:
+        report: its own report, relative to the page.
+        summary: what a reader should know first.
+        claims: what it says of the paper's claims.
+        picture: a PNG file to show; None where there is none.
+    """
+
+    report: str
+    summary: Sequence[str] = ()
+    claims: Sequence[Claim] = ()
+    picture: Path | None = None
+
+
+def write_index(path: Path, title: str, table: TableOne, entries: Mapping[str, Entry]) -> Path:
+    """Write the page and return its path.
+
+    Args:
+        path: HTML file to write.
+        title: of the page.
+        table: of all recordings.
+        entries: by recording.
+
+    Raises:
+        EvaluationError: a picture cannot be read, or the page cannot be written.
+    """
+    rows = (
+        page.row(
+            f"{row.name} ({PAPER_MARK})" if row.is_paper else row.name,
+            (escape(str(cell)) for cell in row.cells),
+            kind="paper" if row.is_paper else "",
+        )
+        for row in table.rows
+    )
+    meaning = "Drift in percent of the way / median RPE in percent per metre."
+    if any(row.is_paper for row in table.rows):
+        meaning += " The paper's drift is of the net displacement, one recording a trial; it gives no RPE."
+    parts = [page.table(("", *table.headers), rows), f"<p>{meaning}</p>"]
+    for name, entry in entries.items():
+        parts += [
+            f'<h2><a href="{quote(entry.report)}">{escape(name)}</a></h2>',
+            *(f"<p>{escape(sentence)}</p>" for sentence in entry.summary),
+            claims_list(entry.claims, ""),
+            *((page.picture(entry.picture),) if entry.picture is not None else ()),
+        ]
+    return page.write_page(path, title, parts)

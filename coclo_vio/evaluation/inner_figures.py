@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What goes on inside an estimator, as PNG files: which feet stand, how a smoother fares, how sure it is of itself."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from coclo_vio.arrays import Array, IntArray
+from coclo_vio.errors import EvaluationError
+from coclo_vio.evaluation.alignment import heading_error_rad
+from coclo_vio.evaluation.canvas import empty_figure, finish, mark_events, style_of
+from coclo_vio.trajectory import Trajectory
+
+_NS_PER_S = 1_000_000_000
+_SIGMAS = 3.0
+_ROWS = ("x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
+_SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])
+
+
+def plot_contacts(
+    stamps_ns: IntArray, probability: Array, legs: Sequence[str], path: Path, *, threshold: float = 0.5
+) -> Path:
+    """One band a leg: dark while it stands, with its contact probability as a line.
+
+    Args:
+        stamps_ns: times, ns, (N,).
+        probability: contact probabilities 0..1, (N, legs).
+        legs: names, one a column.
+        path: PNG file to write.
+        threshold: a leg stands above this probability.
+
+    Raises:
+        EvaluationError: the shapes do not belong together.
+    """
+    if probability.shape != (len(stamps_ns), len(legs)) or len(stamps_ns) == 0:
+        raise EvaluationError(
+            f"contact bands need probabilities of shape ({len(stamps_ns)}, {len(legs)}), stamps by legs and not empty, "
+            f"got {probability.shape}"
+        )
+    figure = empty_figure(9.0, 0.5 * len(legs) + 1.2)
+    axis = figure.subplots()
+    times_s = (stamps_ns - stamps_ns[0]) / _NS_PER_S
+    for row, column in enumerate(probability.T):
+        low = np.full(len(times_s), -row - 0.4)
+        axis.fill_between(
+            times_s,
+            low,
+            low + 0.8,
+            where=column > threshold,
+            step="post",
+            color=style_of("coclo")["color"],
+            alpha=0.35,
+            linewidth=0,
+        )
+        axis.plot(times_s, low + 0.8 * column, linewidth=0.6, color="black")
+    axis.set_yticks([-float(row) for row in range(len(legs))], labels=list(legs))
+    axis.margins(x=0.0)
+    return finish(figure, [axis], "time [s]", path)
+
+
+def plot_keyframes(
+    keyframes: Mapping[str, Mapping[str, Array]], path: Path, *, events: Mapping[str, Sequence[int]] | None = None
+) -> Path:
+    """Over time and for each smoother: tracks at its keyframes, what is left of their reprojection errors, events.
+
+    Args:
+        keyframes: by estimator, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
+        path: PNG file to write.
+        events: stamps, ns, by kind, of what the smoothers and the bridge lived through.
+
+    Raises:
+        EvaluationError: there is no keyframe.
+    """
+    stamps = [columns["stamp_ns"] for columns in keyframes.values() if len(columns["stamp_ns"])]
+    if not stamps:
+        raise EvaluationError("a figure of keyframes needs at least one, there is none; run a visual mode first")
+    start_ns = min(float(each[0]) for each in stamps)
+    figure = empty_figure(9.0, 4.2)
+    axes = figure.subplots(2, 1, sharex=True)
+    for name, columns in keyframes.items():
+        times_s = (columns["stamp_ns"] - start_ns) / _NS_PER_S
+        style = {**style_of(name), "linewidth": 1.0, "marker": ".", "markersize": 3.0}
+        axes[0].plot(times_s, columns["tracks"], **style)
+        axes[1].plot(times_s, columns["reprojection_px"], **style)
+    axes[0].set_ylabel("tracks")
+    axes[1].set_ylabel("reprojection [px]")
+    mark_events(
+        axes, {kind: [(one - start_ns) / _NS_PER_S for one in happened] for kind, happened in (events or {}).items()}
+    )
+    for axis in axes:
+        axis.set_ylim(bottom=0.0)
+    return finish(figure, axes, "time [s]", path)
+
+
+def error_and_sigma(
+    estimate: Trajectory, reference: Trajectory, rotation_noise_rad: float = 0.0, position_noise_m: float = 0.0
+) -> tuple[Array, Array]:
+    """Errors in the world's axes and what the estimator thinks of them: both (N, 4), [x, y, z m, yaw rad].
+
+    The covariance is of right/local errors ``T = T_mean exp([rotation, position])``; turned into the world it is
+    ``R P R^T``, of position and, about the vertical, of yaw. The noise of the ground truth is added.
+
+    Args:
+        estimate: with covariance, in the reference's world, inside its time.
+        reference: the ground truth.
+        rotation_noise_rad: of the ground truth, one sigma an axis, rad.
+        position_noise_m: the same of its positions, m.
+
+    Raises:
+        EvaluationError: the estimate has no covariance.
+    """
+    if estimate.covariance is None:
+        raise EvaluationError("how sure an estimator is needs its covariance; the state file of the run is missing")
+    true = reference.interpolated(estimate.stamps_ns)
+    R = estimate.rotations
+    rotation, position = (
+        np.einsum("nij,njk,nik->ni", R, estimate.covariance[:, part, part], R) for part in (slice(0, 3), slice(3, 6))
+    )
+    variance = np.column_stack((position + position_noise_m**2, rotation[:, 2] + rotation_noise_rad**2))
+    error = np.column_stack((estimate.positions - true.positions, -heading_error_rad(estimate, true)))
+    return error, np.sqrt(variance)
+
+
+def plot_error_bands(
+    estimates: Mapping[str, Trajectory],
+    references: Mapping[str, Trajectory],
+    path: Path,
+    *,
+    rotation_noise_rad: float = 0.0,
+    position_noise_m: float = 0.0,
+) -> Path:
+    """Error along each axis of the world and of yaw, in the band of three sigmas that the estimator gives for it.
+
+    A column for each estimate, on one scale; whoever is honest leaves his band for 0.3 % of the time.
+
+    Args:
+        estimates: with covariance, in the ground truth's world.
+        references: the ground truth on the clock of each.
+        path: PNG file to write.
+        rotation_noise_rad: of the ground truth, one sigma an axis, rad.
+        position_noise_m: the same of its positions, m.
+
+    Raises:
+        EvaluationError: no estimate, or one without covariance or outside the ground truth.
+    """
+    if not estimates:
+        raise EvaluationError("a figure needs at least one estimate, there is none; run an estimator first")
+    figure = empty_figure(4.5 + 3.75 * len(estimates), 8.0)
+    axes = figure.subplots(len(_ROWS), len(estimates), sharex=True, sharey="row", squeeze=False)
+    start_ns = min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
+    for column, (name, estimate) in enumerate(estimates.items()):
+        reference = references[name]
+        inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
+        error, sigma = error_and_sigma(inside, reference, rotation_noise_rad, position_noise_m)
+        times_s, style = (inside.stamps_ns - start_ns) / _NS_PER_S, {**style_of(name), "linewidth": 1.0}
+        for row, label in enumerate(_ROWS):
+            axis, band = axes[row, column], _SIGMAS * _SCALES[row] * sigma[:, row]
+            axis.fill_between(times_s, -band, band, color=style["color"], alpha=0.2, linewidth=0)
+            axis.plot(times_s, _SCALES[row] * error[:, row], **style)
+            axis.axhline(0.0, color="black", linewidth=0.6)
+            if column == 0:
+                axis.set_ylabel(label)
+        axes[0, column].set_title(f"{name}: error and three sigmas", fontsize="medium")
+    return finish(figure, list(axes.flat), "time [s]", path, labelled=axes[-1, :-1])

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several recordings in the form of the paper's Table I: a row each, drift and RPE per metre of each estimator.
+
+The paper's own figures stand in rows of their own that say so: another robot's data, and drift of net displacement.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.paper_figures import PAPER_COLUMNS, PAPER_TABLE_I
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """Drift and RPE per metre, percent, of one estimator on one recording; None where there is none.
+
+    Attributes:
+        drift_percent: of the path, or in a row of the paper of the net displacement.
+        rpe_1m_percent: median over all segments of 1 m.
+    """
+
+    drift_percent: float | None = None
+    rpe_1m_percent: float | None = None
+
+    def __str__(self) -> str:
+        if self.drift_percent is None and self.rpe_1m_percent is None:
+            return "-"
+        drift = "-" if self.drift_percent is None else f"{self.drift_percent:.2f}"
+        return drift if self.rpe_1m_percent is None else f"{drift} / {self.rpe_1m_percent:.2f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One recording, or one trial of the paper.
+
+    Attributes:
+        name: of the recording or trial.
+        is_paper: whether these are the paper's figures.
+        cells: one a column.
+    """
+
+    name: str
+    is_paper: bool
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TableOne:
+    """A table in the form of the paper's Table I.
+
+    Attributes:
+        columns: estimators.
+        rows: ours in order, then the paper's.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+    @classmethod
+    def of(cls, evaluations: Mapping[str, Mapping[str, Evaluation]]) -> "TableOne":
+        """The table of evaluations by recording and estimator, with the paper's rows where its columns are ours."""
+        present = list(dict.fromkeys(name for one in evaluations.values() for name in one))
+        columns = tuple(name for name in PAPER_COLUMNS if name in present) or tuple(present)
+        ours = [
+            Row(name, False, tuple(_cell(one.get(column)) for column in columns)) for name, one in evaluations.items()
+        ]
+        return cls(columns, (*ours, *(_paper_rows(columns) if set(columns) & set(PAPER_COLUMNS) else ())))
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """The columns as the paper calls them."""
+        return tuple(PAPER_COLUMNS.get(column, column) for column in self.columns)
+
+
+def _cell(evaluation: Evaluation | None) -> Cell:
+    return Cell() if evaluation is None else Cell(evaluation.drift_percent, evaluation.rpe_1m_percent)
+
+
+def _paper_rows(columns: Sequence[str]) -> tuple[Row, ...]:
+    return tuple(
+        Row(trial, True, tuple(Cell(drifts.get(column)) for column in columns))
+        for trial, drifts in PAPER_TABLE_I.items()
+    )

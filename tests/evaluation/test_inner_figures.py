@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of what goes on inside: bands of stance, keyframes, and errors within what the filter gives for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coclo_vio.errors import EvaluationError
+from coclo_vio.evaluation.inner_figures import error_and_sigma, plot_contacts, plot_error_bands, plot_keyframes
+from coclo_vio.geometry import se3, so3
+
+matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
+
+
+def coloured(path, least: float = 0.2) -> int:
+    """Pixels that are not grey; what is pale counts where ``least`` is small."""
+    assert path.read_bytes().startswith(b"\x89PNG")
+    return int((np.ptp(matplotlib_image.imread(path)[..., :3], axis=2) > least).sum())
+
+
+def test_contact_bands_show_stance(tmp_path):
+    stamps_ns = np.arange(200) * 10_000_000
+    standing = plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR"], tmp_path / "stand.png")
+    flying = plot_contacts(stamps_ns, np.zeros((200, 2)), ["FL", "FR"], tmp_path / "fly.png")
+    assert coloured(standing) > 10_000 > coloured(flying)
+    with pytest.raises(EvaluationError, match=r"\(200, 3\)"):
+        plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR", "RL"], tmp_path / "wrong.png")
+
+
+def test_keyframes_of_every_smoother_are_shown(tmp_path):
+    def columns(level: float) -> dict[str, np.ndarray]:
+        stamps_ns = 1e18 + np.arange(50) * 2e8
+        return {"stamp_ns": stamps_ns, "tracks": np.full(50, 100 * level), "reprojection_px": np.full(50, level)}
+
+    one = plot_keyframes({"vins": columns(1.0)}, tmp_path / "one.png")
+    two = plot_keyframes({"vins": columns(1.0), "stereo": columns(0.5)}, tmp_path / "two.png")
+    assert coloured(two) > coloured(one) > 100
+    with pytest.raises(EvaluationError, match="there is none; run a visual mode first"):
+        plot_keyframes({"vins": {"stamp_ns": np.zeros(0)}}, tmp_path / "none.png")
+
+
+def test_errors_and_sigmas_are_in_the_axes_of_the_world(line):
+    """A body that looks left: its forward error is the world's y, its roll is no yaw."""
+    truth = line(1.0, seconds=1.0)
+    left = se3.transform(so3.about_z(0.5 * np.pi), np.zeros(3))
+    apart = se3.exp(np.array([0.0, 0.0, 0.02, 0.3, 0.0, 0.0]))
+    covariance = np.tile(np.diag(np.array([0.5, 0.6, 0.1, 0.3, 0.02, 0.01]) ** 2), (len(truth), 1, 1))
+    reference = replace(truth, T_world_body=truth.T_world_body @ left)
+    estimate = replace(truth, T_world_body=truth.T_world_body @ left @ apart, covariance=covariance)
+    error, sigma = error_and_sigma(estimate, reference)
+    np.testing.assert_allclose(error, np.tile([0.0, 0.3, 0.0, 0.02], (len(truth), 1)), atol=4e-3)
+    np.testing.assert_allclose(sigma, np.tile([0.02, 0.3, 0.01, 0.1], (len(truth), 1)), rtol=0.1)
+    _, noisy = error_and_sigma(estimate, reference, rotation_noise_rad=0.1, position_noise_m=0.3)
+    np.testing.assert_allclose(noisy[0, [1, 3]], [0.3 * np.sqrt(2.0), 0.1 * np.sqrt(2.0)], rtol=0.02)
+
+
+def test_a_wider_band_covers_more(line, tmp_path):
+    truth = line(1.0, seconds=1.0)
+
+    def drawn(sigma_m: float, name: str) -> int:
+        covariance = np.tile(np.eye(6) * sigma_m**2, (len(truth), 1, 1))
+        off = truth.moved(se3.transform(np.eye(3), np.array([0.3, 0.0, 0.0])))
+        estimate = replace(off, covariance=covariance)
+        return coloured(plot_error_bands({"coclo": estimate}, {"coclo": truth}, tmp_path / name), 0.05)
+
+    assert drawn(0.1, "wide.png") > 1.15 * drawn(0.001, "narrow.png")
+
+
+def test_bands_need_a_covariance(line, tmp_path):
+    with pytest.raises(EvaluationError, match="needs its covariance"):
+        plot_error_bands({"coclo": line(1.0)}, {"coclo": line(1.0)}, tmp_path / "bands.png")
+    with pytest.raises(EvaluationError, match="at least one estimate"):
+        plot_error_bands({}, {}, tmp_path / "bands.png")
