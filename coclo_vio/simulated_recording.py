@@ -26,7 +26,7 @@ from coclo_vio.measurements import EncodedStereoFrame
 from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.simulation.trial.imperfection import IDEAL
 from coclo_vio.simulation.trial.terrain import TerrainName, make_terrain
-from coclo_vio.simulation.trial.trial import Trial, TrialConfig, preset, simulate
+from coclo_vio.simulation.trial.trial import Trial, TrialConfig, Truth, preset, simulate
 from coclo_vio.simulation.trial.walkway import Walkway
 from coclo_vio.simulation.visuals.cameras import add_cameras
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
@@ -270,11 +270,25 @@ def _write_truth(folder: Path, trial: Trial, name: TerrainName, config: Simulati
             "gyroscope_bias_at_start_radps": truth.imu.gyroscope_bias[0].tolist(),
             "accelerometer_bias_at_start_mps2": truth.imu.accelerometer_bias[0].tolist(),
             "stereo": truth.stereo.model_dump(mode="json"),
+            "slippery_tile": _tile_story(truth),
             "robot": {key: np.asarray(value).tolist() for key, value in asdict(truth.imperfection).items()},
         }
         (folder / "trial.yaml").write_text(yaml.safe_dump(story, sort_keys=False), encoding="utf-8")
     except OSError as error:
         raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another place") from error
+
+
+def _tile_story(truth: Truth) -> dict[str, Any] | None:
+    """Where the slippery tile is, and from when to when feet stood on it."""
+    tile = truth.tile
+    if tile is None:
+        return None
+    return {
+        "friction": tile.friction,
+        "place_m": tile.place.tolist(),
+        "heading_rad": tile.heading_rad,
+        "feet_on_it_s": None if truth.on_tile_s is None else list(truth.on_tile_s),
+    }
 
 
 def _write_contacts(path: Path, trial: Trial) -> None:

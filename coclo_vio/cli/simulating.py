@@ -33,6 +33,13 @@ FormatOption = Annotated[
 IdealOption = Annotated[bool, typer.Option("--ideal", help="A robot that is exactly as described.")]
 ImagesOption = Annotated[bool, typer.Option("--images/--no-images", help="Whether the cameras record.")]
 FrictionOption = Annotated[float | None, typer.Option(help="Coulomb coefficient of feet on the ground.")]
+TileOption = Annotated[
+    float | None,
+    typer.Option("--slippery-tile", metavar="MU", help="Coulomb coefficient of a tile 1 m long amid the way: 0.3."),
+]
+ShockOption = Annotated[
+    float | None, typer.Option("--shock-scale", help="Factor on the shocks that the camera's accelerometer feels.")
+]
 FootRadiusOption = Annotated[
     float | None, typer.Option(help="Radius of the feet, m; the estimators' description keeps its own.")
 ]
@@ -61,7 +68,9 @@ def simulate(
     ideal: IdealOption = False,
     images: ImagesOption = True,
     friction: FrictionOption = None,
+    slippery_tile: TileOption = None,
     foot_radius: FootRadiusOption = None,
+    shock_scale: ShockOption = None,
     gait_speed: GaitSpeedOption = 1.0,
     lighting: LightingOption = None,
     blackout: BlackoutOption = None,
@@ -78,7 +87,11 @@ def simulate(
 
     given, asked = read_yaml(config) if config else {}, parse_settings(settings or ())
     chosen = {
-        "trial": {"body": _told(friction=friction, foot_radius_m=foot_radius)},
+        "trial": {
+            "body": _told(friction=friction, foot_radius_m=foot_radius),
+            "camera_imu": _told(shock_scale=shock_scale),
+            **_told(slippery_tile=slippery_tile),
+        },
         "scene": _told(texture=texture),
         "camera": _told(encoding=image_encoding) | {"lighting": _lighting(lighting, blackout or ())},
     }

@@ -55,7 +55,18 @@ def test_options_change_the_configuration_that_is_kept_with_the_truth(coclo: Coc
     answer = coclo(
         *("simulate", "ramp", "-o", "walk", *SHORT, "-c", "mine.yaml", "--ideal", "--friction", 0.5),
         *("--foot-radius", 0.03, "--gait-speed", 1.5, "--lighting", "dark", "--blackout", "3:1.5", "--blackout", "9:2"),
-        *("--texture", "poor", "--image-encoding", "jpeg", "--set", "trial.imperfection.link_length=0.02"),
+        *(
+            "--slippery-tile",
+            0.3,
+            "--shock-scale",
+            3,
+            "--texture",
+            "poor",
+            "--image-encoding",
+            "jpeg",
+            "--set",
+            "trial.imperfection.link_length=0.02",
+        ),
     )
     assert answer.status == 0
     config = yaml.safe_load((tmp_path / "walk_truth" / "config.yaml").read_text(encoding="utf-8"))
@@ -65,6 +76,9 @@ def test_options_change_the_configuration_that_is_kept_with_the_truth(coclo: Coc
     for key, factor in (("speed_mps", 1.5), ("turn_rate_radps", 1.5), ("period_s", 1 / 1.5)):
         assert gait[key] == pytest.approx(factor * getattr(plain, key))
     assert (body["friction"], body["foot_radius_m"]) == (0.5, 0.03)
+    assert config["trial"]["slippery_tile"] == 0.3
+    assert [config["trial"][imu]["shock_scale"] for imu in ("imu", "camera_imu")] == [1.0, 3.0]
+    assert config["trial"]["camera_imu"]["rate_hz"] == 200.0
     assert config["scene"]["texture"] == "poor"
     assert config["camera"]["encoding"] == "jpeg"
     blackouts = [{"start_s": 3.0, "duration_s": 1.5}, {"start_s": 9.0, "duration_s": 2.0}]
@@ -92,6 +106,8 @@ def test_the_kept_configuration_and_the_seed_repeat_the_recording(coclo: Coclo, 
         (["-o", "walk", "--blackout", "3"], 2, "--blackout takes START:SECONDS, such as 20:3"),
         (["-o", "walk", "--blackout", "-1:3"], 2, "camera.lighting.blackouts.0.start_s = -1.0: "),
         (["-o", "walk", "--friction", "7"], 2, "trial.body.friction = 7.0: Input should be less than or equal to 2"),
+        (["-o", "walk", "--slippery-tile", "0"], 2, "trial.slippery_tile = 0.0: Input should be greater than 0"),
+        (["-o", "walk", "--shock-scale", "-1"], 2, "trial.camera_imu.shock_scale = -1.0: "),
         (["-o", "walk", "--gait-speed", "5", "--set", "trial.gait.speed_mps=0.3"], 2, "gait speed 5.0: "),
         (["-o", "walk", "--set", "trial.gait.sped_mps=1"], 2, "there is no trial.gait.sped_mps; the keys there are: "),
         (["-o", "walk", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),

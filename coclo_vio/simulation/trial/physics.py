@@ -15,6 +15,7 @@ from coclo_vio.errors import SimulationError
 from coclo_vio.geometry import se3, so3
 from coclo_vio.measurements import JointSample
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.trial.tile import Tile
 from coclo_vio.simulation.trial.walker import Command, Walker
 
 _SETTLING_S = 2.0  # on its springs, before the trial begins
@@ -52,6 +53,7 @@ class Motion:
         self_contacts: control periods at whose end a leg touched another leg.
         ground_contacts: control periods at whose end a leg, not a foot, touched the ground; the trunk touches nothing.
         deepest_m: the deepest that any body was in another then, m.
+        on_tile_s: when a foot first and last stood on the slippery tile, s; None if none did.
     """
 
     time_s: Array
@@ -68,6 +70,7 @@ class Motion:
     self_contacts: int
     ground_contacts: int
     deepest_m: float
+    on_tile_s: tuple[float, float] | None = None
 
 
 @dataclass(slots=True)
@@ -94,6 +97,27 @@ class _Touches:
         self.ground_contacts += touches_ground
 
 
+class _Hold:
+    """The friction of each foot, by where it is.
+
+    MuJoCo takes the larger friction of two bodies unless one has priority; so the feet have it, with the ground's own.
+    """
+
+    def __init__(self, model: mujoco.MjModel, feet: list[int], sensors: Array, tile: Tile) -> None:
+        self._model, self._feet, self._sensors, self._tile = model, feet, sensors, tile
+        self._elsewhere: Array = model.geom_friction[feet, 0].copy()
+        self.on_tile_s: tuple[float, float] | None = None
+        model.geom_priority[feet] = 1
+
+    def set(self, data: mujoco.MjData) -> None:
+        """For the steps to come, by where the feet are now."""
+        is_over = self._tile.carries(data.geom_xpos[self._feet])
+        self._model.geom_friction[self._feet, 0] = np.where(is_over, self._tile.friction, self._elsewhere)
+        if (is_over & (data.sensordata[self._sensors] > 0.0)).any():
+            first_s = data.time if self.on_tile_s is None else self.on_tile_s[0]
+            self.on_tile_s = (first_s, data.time)
+
+
 class Laboratory:
     """A compiled model with its robot, ready to walk.
 
@@ -101,9 +125,12 @@ class Laboratory:
         model: made by ``robot_spec.make_spec``, with IMUs.
         robot: the described robot.
         imus: names of the IMUs in the model.
+        tile: where the ground is slippery, if anywhere.
     """
 
-    def __init__(self, model: mujoco.MjModel, robot: RobotModel, imus: tuple[str, ...]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, robot: RobotModel, imus: tuple[str, ...], tile: Tile | None = None
+    ) -> None:
         self.model = model
         self._robot = robot
         self._data = mujoco.MjData(model)
@@ -114,7 +141,9 @@ class Laboratory:
         feet = [leg.foot_frame for leg in robot.description.legs]
         self._feet = np.array([model.sensor(f"{foot}_touch").adr[0] for foot in feet])
         ground = [index for index in range(model.ngeom) if model.geom(index).name.startswith("ground")]
-        self._touches = _Touches(frozenset(model.geom(foot).id for foot in feet), frozenset(ground))
+        soles = [int(model.geom(foot).id) for foot in feet]
+        self._touches = _Touches(frozenset(soles), frozenset(ground))
+        self._hold = None if tile is None else _Hold(model, soles, self._feet, tile)
         self.spring: Array = model.actuator_gainprm[: len(joints), 0].copy()
 
     def walk(
@@ -150,6 +179,8 @@ class Laboratory:
             pose = _pose(data.qpos)
             command = walker.step(data.time, _CONTROL_EVERY * step_s, pose, self._joints())
             self._control(command)
+            if self._hold is not None:
+                self._hold.set(data)
             data.xfrc_applied[1] = push.at(data.time) if walker.walked_s > 0.0 and stop_s is None else 0.0
             for _ in range(_CONTROL_EVERY):
                 before = (data.qpos.copy(), data.qvel.copy(), self._spring_torque())
@@ -232,6 +263,7 @@ class Laboratory:
             self_contacts=self._touches.self_contacts,
             ground_contacts=self._touches.ground_contacts,
             deepest_m=self._touches.deepest_m,
+            on_tile_s=None if self._hold is None else self._hold.on_tile_s,
         )
 
 

@@ -19,6 +19,7 @@ from coclo_vio.simulation.trial.physics import Motion
 Reading = TypeVar("Reading", bound=InertialReading)
 
 _NS_PER_S = 1_000_000_000
+_SHOCK_HZ = 20.0  # above the robot's swaying and its ringing on its springs (2 to 10 Hz): what an impact excites
 EPOCH_NS = 1_700_000_000 * _NS_PER_S  # the first stamp of every trial; players of bags dislike times about zero
 
 
@@ -49,6 +50,16 @@ class ImuConfig(StageConfig):
     accelerometer_range_mps2: Annotated[float, Field(gt=0, description="beyond it readings saturate (4 g)")] = 39.2
     accelerometer_step_mps2: Annotated[float, Field(ge=0, description="resolution (4 g over 12 bits)")] = 0.0192
     gyroscope_step_radps: Annotated[float, Field(ge=0, description="resolution (1000 deg/s over 16 bits)")] = 5.33e-4
+    shock_scale: Annotated[
+        float,
+        Field(ge=0, le=100, description="factor on the shocks of the accelerometer: on what is quicker than 20 Hz"),
+    ] = 1.0
+
+
+class CameraImuConfig(ImuConfig):
+    """The IMU inside the camera: the same part, read twice as often."""
+
+    rate_hz: Annotated[float, Field(gt=1, le=1000, description="samples a second, Hz")] = 200.0
 
 
 class JointSensorConfig(StageConfig):
@@ -97,8 +108,9 @@ def imu_readings(
     kind: type[Reading], motion: Motion, name: str, config: ImuConfig, generator: np.random.Generator
 ) -> tuple[list[Reading], ImuTruth]:
     """The readings of the IMU ``name``, and its true biases."""
-    truth = motion.imus[name]
-    cutoff = config.low_pass_hz / (0.5 / (motion.time_s[1] - motion.time_s[0]))
+    step_s = float(motion.time_s[1] - motion.time_s[0])
+    truth = _shaken(motion.imus[name], config.shock_scale, step_s)
+    cutoff = config.low_pass_hz / (0.5 / step_s)
     numerator, denominator = signal.butter(2, cutoff)
     settled = signal.lfilter_zi(numerator, denominator)[:, None] * truth[0]
     smooth, _ = signal.lfilter(numerator, denominator, truth, axis=0, zi=settled)
@@ -159,6 +171,22 @@ def se3_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:  # n
     roll, yaw = float(np.arctan2(R[2, 1], R[2, 2])), float(np.arctan2(R[1, 0], R[0, 0]))
     x, y, z = T_body_imu[:3, 3].tolist()
     return {"position_body_m": (x, y, z), "rotation_body_imu_rpy_rad": (roll, pitch, yaw)}
+
+
+def _shaken(truth: Array, scale: float, step_s: float) -> Array:
+    """Rates and specific forces (N, 6) whose shocks are scaled.
+
+    The high-pass s^2 a / (s^2 + 2 d w s + w^2) of an acceleration a is how a mass m on a spring of w = 20 Hz, with d =
+    0.71 of critical damping, accelerates under a force m a. So what is added is a motion that ends where it began, as
+    that of a camera on a bracket that gives.
+    """
+    if scale == 1.0:
+        return truth
+    sections = signal.butter(2, _SHOCK_HZ, "highpass", fs=1.0 / step_s, output="sos")
+    force = truth[:, 3:]
+    settled = signal.sosfilt_zi(sections)[:, :, None] * force[0]
+    shocks, _ = signal.sosfilt(sections, force, axis=0, zi=settled)
+    return np.hstack((truth[:, :3], force + (scale - 1.0) * shocks))
 
 
 def _lagged(values: Array, cutoff_hz: float, step_s: float) -> Array:

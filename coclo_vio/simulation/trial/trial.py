@@ -21,6 +21,7 @@ from coclo_vio.simulation.trial.physics import Laboratory, Motion, PushConfig
 from coclo_vio.simulation.trial.robot_spec import BodyConfig, add_imu, make_spec
 from coclo_vio.simulation.trial.sensors import (
     EPOCH_NS,
+    CameraImuConfig,
     ImuConfig,
     ImuTruth,
     JointSensorConfig,
@@ -31,8 +32,10 @@ from coclo_vio.simulation.trial.sensors import (
     sample_times,
 )
 from coclo_vio.simulation.trial.terrain import Terrain, TerrainName, make_terrain
+from coclo_vio.simulation.trial.tile import Tile
 from coclo_vio.simulation.trial.vicon import ViconConfig, watch
 from coclo_vio.simulation.trial.walker import GaitConfig, Walker
+from coclo_vio.simulation.trial.walkway import Walkway
 from coclo_vio.trajectory import GroundTruth, Trajectory
 
 BODY_IMU, CAMERA_IMU = "imu", "camera_imu"
@@ -47,12 +50,16 @@ class TrialConfig(StageConfig):
     end_s: Annotated[float, Field(ge=0, le=60, description="standing at the end, s")] = 1.0
     gait: Annotated[GaitConfig, Field(description="how the robot walks")] = GaitConfig()
     body: Annotated[BodyConfig, Field(description="joints, feet, friction")] = BodyConfig()
+    slippery_tile: Annotated[
+        float | None,
+        Field(gt=0, le=2, description="Coulomb coefficient of a tile, 1 m long, amid the way; null: as everywhere"),
+    ] = None
     push: Annotated[PushConfig, Field(description="pushes on the trunk")] = PushConfig()
     imperfection: Annotated[ImperfectionConfig, Field(description="how the robot differs from its description")] = (
         ImperfectionConfig()
     )
     imu: Annotated[ImuConfig, Field(description="the body's IMU")] = ImuConfig()
-    camera_imu: Annotated[ImuConfig, Field(description="the IMU inside the camera")] = ImuConfig(rate_hz=200.0)
+    camera_imu: Annotated[CameraImuConfig, Field(description="the IMU inside the camera")] = CameraImuConfig()
     joints: Annotated[JointSensorConfig, Field(description="encoders and torque")] = JointSensorConfig()
     vicon: Annotated[ViconConfig, Field(description="the motion capture")] = ViconConfig()
     mounting: Annotated[MountingConfig, Field(description="where camera and IMUs sit")] = MountingConfig()
@@ -91,6 +98,8 @@ class Truth:
         self_contacts: control periods in which a leg touched another.
         ground_contacts: control periods in which a leg, not its foot, touched the ground.
         deepest_m: the deepest that any body sank into another, m.
+        tile: where the ground is slippery, if anywhere.
+        on_tile_s: when a foot first and last stood there, s after the beginning.
     """
 
     trajectory: Trajectory
@@ -104,6 +113,8 @@ class Truth:
     self_contacts: int
     ground_contacts: int
     deepest_m: float
+    tile: Tile | None = None
+    on_tile_s: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +189,8 @@ def simulate(
     T_body_imu, T_left_imu = config.mounting.T_body_imu, config.mounting.T_left_camera_imu
     add_imu(spec, BODY_IMU, T_body_imu)
     add_imu(spec, CAMERA_IMU, true_stereo.T_body_left_camera @ T_left_imu)
-    laboratory = Laboratory(spec.compile(), model, (BODY_IMU, CAMERA_IMU))
+    tile = _slippery_tile(terrain, config)
+    laboratory = Laboratory(spec.compile(), model, (BODY_IMU, CAMERA_IMU), tile)
     walker = Walker(model, terrain, config.gait, laboratory.spring, random["gait"], config.stand_s)
     motion = laboratory.walk(walker, config.end_s, config.push, random["push"], until_s=until_s, progress=progress)
 
@@ -201,6 +213,8 @@ def simulate(
         self_contacts=motion.self_contacts,
         ground_contacts=motion.ground_contacts,
         deepest_m=motion.deepest_m,
+        tile=tile,
+        on_tile_s=motion.on_tile_s,
     )
     return Trial(
         terrain=terrain,
@@ -216,6 +230,13 @@ def simulate(
         spec=spec,
         truth=truth,
     )
+
+
+def _slippery_tile(terrain: Terrain, config: TrialConfig) -> Tile | None:
+    if config.slippery_tile is None:
+        return None
+    gait = config.gait
+    return Tile.amid(Walkway(terrain, gait.speed_mps, gait.turn_rate_radps, gait.height_m), config.slippery_tile)
 
 
 def _in_time_order(

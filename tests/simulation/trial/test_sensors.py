@@ -97,6 +97,40 @@ def test_an_accelerometer_saturates_at_its_range() -> None:
     np.testing.assert_allclose(forces, np.tile([-39.2, 30.0, 39.2], (21, 1)), atol=1e-9)
 
 
+def test_scaled_shocks_leave_slow_motion_as_it_is_and_end_where_they_began() -> None:
+    """What is added is the acceleration of a mass on a damped spring: its velocity and its way come back to nothing."""
+    time_s = times(4.0)
+    slow = 2.0 * np.sin(2.0 * np.pi * 0.5 * time_s)
+    shock = np.zeros_like(time_s)
+    shock[2000:2005] = 30.0
+
+    def felt(force: np.ndarray, scale: float) -> np.ndarray:
+        moved = motion(4.0, specific_force=UP + force[:, None] * [0.0, 0.0, 1.0])
+        config = ImuConfig(**SILENT, rate_hz=1000.0, accelerometer_range_mps2=1e3, shock_scale=scale)
+        return read(moved, config)[1]
+
+    np.testing.assert_allclose(felt(slow, 10.0), felt(slow, 1.0), atol=0.25)  # |H(0.5 Hz)| = (0.5 / 20)^2, nine times 2
+    plain, shaken = felt(shock, 1.0), felt(shock, 10.0)
+    np.testing.assert_allclose(shaken[:2000], plain[:2000], atol=1e-11)
+    added = (shaken - plain)[:, 2]
+    assert added.max() > 5.0 * (plain[:, 2] - 9.81).max()
+    np.testing.assert_array_equal((shaken - plain)[:, :2], 0.0)
+    velocity = np.cumsum(added) * 1e-3
+    assert velocity.max() > 0.5
+    assert abs(velocity[-1]) < 1e-4
+    assert abs(np.sum(velocity) * 1e-3) < 1e-4
+
+
+def test_shocks_of_their_own_size_are_the_recorded_bytes() -> None:
+    force = np.random.default_rng(3).standard_normal((len(times(1.0)), 3))
+    plain = read(motion(1.0, specific_force=force), ImuConfig())
+    once, thrice = (read(motion(1.0, specific_force=force), ImuConfig(shock_scale=scale)) for scale in (1.0, 3.0))
+    for rates_or_forces in (0, 1):
+        np.testing.assert_array_equal(once[rates_or_forces], plain[rates_or_forces])
+    np.testing.assert_array_equal(thrice[0], plain[0])
+    assert np.abs(thrice[1] - plain[1]).max() > 0.5
+
+
 def test_readings_are_steps_of_the_resolution() -> None:
     ramp = np.linspace(0.0, 1.0, 1001)[:, None]
     steps = {"gyroscope_step_radps": 0.002, "accelerometer_step_mps2": 0.05}
