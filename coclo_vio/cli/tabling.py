@@ -149,10 +149,11 @@ def _show(made: Mapping[str, Any], notes: list[str], output: Path, *, as_json: b
         give_json(made)
         return
     for grid in grids(made["summary"]):
-        _print_grid(grid)
+        if not grid.is_wide:
+            _print_grid(grid)
     for line in sentences(made["summary"]["claims"]):
         give(line)
-    give(f"table: {output / 'table.html'}, table.md and table.json beside it")
+    give(f"table with spreads and figures: {output / 'table.html'}; beside it table.md and table.json")
 
 
 def _print_grid(grid: "Grid") -> None:

@@ -6,6 +6,7 @@ installed; one thread a worker, and no nanny above those that simulate, which st
 """
 
 from collections.abc import Sequence
+from threading import Lock
 
 from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.table.work import Listener, News, WorkUnit, run_unit
@@ -42,11 +43,13 @@ def run_on_cluster(work: Sequence[WorkUnit], address: str, tell: Listener) -> No
             f"`dask worker --no-nanny --nthreads 1 {address}`"
         ) from error
     with client:
-        client.subscribe_topic(_TOPIC, lambda event: tell(News(*event[1])))
+        heard = _Heard(tell)
+        client.subscribe_topic(_TOPIC, lambda event: heard.tell(News(*event[1])))
         futures = client.map(_work, list(work), pure=False, key=[f"table-{unit.name}" for unit in work])
         try:
-            for future in as_completed(futures):
-                future.result()
+            for future in as_completed(futures, loop=client.loop):
+                for news in future.result():
+                    heard.tell(news)
         except KilledWorker as error:
             raise DatasetError(
                 f"workers of {address} died over a recording ({error}); run again, the finished jobs are kept"
@@ -56,9 +59,32 @@ def run_on_cluster(work: Sequence[WorkUnit], address: str, tell: Listener) -> No
             client.unsubscribe_topic(_TOPIC)
 
 
-def _work(unit: WorkUnit) -> None:
-    """What a worker does; its news go by way of the scheduler."""
+class _Heard:
+    """Hands each news on once: it comes by way of the scheduler, and again with the unit, in case that was late."""
+
+    def __init__(self, tell: Listener) -> None:
+        self._tell = tell
+        self._heard: set[News] = set()
+        self._lock = Lock()
+
+    def tell(self, news: News) -> None:
+        """Hand it on if it is new."""
+        with self._lock:
+            if news not in self._heard:
+                self._heard.add(news)
+                self._tell(news)
+
+
+def _work(unit: WorkUnit) -> list[News]:
+    """What a worker does; what is going on it tells at once, and again at the end."""
     from distributed import get_worker  # noqa: PLC0415 -- an extra
 
     worker = get_worker()
-    run_unit(unit, lambda news: worker.log_event(_TOPIC, (news.kind, news.name, news.reason)))
+    told: list[News] = []
+
+    def tell(news: News) -> None:
+        told.append(news)
+        worker.log_event(_TOPIC, (news.kind, news.name, news.reason))
+
+    run_unit(unit, tell)
+    return told

@@ -36,13 +36,12 @@ def run_job(job: Job, recordings: Recordings, config: RunConfig, store: JobStore
         with run_folder.writing(store.folder):
             told = _run(job, recordings, job.variant.configured(config), store.run_of(job))
     except Exception as error:  # of whatever kind: one job that fails is no reason to lose the others
-        return failed(job, sentence(error))
+        return failed(job, sentence(error, recordings))
     lacking = [name for name in job.variant.estimators if name not in told]
     told |= {name: _nothing(NO_ESTIMATE) for name in lacking}
     failures = [one["failure"] for one in told.values() if one["failure"] is not None]
-    return {**_named(job), "cpu_s": time.process_time() - began_s, "failure": next(iter(failures), None)} | {
-        "estimators": told
-    }
+    cpu_s = time.process_time() - began_s
+    return {**_named(job), "cpu_s": cpu_s, "failure": next(iter(failures), None), "estimators": told}
 
 
 def failed(job: Job, reason: str) -> Row:
@@ -51,9 +50,9 @@ def failed(job: Job, reason: str) -> Row:
     return {**_named(job), "cpu_s": None, "failure": reason, "estimators": nothing}
 
 
-def sentence(error: Exception) -> str:
-    """What an error says, in one line; one that nobody raised on purpose with its kind."""
-    text = " ".join(str(error).split())
+def sentence(error: Exception, recordings: Recordings) -> str:
+    """What an error says, in one line and wherever the recordings are; if nobody raised it on purpose, its kind too."""
+    text = " ".join(str(error).replace(f"{recordings.folder}/", "").split())
     return text if isinstance(error, CocloError) else f"{type(error).__name__}: {text}"
 
 
@@ -81,7 +80,10 @@ def _run(job: Job, recordings: Recordings, config: RunConfig, folder: Path) -> d
                 state.unlink()
         shutil.rmtree(folder, ignore_errors=True)
         run.rename(folder)
-    return {name: _told(name, told, evaluated) for name, told in estimators.items()}
+    return {
+        name: _told(told, {reference: _of(name, *both) for reference, both in evaluated.items()})
+        for name, told in estimators.items()
+    }
 
 
 def keeps_state(job: Job) -> bool:
@@ -89,15 +91,17 @@ def keeps_state(job: Job) -> bool:
     return job.trial == "flat" and job.variant.feedback is None
 
 
-def _told(
-    name: str, told: Mapping[str, Any], evaluated: Mapping[str, tuple[dict[str, Evaluation], dict[str, str]]]
-) -> Row:
+def _of(
+    name: str, evaluations: Mapping[str, Evaluation], failures: Mapping[str, str]
+) -> tuple[Evaluation | None, str | None]:
+    """One estimator's evaluation, or why there is none."""
+    return evaluations.get(name), failures.get(name)
+
+
+def _told(told: Mapping[str, Any], evaluated: Mapping[str, tuple[Evaluation | None, str | None]]) -> Row:
     """Figures of one estimator against each reference, and how it fared."""
-    blocks = {
-        reference: evaluations[name].to_json() if name in evaluations else None
-        for reference, (evaluations, _) in evaluated.items()
-    }
-    reasons = [failures[name] for _, failures in evaluated.values() if name in failures]
+    blocks = {key: None if evaluation is None else evaluation.to_json() for key, (evaluation, _) in evaluated.items()}
+    reasons = [told["failure"], *(reason for _, reason in evaluated.values())]
     return {
         **blocks,
         "realtime_factor": told["realtime_factor"],
@@ -105,7 +109,7 @@ def _told(
         "counts": dict(told["counts"]),
         "keyframes": told["keyframes"],
         "events": [{"kind": event["kind"], "time_s": event["time_s"]} for event in told["events"]],
-        "failure": told["failure"] or next(iter(reasons), None),
+        "failure": next((reason for reason in reasons if reason is not None), None),
     }
 
 

@@ -69,7 +69,7 @@ def run_unit(unit: WorkUnit, tell: Listener) -> None:
             tell(News("simulating", unit.name))
             unit.recordings.make(first.trial, first.seed)
     except CocloError as error:
-        reason = sentence(error)
+        reason = sentence(error, unit.recordings)
     all_well = True
     for job in unit.jobs:
         tell(News("running", job.name))
