@@ -112,9 +112,13 @@ def _prepare(news: "Queue[News]") -> None:
 def _stopping(_number: int, _frame: FrameType | None) -> None:
     _STOPPING.append(True)
     if not _BUSY:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        os.kill(os.getpid(), signal.SIGTERM)
+        _go()
     raise _Stopped
+
+
+def _go() -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _go_with_the_run() -> None:
@@ -128,13 +132,13 @@ def _go_with_the_run() -> None:
 
 
 def _work(unit: WorkUnit) -> None:
-    if _STOPPING:
-        raise _Stopped
     _BUSY.append(unit.name)
     try:
         run_unit(unit, _NEWS[0].put)
     finally:
         _BUSY.clear()
+        if _STOPPING:
+            _go()
 
 
 @contextmanager

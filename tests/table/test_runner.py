@@ -114,7 +114,7 @@ def test_a_run_that_is_killed_takes_its_processes_with_it_and_goes_on(made: Made
     assert missing(table.plan, table.store) == []
 
 
-def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on_in_two_processes(made: Made) -> None:
+def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on(made: Made) -> None:
     table = made(seeds=2)
 
     def stop(news: News) -> None:
@@ -126,7 +126,7 @@ def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on_in_two_processes(
     assert set(multiprocessing.active_children()) <= before
     assert half_files(table) == []
     threads = dict(os.environ)
-    do(work_of(table), 2, None, lambda _: None)
+    run_in_processes(work_of(table), 1, lambda _: None)
     assert work_of(table) == []
     assert dict(os.environ) == threads
 
