@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from coclo_vio import __version__
-from coclo_vio.cli import estimating, showing, simulating, tabling
+from coclo_vio.cli import comparing, estimating, showing, simulating, tabling
 from coclo_vio.cli.terminal import err, out
 from coclo_vio.errors import CocloError, ConfigError
 
@@ -19,9 +19,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for _command in (
-    estimating.demo,
+    comparing.demo,
     estimating.run,
-    estimating.compare,
+    comparing.compare,
     estimating.evaluate,
     simulating.simulate,
     tabling.table,

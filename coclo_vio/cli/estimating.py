@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands that estimate and measure: ``demo``, ``run``, ``compare``, ``evaluate``."""
+"""The commands that estimate and measure: ``run``, ``evaluate``."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from coclo_vio import comparison, run_folder
+from coclo_vio import comparison
 from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
@@ -17,26 +16,20 @@ from coclo_vio.cli.options import (
     SetOption,
     with_partial,
 )
-from coclo_vio.cli.results import print_table, progress_bar, tell_failures, tell_run
+from coclo_vio.cli.results import print_table, progress_bar, run_title, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
-from coclo_vio.equipment import compared_modes, default_mode
-from coclo_vio.errors import ConfigError, DatasetError
+from coclo_vio.equipment import default_mode
+from coclo_vio.errors import DatasetError
 from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.inspection import resolve_if_known
 from coclo_vio.run_bag import write_run_bag
-from coclo_vio.run_config import RunConfig, resolve
-from coclo_vio.sample import sample_path
-
-
-def demo(output: OutOption = Path("demo_out")) -> None:
-    """Compare the estimators on the bundled bag of a Daisy at the stairs: table, plots, report."""
-    _compare([sample_path()], None, resolve(robot="daisy"), output)
+from coclo_vio.run_config import resolve
 
 
 def run(
@@ -76,7 +69,7 @@ def run(
     evaluations: dict[str, Evaluation] = {}
     if told["ground_truth"] is not None and main["estimates"]:
         evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
-        print_table(evaluations, _title(dataset.resolve().name, resolved))
+        print_table(evaluations, run_title(dataset.resolve().name, resolved))
         tell_failures(failures)
     if bag is not None and main["estimates"]:
         write_run_bag(bag, output, list(told["estimators"]), evaluations)
@@ -95,21 +88,6 @@ def run(
             f"no estimate came out of the {told['estimators'][mode]['measurements']} measurements of {dataset}: {mode} "
             f"needs {needed}; the counts above say what came"
         )
-
-
-def compare(
-    datasets: Annotated[list[Path], typer.Argument(help="Recordings with ground truth.")],
-    modes: Annotated[
-        str | None, typer.Option("--modes", help="Estimators, separated by commas. Default: by what there is.")
-    ] = None,
-    robot: RobotOption = None,
-    config: ConfigOption = None,
-    settings: SetOption = None,
-    allow_partial: PartialOption = False,
-    output: OutOption = Path("out"),
-) -> None:
-    """Run several estimators side by side against ground truth: table, plots, compare.json, report.html."""
-    _compare(datasets, modes, None, output, robot, config, with_partial(settings, allow_partial))
 
 
 def evaluate(
@@ -136,62 +114,8 @@ def evaluate(
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
 
 
-def _title(name: str, config: RunConfig) -> str:
-    return name if config.robot is None else f"{name}, {config.robot.name}"
-
-
 def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
     """What the run was configured with, unless a file or setting says otherwise."""
     own = run_or_tum / "config.yaml"
     file = config or (own if own.is_file() else None)
     return resolve(None, file, settings or (), guess="daisy").evaluation
-
-
-def _compare(
-    datasets: list[Path],
-    modes: str | None,
-    resolved: RunConfig | None,
-    output: Path,
-    robot: str | None = None,
-    config: Path | None = None,
-    settings: Sequence[str] = (),
-) -> None:
-    asked = None if modes is None else list(dict.fromkeys(name.strip() for name in modes.split(",") if name.strip()))
-    if asked == []:
-        raise ConfigError(f"--modes names no estimator; there are: {', '.join(ESTIMATORS)}")
-    compared: dict[str, Any] = {}
-    fruitless: list[str] = []
-    for name, dataset in zip(_distinct_names(datasets), datasets, strict=True):
-        own = resolved or resolve_if_known(dataset, robot, config, settings)[0]
-        names = asked or compared_modes(dataset, own)
-        folder = output if len(datasets) == 1 else output / name
-        with progress_bar() as progress:
-            told = comparison.run_all(dataset, names, own, folder, progress)
-        tell_run(told, folder)
-        evaluations, failures = comparison.evaluate_run(folder, own.evaluation)
-        print_table(evaluations, _title(name, own))
-        stopped = {mode: one["failure"] for mode, one in told["estimators"].items() if one["failure"]}
-        tell_failures(failures | stopped)
-        report = comparison.write_comparison(folder, _title(name, own), evaluations, own)
-        give(f"report: {report}")
-        compared[name] = {estimator: value.to_json() for estimator, value in evaluations.items()}
-        if not evaluations or len(stopped) == len(names):
-            fruitless.append(str(dataset))
-    if len(datasets) > 1:
-        with run_folder.writing(output):
-            run_folder.write_json(output / "compare.json", compared)
-    if fruitless:
-        raise DatasetError(f"no estimator got through {', '.join(fruitless)}; what stopped each is told above")
-
-
-def _distinct_names(datasets: Sequence[Path]) -> list[str]:
-    """What each recording is called: its last path component, numbered where an earlier one has the same."""
-    names: list[str] = []
-    for dataset in datasets:
-        name = plain = dataset.resolve().name
-        number = 1
-        while name in names:
-            number += 1
-            name = f"{plain}_{number}"
-        names.append(name)
-    return names

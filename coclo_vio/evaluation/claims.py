@@ -5,7 +5,7 @@ Errors at the end are averaged over as long as the start is tied. What the groun
 generously: its errors are taken to last for ``_MEMORY_S``, so that a second of them is ten readings, not a hundred.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,13 +51,9 @@ class Claim:
         names = [PAPER_COLUMNS.get(name, name) for name in (self.subject, self.against)]
         ends = [in_units(length_m) for length_m in (self.subject_m, self.against_m)]
         if self.verdict == "open":
-            return (
-                f"{names[0]} or {names[1]}: ground truth too short to tell, {ends[0]} and {ends[1]} off after "
-                f"{self.path_length_m:.2f} m, known to {in_units(self.margin_m)}"
-            )
+            return f"{names[0]} or {names[1]}: ground truth too short to tell, {ends[0]} or {ends[1]} off"
         how = "less" if self.verdict == "yes" else "more"
-        off = f"{ends[0]} off after {self.path_length_m:.2f} m instead of {ends[1]}"
-        return f"{names[0]} drifts {how} than {names[1]}: {off}"
+        return f"{names[0]} drifts {how} than {names[1]}: {ends[0]} off after {self.path_length_m:.2f} m, not {ends[1]}"
 
     def to_json(self) -> dict[str, object]:
         """Plain types, the sentence included."""
@@ -82,6 +78,12 @@ def claims(evaluations: Mapping[str, Evaluation], config: EvaluationConfig) -> t
         if "combined_coclo" in evaluations and better != "coclo":  # otherwise it is said already
             pairs.append(("combined_coclo", better))
     return tuple(_claim(subject, against, evaluations, config) for subject, against in pairs)
+
+
+def what_can_be_told(found: Sequence[Claim]) -> str | None:
+    """The difference that the ground truth can tell, in a sentence; None where no claim was left open for it."""
+    margins_m = [claim.margin_m for claim in found if claim.verdict == "open"]
+    return f"ground truth tells differences above {in_units(max(margins_m))}" if margins_m else None
 
 
 def least_drift(evaluations: Mapping[str, Evaluation], config: EvaluationConfig) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 
 from coclo_vio.evaluation import page
-from coclo_vio.evaluation.claims import Claim
+from coclo_vio.evaluation.claims import Claim, what_can_be_told
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.notes import merged_notes
 
@@ -127,7 +127,8 @@ def numbers_table(evaluations: Mapping[str, Evaluation]) -> str:
 
 def claims_list(claims: Sequence[Claim], heading: str) -> str:
     """A line a claim under a heading, which is HTML; nothing where there is none."""
-    lines = page.items(f"{claim.sentence}." for claim in claims)
+    sentences = [*(claim.sentence for claim in claims), *filter(None, [what_can_be_told(claims)])]
+    lines = page.items(f"{sentence}." for sentence in sentences)
     return heading + lines if lines else ""
 
 

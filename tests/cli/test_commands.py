@@ -89,24 +89,6 @@ def test_json_stays_json_in_a_pipe_that_pretends_to_colours(run_out: Path) -> No
     assert max(map(len, values["naive"]["notes"])) > 40
 
 
-def test_compare_on_two_recordings_of_one_name(coclo: Coclo, log: Path, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    twin = tmp_path / "again" / "walk"
-    twin.mkdir(parents=True)
-    for file in log.iterdir():
-        (twin / file.name).write_bytes(file.read_bytes())
-    answer = coclo("compare", log, twin, "--modes", "naive, naive_rolling", "-o", "both")
-    assert answer.status == 0
-    compared = json.loads((tmp_path / "both" / "compare.json").read_text(encoding="utf-8"))
-    assert set(compared) == {"walk", "walk_2"}
-    for name, values in compared.items():
-        assert set(values) == {"naive", "naive_rolling"}
-        assert set(values["naive"]) >= PROMISED
-        assert json.loads((tmp_path / "both" / name / "compare.json").read_text(encoding="utf-8")) == values
-        assert (tmp_path / "both" / name / "report.html").stat().st_size > 10_000
-    assert answer.out.count("report: ") == 2
-
-
 def test_config_can_be_given_back(coclo: Coclo, tmp_path: Path) -> None:
     first = coclo("config", "-r", "go1", "--set", "filter.profile=paper")
     assert (first.status, first.err) == (0, "")
@@ -162,6 +144,8 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
         (["run", "{log}", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
         (["run", "{log}", "-o", "bad.yaml/out"], 1, "cannot make the folder bad.yaml/out"),
         (["compare", "{log}", "--modes", " , "], 2, "--modes names no estimator; there are: coclo"),
+        (["compare", "{log}", "--modes", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
+        (["compare", "{log}", "nowhere", "--modes", "naive"], 1, "there is no nowhere; give the path of a recording"),
         (["evaluate", "{log}/groundtruth.tum"], 1, "give one with --vicon FILE"),
         (["evaluate", "missing.tum"], 1, "missing.tum"),
         (["evaluate", "{log}"], 1, "no run folder: it has no run.json"),

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from coclo_vio.evaluation.claims import claims, difference_margin_m, end_error_m, least_drift
+from coclo_vio.evaluation.claims import claims, difference_margin_m, end_error_m, least_drift, what_can_be_told
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.trajectory import GroundTruth
@@ -45,7 +45,7 @@ def test_each_claim_says_who_drifts_less(drifting):
         ("combined_coclo", "vins"): "yes",
     }
     assert found["vins", "coclo"].sentence.startswith("VINS drifts less than COCLO: ")
-    assert "19.3 mm off after 5.00 m instead of 96.7 mm" in found["combined_coclo", "coclo"].sentence
+    assert "19.3 mm off after 5.00 m, not 96.7 mm" in found["combined_coclo", "coclo"].sentence
     assert found["combined_vins", "vins"].to_json()["drifts_less"] is False
 
 
@@ -55,9 +55,11 @@ def test_a_difference_within_the_noise_of_the_ground_truth_is_left_open(drifting
     assert claim.verdict == "open"
     assert "ground truth too short to tell" in claim.sentence
     assert claim.to_json()["drifts_less"] is None
+    assert what_can_be_told([claim]) == "ground truth tells differences above 1.7 mm"
     exact = CONFIG.model_copy(update={"ground_truth_position_noise_m": 1e-5, "ground_truth_rotation_noise_rad": 0.0})
     [claim] = claims(evaluations, exact)
     assert (claim.subject, claim.verdict) == ("vins", "yes")
+    assert what_can_be_told([claim]) is None
 
 
 def test_the_margin_is_kept_by_noise_in_nineteen_of_twenty_cases(drifting):

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Estimators side by side from the command line: what is printed, and what is left in the folder."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from console import Coclo, is_one_sentence
+
+from coclo_vio.cli import results
+from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.table_one import TableOne
+from coclo_vio.geometry import se3
+from coclo_vio.robot.description import load_robot
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.trajectory import GroundTruth, Trajectory
+
+PROMISED = {
+    *("ate_m", "rpe_1m_percent", "drift_percent", "paper_drift_percent", "velocity_rmse_mps", "yaw_drift_deg"),
+    *("path_length_m", "path_length_ratio", "coverage", "anees_pose", "realtime_factor"),
+}
+Measured = Callable[[float, float], Evaluation]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds of a Daisy, with ground truth."""
+    robot = load_robot("daisy")
+    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
+    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
+    folder = tmp_path_factory.mktemp("data") / "walk"
+    write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
+    return folder
+
+
+@pytest.fixture
+def measured() -> Measured:
+    """``measured(metres, off_m)``: an evaluation after so long a way along x, so far off at its end."""
+
+    def make(metres: float, off_m: float) -> Evaluation:
+        def straight(length_m: float) -> Trajectory:
+            positions = np.zeros((1001, 3))
+            positions[:, 0] = np.linspace(0.0, length_m, 1001)
+            return Trajectory(np.arange(1001) * 10_000_000, se3.transform(np.tile(np.eye(3), (1001, 1, 1)), positions))
+
+        config = EvaluationConfig.model_validate({"clock": {"offset_s": 0.0}})
+        return evaluate(straight(metres + off_m), GroundTruth(straight(metres), True, "truth"), config)
+
+    return make
+
+
+@pytest.fixture
+def shown(capsys: pytest.CaptureFixture[str]) -> Callable[[], str]:
+    """What has been printed since the last call."""
+    return lambda: capsys.readouterr().out
+
+
+def test_two_recordings_of_one_name_have_a_page_over_both(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    twin = tmp_path / "again" / "walk"
+    twin.mkdir(parents=True)
+    for file in log.iterdir():
+        (twin / file.name).write_bytes(file.read_bytes())
+    answer = coclo("compare", log, twin, "--modes", "naive, naive_rolling", "-o", "both")
+    assert answer.status == 0
+    compared = json.loads((tmp_path / "both" / "compare.json").read_text(encoding="utf-8"))
+    assert set(compared) == {"walk", "walk_2"}
+    for name, values in compared.items():
+        assert set(values) == {"naive", "naive_rolling"}
+        assert set(values["naive"]) >= PROMISED
+        assert json.loads((tmp_path / "both" / name / "compare.json").read_text(encoding="utf-8")) == values
+        assert (tmp_path / "both" / name / "report.html").stat().st_size > 10_000
+    assert answer.out.splitlines()[-1] == "report: both/report.html"
+    assert "naive: standstill" not in answer.err, "what was counted is in run.json"
+    assert answer.err.count("clock offset") == 2, "once a recording, not once an estimator"
+    assert json.loads((tmp_path / "both" / "claims.json").read_text(encoding="utf-8")) == {"walk": [], "walk_2": []}
+    assert (tmp_path / "both" / "walk" / "figures" / "overview.png").is_file()
+    page = (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
+    assert '<a href="walk_2/report.html">' in page
+
+
+def test_a_recording_without_ground_truth_is_told_before_anything_runs(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare" / "leg_log.csv").write_bytes((log / "leg_log.csv").read_bytes())
+    answer = coclo("compare", log, "bare", "--modes", "naive", "-o", "out")
+    assert (answer.status, answer.out) == (1, "")
+    assert "bare has no ground truth to compare with" in answer.err
+    assert is_one_sentence(answer)
+    assert not (tmp_path / "out").exists()
+
+
+def test_small_errors_are_shown_in_millimetres_and_empty_columns_not_at_all(
+    measured: Measured, shown: Callable[[], str]
+) -> None:
+    results.print_table({"naive": measured(0.6, 0.004), "coclo": measured(0.6, 0.002)}, "short")
+    short = shown()
+    assert "mm" in short
+    assert "RPE" not in short
+    assert short.index("coclo ") < short.index("naive "), "the paper's estimators come first"
+    results.print_table({"coclo": measured(6.0, 0.6)}, "long")
+    long = shown()
+    assert "mm" not in long
+    assert "RPE" in long
+    assert max(map(len, (short + long).splitlines())) <= 80
+
+
+def test_claims_are_printed_a_line_each(measured: Measured, shown: Callable[[], str]) -> None:
+    evaluations = {"coclo": measured(5.0, 0.2), "vins": measured(5.0, 0.1), "combined_coclo": measured(5.0, 0.05)}
+    results.print_claims(evaluations, EvaluationConfig())
+    assert [line.partition(":")[0] for line in shown().splitlines()] == [
+        "VINS drifts less than COCLO",
+        "combined COCLO drifts less than COCLO",
+        "combined COCLO drifts less than VINS",
+    ]
+
+
+def test_the_table_over_several_recordings_fits_a_terminal(measured: Measured, shown: Callable[[], str]) -> None:
+    one = dict.fromkeys(("coclo", "vins", "combined_coclo", "combined_vins"), measured(5.0, 0.05))
+    results.print_table_one(TableOne.of({"daisy_stairs_of_a_very_long_name_indeed.mcap": one, "ramp [red]x": one}))
+    text = shown()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "ramp [red]x" in text
+    assert text.count(" / 1.00") == 8
+    assert "another robot's data" in text
