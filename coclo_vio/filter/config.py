@@ -35,7 +35,7 @@ class InitialConfig(StageConfig):
     ] = 0.004
     eyes_stretch: Annotated[
         float, Field(ge=0, lt=0.2, description="relative error of what stereo says of lengths, where there are cameras")
-    ] = 0.007
+    ] = 0.01
 
 
 class RobustConfig(StageConfig):
