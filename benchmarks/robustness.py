@@ -243,6 +243,29 @@ def _summed(seen: list[Row]) -> Row:
     return told
 
 
+def table(told: Row) -> str:
+    """The summary in Markdown: drift / RPE in percent, and the longest recovery in s; "=" is as without the fault."""
+    lines = [f"| trial | fault | {' | '.join(ESTIMATORS)} |", "|---" * (2 + len(ESTIMATORS)) + "|"]
+    for trial, cases in told.items():
+        for case, estimators in cases.items():
+            cells = [_cell(estimators[name]) for name in ESTIMATORS]
+            lines.append(f"| {trial} | {case} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _cell(one: Row) -> str:
+    if one["as_nominal"]:
+        return "="
+    if one["drift_percent"] is None:
+        return "failed"
+    shown = f"{one['drift_percent']:.2f} / {one['rpe_1m_percent']:.2f}"
+    if one["recovery_s"] is not None:
+        shown += f", {one['recovery_s']:.1f} s"
+    if one["never_recovered"]:
+        shown += f", {one['never_recovered']} of {one['seeds']} never"
+    return shown if not one["failed"] else f"{shown}, {one['failed']} of {one['seeds']} stopped early"
+
+
 def _jobs(given: argparse.Namespace, rows: list[Row]) -> Iterator[tuple[TerrainName, int, str]]:
     """What is missing; the nominal run of a trial comes before its faults."""
     done = {(row["trial"], row["seed"], row["case"]) for row in rows}
@@ -289,7 +312,7 @@ def main() -> None:
         rows = sorted([*rows, row], key=_key)
         text = {"summary": summary(rows), "rows": rows}
         given.output.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(summary(rows), indent=2))
+    print(table(summary(rows)))
 
 
 if __name__ == "__main__":
