@@ -41,8 +41,8 @@ def _claim(trial: str, of_trial: Mapping[str, Any], first: str, second: str) -> 
     paper = PAPER_TABLE_I.get(trial, {})
     said = paper[first] < paper[second] if first in paper and second in paper else None
     verdicts = [
-        _verdict(better["drift"], "drifts less", "drifts more"),
-        _verdict(better["rpe"], "is better over a metre", "is worse over a metre"),
+        _verdict(better["drift"], "drifts less", "does not drift less"),
+        _verdict(better["rpe"], "is better over a metre", "is not better over a metre"),
     ]
     told = ", ".join(f"{label} {_pair(errors[error])}" for error, label in (("drift", "drift"), ("rpe", "RPE")))
     found = {None: "the paper does not say", True: "the paper: better", False: "the paper: worse"}[said]

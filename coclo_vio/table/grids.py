@@ -165,7 +165,7 @@ def _spread(spread: Mapping[str, float] | None, form: str) -> str:
 
 
 def _won(share: Mapping[str, Any]) -> str:
-    return "-" if share["share"] is None else f"{share['wins']} of {share['of']}, {100 * share['share']:.0f} %"
+    return "-" if share["share"] is None else f"{share['wins']}/{share['of']}, {100 * share['share']:.0f} %"
 
 
 def _ratio(told: Mapping[str, Any]) -> str:

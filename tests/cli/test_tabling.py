@@ -65,7 +65,7 @@ def test_it_prints_the_table_and_writes_it_in_three_forms(invented: Invented, co
     for words in (
         "Table I: drift / RPE per metre",
         "0.50 / 0.50",
-        "2 of 2, 100 %",
+        "2/2, 100 %",
         "22.04",
         "combined VINS against VINS",
     ):

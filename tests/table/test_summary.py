@@ -114,7 +114,7 @@ def test_claims_are_computed_from_the_medians(rows: list[dict[str, Any]]) -> Non
     (other,) = (
         one for one in summarise(PLAN, swapped)["claims"] if one["second"] == "vins" and one["first"] == "coclo"
     )
-    assert "drifts more, is worse over a metre" in other["sentence"]
+    assert "does not drift less, is not better over a metre" in other["sentence"]
 
 
 def test_the_paper_says_nothing_of_combined_on_the_ramp(rows: list[dict[str, Any]]) -> None:
