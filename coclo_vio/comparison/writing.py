@@ -133,7 +133,8 @@ def _figures(
         )
     keyframes = {name: read for name in evaluations if (read := read_keyframes(folder, name)) is not None}
     if keyframes:
-        figures.append(plot_keyframes(keyframes, drawn / "keyframes.png", events=events))
+        start_ns = min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
+        figures.append(plot_keyframes(keyframes, drawn / "keyframes.png", events=events, start_ns=start_ns))
     runs = (run_folder.read_estimates(folder, name) for name in evaluations)
     first = next((one for one in runs if one.leg_names), None)
     if first is not None:

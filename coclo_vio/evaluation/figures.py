@@ -27,6 +27,7 @@ _HOLE_S = 1.0
 _FURTHEST = 2.5  # baselines further off than so many times the worst of _FIRST leave the picture
 _SMALL_M = 0.1
 _CALM_S = 0.3
+_LONGEST_S = 20.0
 _PATH_WIDTH, _PATH_HEIGHTS = 7.0, (1.8, 6.5)
 
 Estimates = Mapping[str, Trajectory]
@@ -53,16 +54,18 @@ def plot_velocities(
 ) -> Path:
     """Velocities in the world over time; those of the ground truth, and of estimates without any, from positions.
 
-    Baselines are left out where COCLO, VINS or both together are there: so many curves hide each other.
+    So many curves hide each other: baselines are left out where COCLO, VINS or both together are there, and of a long
+    recording the middle is shown.
     """
-    start_ns, shown = _start_ns(estimates), _within(estimates, reference)
-    names = [name for name in estimates if name in _FIRST] or list(estimates)
+    start_ns, names = _start_ns(estimates), [name for name in estimates if name in _FIRST] or list(estimates)
+    estimates = _middle({name: estimates[name] for name in names})
+    names, shown = list(estimates), _within(estimates, reference)
     true = None if shown is None else _velocity(shown, window_s, max_gap_s)
     own = {name: _own_velocity(estimates[name], window_s) for name in names}
 
     def draw(axis: Any, index: int, drawn: Sequence[str]) -> None:
         for name in drawn:
-            style = {**style_of(name), "linewidth": 0.9}
+            style = {**style_of(name), "linewidth": 0.7 * style_of(name)["linewidth"]}
             axis.plot(_seconds(estimates[name], start_ns), own[name][:, index], **style)
         if shown is not None and true is not None:
             axis.plot(_seconds(shown, start_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
@@ -249,6 +252,21 @@ def _within(estimates: Estimates, reference: Trajectory | None) -> Trajectory | 
     if reference is None:
         return None
     return reference.between(start_ns, max(int(estimate.stamps_ns[-1]) for estimate in estimates.values()))
+
+
+def _middle(estimates: Estimates) -> Estimates:
+    """What lies within ``_LONGEST_S`` about the middle of the time that they cover; the whole where none does."""
+    start_ns, end_ns = _start_ns(estimates), max(int(estimate.stamps_ns[-1]) for estimate in estimates.values())
+    margin_ns = (end_ns - start_ns - round(_LONGEST_S * _NS_PER_S)) // 2
+    if margin_ns <= 0:
+        return estimates
+    first_ns, last_ns = start_ns + margin_ns, end_ns - margin_ns
+    inside = {
+        name: estimate.between(first_ns, last_ns)
+        for name, estimate in estimates.items()
+        if ((estimate.stamps_ns >= first_ns) & (estimate.stamps_ns <= last_ns)).any()
+    }
+    return inside or estimates
 
 
 def _seconds(trajectory: Trajectory, start_ns: int) -> Array:

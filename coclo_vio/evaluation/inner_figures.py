@@ -60,7 +60,11 @@ def plot_contacts(
 
 
 def plot_keyframes(
-    keyframes: Mapping[str, Mapping[str, Array]], path: Path, *, events: Mapping[str, Sequence[int]] | None = None
+    keyframes: Mapping[str, Mapping[str, Array]],
+    path: Path,
+    *,
+    events: Mapping[str, Sequence[int]] | None = None,
+    start_ns: int | None = None,
 ) -> Path:
     """Over time and for each smoother: tracks at its keyframes, what is left of their reprojection errors, events.
 
@@ -68,6 +72,7 @@ def plot_keyframes(
         keyframes: by estimator, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
         path: PNG file to write.
         events: stamps, ns, by kind, of what the smoothers and the bridge lived through.
+        start_ns: time zero; the first keyframe where None.
 
     Raises:
         EvaluationError: there is no keyframe.
@@ -75,21 +80,21 @@ def plot_keyframes(
     stamps = [columns["stamp_ns"] for columns in keyframes.values() if len(columns["stamp_ns"])]
     if not stamps:
         raise EvaluationError("a figure of keyframes needs at least one, there is none; run a visual mode first")
-    start_ns = min(float(each[0]) for each in stamps)
+    zero_ns = min(float(each[0]) for each in stamps) if start_ns is None else float(start_ns)
     figure = empty_figure(9.0, 4.2)
     axes = figure.subplots(2, 1, sharex=True)
     for name, columns in keyframes.items():
-        times_s = (columns["stamp_ns"] - start_ns) / _NS_PER_S
+        times_s = (columns["stamp_ns"] - zero_ns) / _NS_PER_S
         style = {**style_of(name), "linewidth": 1.0, "marker": ".", "markersize": 3.0}
         axes[0].plot(times_s, columns["tracks"], **style)
         axes[1].plot(times_s, columns["reprojection_px"], **style)
     axes[0].set_ylabel("tracks")
     axes[1].set_ylabel("reprojection [px]")
     mark_events(
-        axes, {kind: [(one - start_ns) / _NS_PER_S for one in happened] for kind, happened in (events or {}).items()}
+        axes, {kind: [(one - zero_ns) / _NS_PER_S for one in happened] for kind, happened in (events or {}).items()}
     )
     for axis in axes:
-        axis.set_ylim(bottom=0.0)
+        axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
     return finish(figure, axes, "time [s]", path)
 
 
@@ -132,7 +137,7 @@ def plot_error_bands(
 ) -> Path:
     """Error along each axis of the world and of yaw, in the band of three sigmas that the estimator gives for it.
 
-    A column for each estimate, on one scale; whoever is honest leaves his band for 0.3 % of the time.
+    A column for each estimate; an honest one leaves its band for 0.3 % of the time.
 
     Args:
         estimates: with covariance, in the ground truth's world.
@@ -147,7 +152,7 @@ def plot_error_bands(
     if not estimates:
         raise EvaluationError("a figure needs at least one estimate, there is none; run an estimator first")
     figure = empty_figure(4.5 + 3.75 * len(estimates), 8.0)
-    axes = figure.subplots(len(_ROWS), len(estimates), sharex=True, sharey="row", squeeze=False)
+    axes = figure.subplots(len(_ROWS), len(estimates), sharex=True, squeeze=False)
     start_ns = min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
     for column, (name, estimate) in enumerate(estimates.items()):
         reference = references[name]

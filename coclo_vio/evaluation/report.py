@@ -42,8 +42,8 @@ _CAPTIONS = {
     "ground truth at the start only.",
     "path": "The way from above, to scale, and from the side, its height not to scale.",
     "positions": "Position over time: alone on the left, legs and eyes together on the right.",
-    "velocities": "Velocity in the world. That of ground truth is the slope of its positions over 0.25 s, so it misses "
-    "the tops of short peaks.",
+    "velocities": "Velocity in the world, of a long recording 20 s from its middle. That of ground truth is the slope "
+    "of its positions over 0.25 s, so it misses the tops of short peaks.",
     "position_error": "Distance to ground truth over time, averaged over 0.3 s; lines across mark events.",
     "error_bands": "Error along each axis in the band of three sigmas that the filter itself gives, ground truth's "
     "noise included. An honest filter leaves it in 0.3 % of the time; a much wider band is too careful.",

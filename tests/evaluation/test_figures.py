@@ -2,12 +2,13 @@
 """Figures are PNG files with something in them, and say what they need."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from coclo_vio.errors import EvaluationError
-from coclo_vio.evaluation.figures import plot_position_error, plot_positions, write_figures
+from coclo_vio.evaluation.figures import plot_position_error, plot_positions, plot_velocities, write_figures
 
 matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
 
@@ -41,6 +42,18 @@ def test_what_runs_together_stands_beside_what_runs_alone(walk, tmp_path):
     narrow = plot_positions(alone, truth, tmp_path / "alone.png")
     wide = plot_positions({**alone, "combined_coclo": truth}, truth, tmp_path / "both.png")
     assert matplotlib_image.imread(wide).shape[1] > 1.3 * matplotlib_image.imread(narrow).shape[1]
+
+
+def test_of_a_long_recording_velocities_show_twenty_seconds_of_the_middle(line, tmp_path):
+    """What happens at its ends does not change the picture."""
+    calm = line(6.0, seconds=60.0)
+    jumpy = replace(calm, velocity_world=np.where(calm.times_s[:, None] < 15.0, 3.0, 0.1) * np.ones(3))
+    steady = replace(calm, velocity_world=np.full((len(calm), 3), 0.1))
+    pictures = [
+        plot_velocities({"coclo": estimate}, calm, tmp_path / f"{index}.png").read_bytes()
+        for index, estimate in enumerate((jumpy, steady))
+    ]
+    assert pictures[0] == pictures[1]
 
 
 def test_events_are_marked_in_the_errors(walk, tmp_path):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from coclo_vio.errors import EvaluationError
+from coclo_vio.evaluation.claims import Claim
 from coclo_vio.evaluation.evaluate import evaluate
-from coclo_vio.evaluation.report import write_report
+from coclo_vio.evaluation.report import Lived, write_report
 from coclo_vio.trajectory import GroundTruth
 
 
@@ -40,6 +41,38 @@ def test_report_holds_numbers_notes_figures_and_configuration(evaluations, tmp_p
     assert base64.b64encode(image).decode() in text
     assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!data:)", text)
     assert "http" not in text
+
+
+def test_what_came_out_stands_before_the_numbers_and_what_happened_after_the_figures(evaluations, tmp_path):
+    text = write_report(
+        tmp_path / "report.html",
+        "x",
+        evaluations,
+        summary=["It went <well>."],
+        claims=[Claim("combined_coclo", "vins", "open", 0.002, 0.003, 0.0016, 0.6)],
+        events=[Lived(3.25, "vins", "blind", "it is dark & cold")],
+    ).read_text(encoding="utf-8")
+    parts = ["It went &lt;well&gt;.", "<h2>Numbers</h2>", "combined COCLO or VINS: ground truth too short to tell"]
+    parts += ["ground truth tells differences above 1.6 mm", "3.25 s", "it is dark &amp; cold", "<h2>Notes</h2>"]
+    assert sorted(parts, key=text.index) == parts
+
+
+def test_the_best_of_each_row_is_marked_where_less_is_better(walk, tmp_path):
+    truth = walk(np.arange(0.0, 25.0, 0.02))
+    vicon = GroundTruth(truth, True, "vicon")
+    both = {"near": evaluate(truth, vicon), "far": evaluate(walk(np.arange(0.0, 25.0, 0.02), 1), vicon)}
+    text = write_report(tmp_path / "report.html", "x", both).read_text(encoding="utf-8")
+    rows = {
+        line.partition("<td>")[2].partition("<")[0]: line for line in text.splitlines() if line.startswith("<tr><td>")
+    }
+    assert rows["ATE [m]"].index('class="best"') < rows["ATE [m]"].index(f"{both['far'].ate_m:.4f}")
+    assert rows["ATE [m]"].count('class="best"') == 1
+    assert "best" not in rows["Path of the estimate / ground truth"]
+
+
+def test_the_configuration_is_folded(evaluations, tmp_path):
+    page = write_report(tmp_path / "report.html", "x", evaluations, configuration={"filter": {"profile": "robust"}})
+    assert re.search(r"<details>.*<pre>filter:\n  profile: robust", page.read_text(encoding="utf-8"))
 
 
 def test_a_figure_that_is_not_there_is_an_error(evaluations, tmp_path):
