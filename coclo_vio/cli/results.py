@@ -30,12 +30,12 @@ _COLUMNS = (
     ("drift_percent", "drift", "%", 2),
     ("rpe_1m_percent", "RPE", "%/m", 2),
     ("ate_m", "ATE", "m", 3),
-    ("ate_planar_m", "ATE xy", "m", 3),
+    ("ate_planar_m", "xy", "m", 3),
     ("velocity_rmse_mps", "speed", "m/s", 3),
     ("yaw_drift_deg", "yaw", "deg", 2),
     ("path_length_ratio", "path", "ratio", 3),
     ("anees_pose", "ANEES", "", 2),
-    ("realtime_factor", "times", "real time", 1),
+    ("realtime_factor", "x real", "time", 1),
 )
 
 

@@ -121,8 +121,10 @@ def difference_margin_m(evaluation: Evaluation, config: EvaluationConfig) -> flo
 
 
 def in_units(length_m: float) -> str:
-    """A length as a person would say it: below a decimetre in millimetres."""
-    return f"{1e3 * length_m:.1f} mm" if length_m < _SMALL_M else f"{length_m:.3f} m"
+    """A length with three digits or so: below a metre in millimetres."""
+    if length_m >= 1.0:
+        return f"{length_m:.2f} m"
+    return f"{1e3 * length_m:.0f} mm" if length_m >= _SMALL_M else f"{1e3 * length_m:.1f} mm"
 
 
 def _claim(subject: str, against: str, evaluations: Mapping[str, Evaluation], config: EvaluationConfig) -> Claim:

@@ -3,6 +3,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,11 +104,12 @@ def test_small_errors_are_shown_in_millimetres_and_empty_columns_not_at_all(
     assert "mm" in short
     assert "RPE" not in short
     assert short.index("coclo ") < short.index("naive "), "the paper's estimators come first"
-    results.print_table({"coclo": measured(6.0, 0.6)}, "long")
+    results.print_table({"combined_coclo": replace(measured(6.0, 0.6), anees_pose=22.5, realtime_factor=11.0)}, "long")
     long = shown()
     assert "mm" not in long
     assert "RPE" in long
     assert max(map(len, (short + long).splitlines())) <= 80
+    assert "…" not in long, "every number is there whole"
 
 
 def test_claims_are_printed_a_line_each(measured: Measured, shown: Callable[[], str]) -> None:
