@@ -31,7 +31,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-demo: setup ## run the filter and its baselines on the bundled sample: a table, plots and a report in demo_out/
+demo: setup ## legs, eyes and both together on the bundled sample: a table, plots and a report in demo_out/
 	$(ONE_THREAD) $(BIN)/coclo-vio demo
 
 test: setup ## the default tests, in two processes
