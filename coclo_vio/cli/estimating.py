@@ -85,7 +85,7 @@ def run(
             else "stereo frames in time order that show something, and where it uses an IMU its readings beside them"
         )
         raise DatasetError(
-            f"no estimate came out of the {told['estimators'][mode]['measurements']} measurements of {dataset}: {mode} "
+            f"no estimate came out of the {main['measurements']} measurements of {dataset}: {mode} "
             f"needs {needed}; the counts above say what came"
         )
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from console import Answer, Coclo, is_one_sentence
 
-from coclo_vio import __version__
+from coclo_vio import __version__, comparison
 from coclo_vio.datasets.writer import write_leg_log
 from coclo_vio.robot.description import load_robot, robot_names
 from coclo_vio.robot.model import RobotModel
@@ -56,6 +56,18 @@ def test_run_says_how_far_it_drifted(coclo: Coclo, log: Path) -> None:
     assert "drift" in answer.out
     assert max(map(len, answer.out.splitlines())) <= 80
     assert "robot daisy; results in out" in answer.err
+
+
+def test_a_mode_of_several_answers_without_any_estimate_is_one_sentence(
+    coclo: Coclo, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    none: dict[str, object] = {"mode": "combined", "sensors": [], "counts": {}, "events": [], "keyframes": None}
+    none |= {"estimates": 0, "measurements": 7, "failure": None, "pictures": 0}
+    told = {"robot": "daisy", "ground_truth": None, "estimators": {"combined_coclo": none, "combined_vins": none}}
+    monkeypatch.setattr(comparison, "run_all", lambda *_: told)
+    answer = coclo("run", log, "-m", "combined")
+    assert (answer.status, answer.out) == (1, "")
+    assert "no estimate came out of the 7 measurements" in answer.err
 
 
 def test_run_writes_its_result_as_a_bag(coclo: Coclo, log: Path, tmp_path: Path) -> None:
