@@ -29,8 +29,9 @@ from coclo_vio.cli.results import (
 from coclo_vio.cli.terminal import give, say
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.equipment import compared_modes
-from coclo_vio.errors import ConfigError, DatasetError
+from coclo_vio.errors import CocloError, ConfigError, DatasetError
 from coclo_vio.estimators import ESTIMATORS, estimator_kind
+from coclo_vio.evaluation.canvas import NO_FIGURES, can_draw
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.inspection import resolve_if_known
 from coclo_vio.run_config import RunConfig, resolve
@@ -65,7 +66,16 @@ def compare(
     for name, dataset in zip(_distinct_names(datasets), datasets, strict=True):
         resolved, _ = resolve_if_known(dataset, robot, config, settings)
         plans.append(_planned(name, dataset, asked, resolved, output if len(datasets) == 1 else output / name))
-    _finish([_compare_one(plan) for plan in plans], output)
+    outcomes, failed = [], []
+    for plan in plans:
+        try:
+            outcomes.append(_compare_one(plan))
+        except CocloError as error:
+            if len(plans) == 1:
+                raise
+            tell_failures({plan.name: str(error)})
+            failed.append(str(plan.dataset))
+    _finish(outcomes, output, failed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +153,17 @@ def _compare_one(plan: _Plan) -> _Outcome:
     return _Outcome(plan, comparison.Compared(plan.folder, evaluations, plan.config), report, is_fruitless)
 
 
-def _finish(outcomes: Sequence[_Outcome], output: Path) -> None:
+def _finish(outcomes: Sequence[_Outcome], output: Path, failed: Sequence[str] = ()) -> None:
     """The table over all where there are several, and where the report is."""
-    report = outcomes[0].report
-    if len(outcomes) > 1:
-        compared = {outcome.plan.name: outcome.compared for outcome in outcomes}
+    compared = {outcome.plan.name: outcome.compared for outcome in outcomes}
+    if len(outcomes) + len(failed) > 1 and outcomes:
         print_table_one(TableOne.of({name: one.evaluations for name, one in compared.items()}))
-        report = comparison.write_comparisons(output, f"{len(outcomes)} recordings", compared)
-    give(f"report: {report}")
-    fruitless = [str(outcome.plan.dataset) for outcome in outcomes if outcome.is_fruitless]
+        give(f"report: {comparison.write_comparisons(output, f'{len(outcomes)} recordings', compared)}")
+    elif outcomes:
+        give(f"report: {outcomes[0].report}")
+    if outcomes and not can_draw():
+        say(NO_FIGURES)
+    fruitless = [*failed, *(str(outcome.plan.dataset) for outcome in outcomes if outcome.is_fruitless)]
     if fruitless:
         raise DatasetError(f"no estimator got through {', '.join(fruitless)}; what stopped each is told above")
 

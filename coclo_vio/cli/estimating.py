@@ -16,7 +16,7 @@ from coclo_vio.cli.options import (
     SetOption,
     with_partial,
 )
-from coclo_vio.cli.results import print_table, progress_bar, run_title, tell_failures, tell_run
+from coclo_vio.cli.results import print_claims, print_table, progress_bar, run_title, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
@@ -109,6 +109,7 @@ def evaluate(
         give_json({name: value.to_json() for name, value in evaluations.items()})
     else:
         print_table(evaluations, str(run_or_tum))
+        print_claims(evaluations, evaluation)
     tell_failures(failures)
     if not evaluations:
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from coclo_vio import run_folder
+from coclo_vio.evaluation.canvas import NO_FIGURES, can_draw
 from coclo_vio.evaluation.claims import claims, end_error_m, in_units, least_drift
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
@@ -37,7 +38,10 @@ class Compared:
 
 
 def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
-    """``compare.json``, ``claims.json``, figures and ``report.html`` of a run folder; the path of the report."""
+    """``compare.json``, ``claims.json``, figures and ``report.html`` of a run folder; the path of the report.
+
+    Without matplotlib the report has no figures and says so.
+    """
     found = claims(evaluations, config.evaluation)
     with run_folder.writing(folder):
         write_evaluations(folder / "compare.json", evaluations)
@@ -47,9 +51,9 @@ def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluat
             folder / "report.html",
             title,
             evaluations,
-            _figures(folder, evaluations, run, config.evaluation) if evaluations else (),
+            _figures(folder, evaluations, run, config.evaluation) if evaluations and can_draw() else (),
             config.model_dump(mode="json"),
-            summary=_summary(evaluations, config),
+            summary=[*_summary(evaluations, config), *(() if can_draw() else (f"There are {NO_FIGURES}.",))],
             claims=found,
             events=[Lived(event["time_s"], mode, event["kind"], event["detail"]) for mode, event in told_events(run)],
         )

@@ -51,6 +51,19 @@ def style_of(name: str) -> dict[str, Any]:
     return {**style, "label": name}
 
 
+NO_FIGURES = "no figures: matplotlib is not installed; pip install 'coclo-vio[viz]' brings it"
+"""What to tell where nothing can be drawn."""
+
+
+def can_draw() -> bool:
+    """Whether matplotlib is there."""
+    try:
+        import matplotlib.figure  # noqa: F401, PLC0415 -- an extra, and slow
+    except ImportError:
+        return False
+    return True
+
+
 def empty_figure(width: float, height: float) -> "Figure":
     """A figure of this size, inches, without a display.
 

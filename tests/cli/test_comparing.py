@@ -2,16 +2,20 @@
 """Estimators side by side from the command line: what is printed, and what is left in the folder."""
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from console import Coclo, is_one_sentence
 
+from coclo_vio import comparison
 from coclo_vio.cli import results
 from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.errors import DatasetError
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.table_one import TableOne
@@ -94,6 +98,30 @@ def test_a_recording_without_ground_truth_is_told_before_anything_runs(coclo: Co
     assert "bare has no ground truth to compare with" in answer.err
     assert is_one_sentence(answer)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_that_fails_leaves_the_others_their_results(
+    coclo: Coclo, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does it take matplotlib to have a report."""
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    run_all = comparison.run_all
+
+    def failing_at_first(path: Path, *arguments: Any) -> dict[str, Any]:
+        if path.name == "first":
+            raise DatasetError("the disk is full; make room")
+        return run_all(path, *arguments)
+
+    monkeypatch.setattr(comparison, "run_all", failing_at_first)
+    (tmp_path / "first").symlink_to(log)
+    answer = coclo("compare", tmp_path / "first", log, "--modes", "naive")
+    assert answer.status == 1
+    assert "walk stopped early or has no result: the disk is full; make room" in answer.err
+    assert "no estimator got through" in answer.err.splitlines()[-1]
+    assert answer.out.splitlines()[-1] == "report: out/report.html"
+    assert set(json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))) == {"walk_2"}
+    assert "no figures: matplotlib is not installed" in answer.err
+    assert "no figures" in (tmp_path / "out" / "walk_2" / "report.html").read_text(encoding="utf-8")
 
 
 def test_small_errors_are_shown_in_millimetres_and_empty_columns_not_at_all(
