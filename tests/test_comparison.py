@@ -12,6 +12,7 @@ import yaml
 from coclo_vio import comparison, estimators, run_folder
 from coclo_vio.arrays import ByteImage
 from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.comparison.writing import told_events
 from coclo_vio.datasets import images
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
@@ -346,6 +347,23 @@ def test_a_comparison_writes_numbers_figures_and_a_report(log: Path, tmp_path: P
     page = report.read_text(encoding="utf-8")
     assert "a &lt;walk&gt;" in page
     assert "data:image/png" in page
+
+
+def test_the_report_tells_what_was_wrong_on_purpose_and_what_happened(film: Path, tmp_path: Path) -> None:
+    config = resolve(settings=["faults.frame_loss=0.25"])
+    comparison.run_all(film, ["watching"], config, tmp_path)
+    evaluations, _ = comparison.evaluate_run(tmp_path, config.evaluation)
+    page = comparison.write_comparison(tmp_path, "film", evaluations, config).read_text(encoding="utf-8")
+    assert "A body travelled 0.00 m" in page
+    assert "Wrong on purpose: frame_loss 0.25." in page
+    assert "<td>watching</td><td>blind</td><td>it is dark</td>" in page
+
+
+def test_an_event_of_a_mode_with_two_answers_is_told_once() -> None:
+    event = {"kind": "restart", "stamp_ns": 5}
+    told = {"mode": "combined", "events": [event]}
+    run = {"estimators": {"combined_coclo": told, "combined_vins": told, "vins": {"mode": "vins", "events": [event]}}}
+    assert list(told_events(run)) == [("combined", event), ("vins", event)]
 
 
 def test_the_written_configuration_is_plain_yaml(log: Path, tmp_path: Path) -> None:

@@ -115,9 +115,14 @@ def _summary(evaluations: Mapping[str, Evaluation], config: RunConfig) -> list[s
     first, *others = least_drift(evaluations, config.evaluation)
     near = f"; too close to tell: {', '.join(others)}" if others else ""
     end = in_units(end_error_m(evaluations[first], config.evaluation))
+    faults = config.faults.model_dump(mode="json", exclude_defaults=True)
+    wrong = "; ".join(
+        f"{name} {' '.join(map(str, value)) if isinstance(value, list) else value}" for name, value in faults.items()
+    )
     return [
         f"{who} travelled {longest.path_length_m:.2f} m in {longest.duration_s:.0f} s.",
         f"Least drift: {first}, {end} off at the end{near}.",
+        *(() if config.faults.is_none else (f"Wrong on purpose: {wrong}.",)),
     ]
 
 
