@@ -129,32 +129,38 @@ def _summary(evaluations: Mapping[str, Evaluation], config: RunConfig) -> list[s
 def _figures(
     folder: Path, evaluations: Mapping[str, Evaluation], run: Mapping[str, Any], config: EvaluationConfig
 ) -> list[Path]:
+    """All figures, their time counted from the beginning of the recording as that of events is."""
     estimates = {name: evaluation.estimate for name, evaluation in evaluations.items()}
     references = {name: evaluation.reference for name, evaluation in evaluations.items()}
     drawn, events = folder / "figures", _stamps_by_kind(run)
-    figures = write_figures(estimates, references, drawn, events)
+    recording_ns = run.get("recording_ns")
+    start_ns = None if recording_ns is None else int(recording_ns[0])
+    figures = write_figures(estimates, references, drawn, events, start_ns=start_ns)
     sure = {name: estimates[name] for name in _SURE if name in estimates and estimates[name].covariance is not None}
     if sure:
-        noise = (config.ground_truth_rotation_noise_rad, config.ground_truth_position_noise_m)
-        bands = drawn / "error_bands.png"
-        figures.append(
-            plot_error_bands(sure, references, bands, rotation_noise_rad=noise[0], position_noise_m=noise[1])
+        bands = plot_error_bands(
+            sure,
+            references,
+            drawn / "error_bands.png",
+            start_ns=start_ns,
+            rotation_noise_rad=config.ground_truth_rotation_noise_rad,
+            position_noise_m=config.ground_truth_position_noise_m,
         )
+        figures.append(bands)
     keyframes = {name: read for name in evaluations if (read := read_keyframes(folder, name)) is not None}
     if keyframes:
-        start_ns = min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
         figures.append(plot_keyframes(keyframes, drawn / "keyframes.png", events=events, start_ns=start_ns))
     runs = (run_folder.read_estimates(folder, name) for name in evaluations)
     first = next((one for one in runs if one.leg_names), None)
     if first is not None:
-        feet = drawn / "contacts.png"
-        figures.append(plot_contacts(first.trajectory.stamps_ns, first.contact_probability, first.leg_names, feet))
+        stamps_ns, stance = first.trajectory.stamps_ns, first.contact_probability
+        figures.append(plot_contacts(stamps_ns, stance, first.leg_names, drawn / "contacts.png", start_ns=start_ns))
     return figures
 
 
 def _stamps_by_kind(run: Mapping[str, Any]) -> dict[str, list[int]]:
     """Events of all modes, as figures mark them."""
     stamps: dict[str, list[int]] = {}
-    for mode, event in told_events(run):
-        stamps.setdefault(f"{mode}: {event['kind']}", []).append(int(event["stamp_ns"]))
+    for _, event in told_events(run):
+        stamps.setdefault(f"event: {event['kind']}", []).append(int(event["stamp_ns"]))
     return stamps

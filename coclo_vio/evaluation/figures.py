@@ -35,29 +35,52 @@ Events = Mapping[str, Sequence[int]]
 """Stamps, ns, by kind."""
 
 
-def plot_positions(estimates: Estimates, reference: Trajectory | None, path: Path) -> Path:
-    """x, y and z over time of all estimates and the ground truth (the paper's ramp and stairs figures)."""
-    start_ns, shown = _start_ns(estimates), _within(estimates, reference)
+def plot_positions(
+    estimates: Estimates, reference: Trajectory | None, path: Path, *, start_ns: int | None = None
+) -> Path:
+    """x, y and z over time of all estimates and the ground truth (the paper's ramp and stairs figures).
+
+    Args:
+        estimates: by name.
+        reference: the ground truth, where there is any.
+        path: PNG file to write.
+        start_ns: time zero; the first estimate where None.
+    """
+    zero_ns, shown = _zero_ns(estimates, start_ns), _within(estimates, reference)
 
     def draw(axis: Any, index: int, names: Sequence[str]) -> None:
         if shown is not None:
-            axis.plot(_seconds(shown, start_ns), _broken(shown, shown.positions)[:, index], **REFERENCE)
+            axis.plot(_seconds(shown, zero_ns), _broken(shown, shown.positions)[:, index], **REFERENCE)
         for name in names:
             estimate = estimates[name]
-            axis.plot(_seconds(estimate, start_ns), _broken(estimate, estimate.positions)[:, index], **style_of(name))
+            axis.plot(_seconds(estimate, zero_ns), _broken(estimate, estimate.positions)[:, index], **style_of(name))
 
     return _in_columns(list(estimates), [f"{name} [m]" for name in _AXES], draw, path)
 
 
 def plot_velocities(
-    estimates: Estimates, reference: Trajectory | None, path: Path, *, window_s: float = 0.25, max_gap_s: float = 0.25
+    estimates: Estimates,
+    reference: Trajectory | None,
+    path: Path,
+    *,
+    start_ns: int | None = None,
+    window_s: float = 0.25,
+    max_gap_s: float = 0.25,
 ) -> Path:
     """Velocities in the world over time; those of the ground truth, and of estimates without any, from positions.
 
     So many curves hide each other: baselines are left out where COCLO, VINS or both together are there, and of a long
     recording the middle is shown.
+
+    Args:
+        estimates: by name.
+        reference: the ground truth, where there is any.
+        path: PNG file to write.
+        start_ns: time zero; the first estimate where None.
+        window_s: over which positions give a velocity, s.
+        max_gap_s: a hole of the ground truth is longer, s.
     """
-    start_ns, names = _start_ns(estimates), [name for name in estimates if name in _FIRST] or list(estimates)
+    zero_ns, names = _zero_ns(estimates, start_ns), [name for name in estimates if name in _FIRST] or list(estimates)
     estimates = _middle({name: estimates[name] for name in names})
     names, shown = list(estimates), _within(estimates, reference)
     true = None if shown is None else _velocity(shown, window_s, max_gap_s)
@@ -66,9 +89,9 @@ def plot_velocities(
     def draw(axis: Any, index: int, drawn: Sequence[str]) -> None:
         for name in drawn:
             style = {**style_of(name), "linewidth": 0.7 * style_of(name)["linewidth"]}
-            axis.plot(_seconds(estimates[name], start_ns), own[name][:, index], **style)
+            axis.plot(_seconds(estimates[name], zero_ns), own[name][:, index], **style)
         if shown is not None and true is not None:
-            axis.plot(_seconds(shown, start_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
+            axis.plot(_seconds(shown, zero_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
 
     return _in_columns(names, [f"v{name} [m/s]" for name in _AXES], draw, path)
 
@@ -93,7 +116,13 @@ def plot_path(estimates: Estimates, reference: Trajectory | None, path: Path) ->
 
 
 def plot_position_error(
-    estimates: Estimates, references: Estimates, path: Path, *, events: Events | None = None, max_gap_s: float = 0.25
+    estimates: Estimates,
+    references: Estimates,
+    path: Path,
+    *,
+    events: Events | None = None,
+    start_ns: int | None = None,
+    max_gap_s: float = 0.25,
 ) -> Path:
     """Distance to the ground truth over time; broken where the ground truth has a hole.
 
@@ -102,6 +131,7 @@ def plot_position_error(
         references: the ground truth on the clock of each.
         path: PNG file to write.
         events: marked where they happened.
+        start_ns: time zero; the first estimate where None.
         max_gap_s: a hole of the ground truth is longer, s.
 
     Raises:
@@ -109,19 +139,27 @@ def plot_position_error(
     """
     figure = empty_figure(9.0, 3.8)
     axis = figure.subplots()
-    _draw_error(axis, estimates, references, max_gap_s)
-    start_ns = _start_ns(estimates)
-    mark_events([axis], _event_times(events or {}, start_ns))
+    zero_ns = _zero_ns(estimates, start_ns)
+    _draw_error(axis, estimates, references, max_gap_s, zero_ns)
+    mark_events([axis], _event_times(events or {}, zero_ns))
     return finish(figure, [axis], "time [s]", path)
 
 
-def plot_overview(estimates: Estimates, references: Estimates, path: Path, *, max_gap_s: float = 0.25) -> Path:
+def plot_overview(
+    estimates: Estimates,
+    references: Estimates,
+    path: Path,
+    *,
+    start_ns: int | None = None,
+    max_gap_s: float = 0.25,
+) -> Path:
     """What a glance should tell: the way, from the side where it climbs, and the distance to the ground truth.
 
     Args:
         estimates: by name.
         references: the ground truth on the clock of each.
         path: PNG file to write.
+        start_ns: time zero; the first estimate where None.
         max_gap_s: a hole of the ground truth is longer, s.
     """
     figure = empty_figure(10.0, 3.9)
@@ -137,12 +175,17 @@ def plot_overview(estimates: Estimates, references: Estimates, path: Path, *, ma
         way.set_aspect("equal", adjustable="datalim")
         way.set_xlabel("x [m]")
         way.set_ylabel("y [m]")
-    _draw_error(error, estimates, references, max_gap_s)
+    _draw_error(error, estimates, references, max_gap_s, _zero_ns(estimates, start_ns))
     return finish(figure, [way, error], "time [s]", path)
 
 
 def write_figures(
-    estimates: Estimates, references: Estimates | None, folder: Path, events: Events | None = None
+    estimates: Estimates,
+    references: Estimates | None,
+    folder: Path,
+    events: Events | None = None,
+    *,
+    start_ns: int | None = None,
 ) -> list[Path]:
     """Every figure that needs trajectories only, in ``folder``, which is made; the paths written.
 
@@ -151,6 +194,7 @@ def write_figures(
         references: the ground truth on the clock of each, where there is any; of the first where one is drawn.
         folder: where to write.
         events: marked in the figure of errors.
+        start_ns: time zero; the first estimate where None.
 
     Raises:
         EvaluationError: matplotlib is missing, or there is no estimate.
@@ -159,12 +203,13 @@ def write_figures(
     reference = None if not references else next(iter(references.values()))
     written = [
         plot_path(estimates, reference, folder / "path.png"),
-        plot_positions(estimates, reference, folder / "positions.png"),
-        plot_velocities(estimates, reference, folder / "velocities.png"),
+        plot_positions(estimates, reference, folder / "positions.png", start_ns=start_ns),
+        plot_velocities(estimates, reference, folder / "velocities.png", start_ns=start_ns),
     ]
     if references:
-        written.insert(0, plot_overview(estimates, references, folder / "overview.png"))
-        written.append(plot_position_error(estimates, references, folder / "position_error.png", events=events))
+        written.insert(0, plot_overview(estimates, references, folder / "overview.png", start_ns=start_ns))
+        error = folder / "position_error.png"
+        written.append(plot_position_error(estimates, references, error, events=events, start_ns=start_ns))
     return written
 
 
@@ -206,16 +251,15 @@ def _draw_side(axis: Any, estimates: Estimates, reference: Trajectory | None) ->
     axis.set_ylabel("height [m]")
 
 
-def _draw_error(axis: Any, estimates: Estimates, references: Estimates, max_gap_s: float) -> None:
+def _draw_error(axis: Any, estimates: Estimates, references: Estimates, max_gap_s: float, zero_ns: int) -> None:
     """Distances to the ground truth, its noise averaged away; millimetres where that is what they are."""
-    start_ns = _start_ns(estimates)
     errors = {name: _distance(estimate, references[name], max_gap_s) for name, estimate in estimates.items()}
     worst = {name: float(np.nanmax(error, initial=0.0)) for name, (_, error) in errors.items()}
     first = [worst[name] for name in worst if name in _FIRST]
     top_m = max(worst.values()) if not first else min(max(worst.values()), _FURTHEST * max(first))
     scale, unit = (1e3, "mm") if top_m < _SMALL_M else (1.0, "m")
     for name, (inside, error) in errors.items():
-        axis.plot(_seconds(inside, start_ns), scale * error, **style_of(name))
+        axis.plot(_seconds(inside, zero_ns), scale * error, **style_of(name))
     axis.set_ylabel(f"position error [{unit}]")
     axis.set_ylim(0.0, 1.05 * scale * top_m or None)
     axis.margins(x=0.01)
@@ -236,8 +280,12 @@ def _distance(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> 
     return inside, error
 
 
-def _event_times(events: Events, start_ns: int) -> dict[str, list[float]]:
-    return {kind: [(stamp_ns - start_ns) / _NS_PER_S for stamp_ns in stamps] for kind, stamps in events.items()}
+def _event_times(events: Events, zero_ns: int) -> dict[str, list[float]]:
+    return {kind: [(stamp_ns - zero_ns) / _NS_PER_S for stamp_ns in stamps] for kind, stamps in events.items()}
+
+
+def _zero_ns(estimates: Estimates, start_ns: int | None) -> int:
+    return _start_ns(estimates) if start_ns is None else start_ns
 
 
 def _start_ns(estimates: Estimates) -> int:
@@ -269,8 +317,8 @@ def _middle(estimates: Estimates) -> Estimates:
     return inside or estimates
 
 
-def _seconds(trajectory: Trajectory, start_ns: int) -> Array:
-    return np.asarray((trajectory.stamps_ns - start_ns) / _NS_PER_S)
+def _seconds(trajectory: Trajectory, zero_ns: int) -> Array:
+    return np.asarray((trajectory.stamps_ns - zero_ns) / _NS_PER_S)
 
 
 def _broken(trajectory: Trajectory, values: Array) -> Array:

@@ -19,7 +19,13 @@ _SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])
 
 
 def plot_contacts(
-    stamps_ns: IntArray, probability: Array, legs: Sequence[str], path: Path, *, threshold: float = 0.5
+    stamps_ns: IntArray,
+    probability: Array,
+    legs: Sequence[str],
+    path: Path,
+    *,
+    threshold: float = 0.5,
+    start_ns: int | None = None,
 ) -> Path:
     """One band a leg: dark while it stands, with its contact probability as a line.
 
@@ -29,6 +35,7 @@ def plot_contacts(
         legs: names, one a column.
         path: PNG file to write.
         threshold: a leg stands above this probability.
+        start_ns: time zero; the first stamp where None.
 
     Raises:
         EvaluationError: the shapes do not belong together.
@@ -40,7 +47,7 @@ def plot_contacts(
         )
     figure = empty_figure(9.0, 0.5 * len(legs) + 1.2)
     axis = figure.subplots()
-    times_s = (stamps_ns - stamps_ns[0]) / _NS_PER_S
+    times_s = (stamps_ns - (stamps_ns[0] if start_ns is None else start_ns)) / _NS_PER_S
     for row, column in enumerate(probability.T):
         low = np.full(len(times_s), -row - 0.4)
         axis.fill_between(
@@ -132,6 +139,7 @@ def plot_error_bands(
     references: Mapping[str, Trajectory],
     path: Path,
     *,
+    start_ns: int | None = None,
     rotation_noise_rad: float = 0.0,
     position_noise_m: float = 0.0,
 ) -> Path:
@@ -143,6 +151,7 @@ def plot_error_bands(
         estimates: with covariance, in the ground truth's world.
         references: the ground truth on the clock of each.
         path: PNG file to write.
+        start_ns: time zero; the first estimate where None.
         rotation_noise_rad: of the ground truth, one sigma an axis, rad.
         position_noise_m: the same of its positions, m.
 
@@ -153,12 +162,12 @@ def plot_error_bands(
         raise EvaluationError("a figure needs at least one estimate, there is none; run an estimator first")
     figure = empty_figure(4.5 + 3.75 * len(estimates), 8.0)
     axes = figure.subplots(len(_ROWS), len(estimates), sharex=True, squeeze=False)
-    start_ns = min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
+    zero_ns = min(int(one.stamps_ns[0]) for one in estimates.values()) if start_ns is None else start_ns
     for column, (name, estimate) in enumerate(estimates.items()):
         reference = references[name]
         inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
         error, sigma = error_and_sigma(inside, reference, rotation_noise_rad, position_noise_m)
-        times_s, style = (inside.stamps_ns - start_ns) / _NS_PER_S, {**style_of(name), "linewidth": 1.0}
+        times_s, style = (inside.stamps_ns - zero_ns) / _NS_PER_S, {**style_of(name), "linewidth": 1.0}
         for row, label in enumerate(_ROWS):
             axis, band = axes[row, column], _SIGMAS * _SCALES[row] * sigma[:, row]
             axis.fill_between(times_s, -band, band, color=style["color"], alpha=0.2, linewidth=0)

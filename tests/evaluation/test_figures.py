@@ -56,6 +56,15 @@ def test_of_a_long_recording_velocities_show_twenty_seconds_of_the_middle(line, 
     assert pictures[0] == pictures[1]
 
 
+def test_time_is_counted_from_where_it_is_said_to_begin(line, tmp_path):
+    truth = line(1.0, seconds=2.0)
+    pictures = [
+        plot_positions({"coclo": truth}, truth, tmp_path / f"{name}.png", start_ns=start_ns).read_bytes()
+        for name, start_ns in (("unsaid", None), ("first", int(truth.stamps_ns[0])), ("earlier", -5_000_000_000))
+    ]
+    assert pictures[0] == pictures[1] != pictures[2]
+
+
 def test_events_are_marked_in_the_errors(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.1))
     estimates, references = {"coclo": walk(np.arange(0.0, 25.0, 0.1), 1)}, {"coclo": truth}
