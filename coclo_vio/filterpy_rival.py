@@ -65,6 +65,7 @@ class _Inputs:
     given: Array
     measured: Array
     noise: Array
+    speed_mps: float
 
 
 class FilterpyRival:
@@ -120,7 +121,7 @@ class FilterpyRival:
         rolled[:, 0] += self._radii_m * turned[:, 1]
         rolled[:, 1] -= self._radii_m * turned[:, 0]
         slip = x[SLIP] + np.cross(x[SLIP_TURN], motion.position_body)
-        rolled += slip @ rotation.T * dt_s
+        rolled += slip @ rotation.T * (inputs.speed_mps * dt_s)
         moved[SLIP_TURN.start : SLIP.stop] *= math.exp(-dt_s / self._config.slip_memory_s)
         legs = motion.position_body.copy()
         legs[:, :2] += x[LEG_SCALE] * (legs - self._hips)[:, :2]
@@ -133,7 +134,8 @@ class FilterpyRival:
         """The blocks of ``observation`` for one state."""
         rotation = _rotation(x[ROTATION])
         scale, give, legs = x[LEG_SCALE], x[LEG_GIVE], inputs.legs
-        velocity = x[VELOCITY] @ rotation - x[SLIP] + (x[RATE] - x[SLIP_TURN]) @ inputs.levers_cross
+        slip = inputs.speed_mps * np.stack((x[SLIP], x[SLIP_TURN]))
+        velocity = x[VELOCITY] @ rotation - slip[0] + (x[RATE] - slip[1]) @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
         velocity += inputs.giving
         held = legs[inputs.motion.holds[legs]]
@@ -191,6 +193,7 @@ class FilterpyRival:
             motion.press[held, None] * up_body,
             np.concatenate(measured),
             noise,
+            float(np.linalg.norm(self.ukf.x[VELOCITY])),
         )
 
     def _process_noise(self, inputs: _Inputs) -> Array:

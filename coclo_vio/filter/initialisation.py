@@ -40,12 +40,16 @@ class UnsureFeet:
         noise_m: one sigma of a foot position in the body frame by itself, m.
         scale: one sigma of the relative error of the effective leg length.
         give_m: one sigma of how far a leg gives under the load from which it stands, m.
+        slip: one sigma of how all feet slip together, as a share of the speed.
+        slip_turn: one sigma of how far they turn the body on the way, rad/m.
         press: load on each foot, in loads from which a foot stands, (n,).
     """
 
     noise_m: float
     scale: float
     give_m: float
+    slip: float
+    slip_turn: float
     press: Array
 
 
@@ -94,7 +98,8 @@ def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, i
     sigmas[ROTATION] = (tilt, tilt, _TIED)
     sigmas[LEG_SCALE] = unsure.scale
     sigmas[LEG_GIVE] = unsure.give_m
-    sigmas[SLIP_TURN.start : SLIP.stop] = 0.0
+    sigmas[SLIP_TURN] = unsure.slip_turn
+    sigmas[SLIP] = unsure.slip
     sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
     sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
     sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2

@@ -58,7 +58,8 @@ class PaperProfile:
 
     def unsure_feet(self, reading: Reading) -> UnsureFeet:
         """What is not known of the feet at the start."""
-        return UnsureFeet(self._config.foot_noise_m, scale=0.0, give_m=0.0, press=np.zeros(self.layout.legs))
+        none = np.zeros(self.layout.legs)
+        return UnsureFeet(self._config.foot_noise_m, scale=0.0, give_m=0.0, slip=0.0, slip_turn=0.0, press=none)
 
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool

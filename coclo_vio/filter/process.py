@@ -49,9 +49,14 @@ def lengthened(scale: Array, position_body: Array, hips_body: Array) -> Array:
 
 
 def slip_of(stack: State, position_body: Array) -> Array:
-    """Velocity at which standing feet at ``position_body`` (n, 3) seem to slip, body axes, m/s, (points, n, 3)."""
+    """Velocity at which standing feet at ``position_body`` (n, 3) seem to slip, body axes, m/s, (points, n, 3).
+
+    In proportion to the speed, as far as that is known (the stack's first point is its centre): nothing is learned of
+    the speed from it, and a body at rest says nothing of how its feet slip while it walks.
+    """
+    speed = float(np.linalg.norm(stack.vector[0, VELOCITY]))
     slip = stack.vector[:, None, SLIP] - position_body @ so3.hat(stack.vector[:, SLIP_TURN])
-    return np.asarray(slip)
+    return np.asarray(speed * slip)
 
 
 def predict(
@@ -124,8 +129,7 @@ def noise_rows(
     rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
     rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
     rows[13, LEG_GIVE] = config.leg_give_walk_m * root * config.estimates_leg_give
-    speed = float(np.linalg.norm(mean.vector[VELOCITY]))
-    slip = speed * root * np.sqrt(2.0 / config.slip_memory_s)
+    slip = root * np.sqrt(2.0 / config.slip_memory_s)
     rows[14:17, SLIP_TURN] = config.slip_turn_per_m * slip * identity
     rows[17:20, SLIP] = config.slip_share * slip * identity
     world_turn = turn_rows[:, ROTATION]

@@ -49,6 +49,8 @@ class RobustProfile:
             noise_m=float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
             scale=config.leg_scale_sigma * config.estimates_leg_scale,
             give_m=config.leg_give_sigma_m * config.estimates_leg_give,
+            slip=config.slip_share,
+            slip_turn=config.slip_turn_per_m,
             press=press_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
         )
 
