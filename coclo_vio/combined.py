@@ -123,7 +123,8 @@ class CombinedOdometry:
         self.config = config or BridgeConfig()
         self._clock = ImageClock(time_offset_s, waits=True)
         self._latency_ns = round(self.config.vision_latency_s * _NS_PER_S)
-        self._known: PoseBelief | None = None  # of the last keyframe, by filter and smoother alike
+        self._known_by_eyes: PoseBelief | None = None  # of the last keyframe, when it was one
+        self._known_by_legs: PoseBelief | None = None  # the same, once the eyes had told what they know
         self._seen: tuple[int, Array] | None = None  # stamp and pose of the last frame, by the filter
         self._due: _Due | None = None
         self._answers: deque[StateEstimate] = deque()
@@ -200,10 +201,10 @@ class CombinedOdometry:
         tracks = self._tracked(sight, before, self._seen)
         if tracks is None:
             return
-        if self._known is None:
+        if self._known_by_eyes is None:
             self._begin(tracks)
         else:
-            self._tie(tracks, self._known)
+            self._tie(tracks, self._known_by_eyes)
 
     def _tracked(
         self, sight: StereoFrame | StereoTracks, before: tuple[int, Array] | None, now: tuple[int, Array]
@@ -229,7 +230,7 @@ class CombinedOdometry:
         estimate = self._smoother.push_tracks(tracks)
         self._legs.anchor_frame()
         self._answer(estimate)
-        self._known = self._smoother.belief
+        self._known_by_eyes = self._known_by_legs = self._smoother.belief
 
     def _answer(self, estimate: StateEstimate | None) -> None:
         """Put an estimate of the smoother into the filter's world."""
@@ -244,13 +245,13 @@ class CombinedOdometry:
     def _tie(self, tracks: StereoTracks, known: PoseBelief) -> None:
         """A frame after a keyframe: the filter's motion since then goes along."""
         pair = self._legs.frame_pair()
-        told = bridge.legs_evidence(pair, known, self.config) if self._exchanges else None
+        told = bridge.legs_evidence(pair, self._known_by_legs, self.config) if self._exchanges else None
         self._answer(self._smoother.push_tracks(tracks, _motion(pair, self.config.floor_m), told))
         believed = self._smoother.belief
         if believed is None or believed.stamp_ns != tracks.stamp_ns:
             return
         self._due = self._result(pair, known, believed)
-        self._known = believed
+        self._known_by_eyes = believed
 
     @property
     def _exchanges(self) -> bool:
@@ -283,6 +284,7 @@ class CombinedOdometry:
                     "not believed" if verdict.outcome is Outcome.REFUSED else "they insist: the filter gives in"
                 )
                 self._events.append(Event(due.evidence.end_ns, f"feedback_{verdict.outcome.value}", detail))
+        self._known_by_legs = self._legs.frame_pair().end
         self._legs.keep_frame()
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
-from coclo_vio.backend.window.marginalisation import evidence_of_pair
+from coclo_vio.backend.window.marginalisation import evidence_of_poses
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
 from coclo_vio.errors import SmootherError
@@ -40,56 +40,77 @@ class Exchange:
 
     def __init__(self) -> None:
         self.given: PoseBelief | None = None
-        self._said: tuple[PoseEvidence, PoseBelief] | None = None
+        self._evidence: PoseEvidence | None = None
+        self._belief: PoseBelief | None = None
 
     def start_from(self, belief: PoseBelief) -> None:
         """Note where to start; a start without any uncertainty could not be solved for."""
         self.given = PoseBelief(belief.stamp_ns, belief.T_world_body, belief.covariance + np.eye(6) * HELD_SIGMA**2)
 
-    def note(self, window: Window, ties: Sequence[factors.Term]) -> None:
+    def note_evidence(self, window: Window, ties: Sequence[factors.Term]) -> None:
         """Work out what is known of the newest keyframes, for whoever gave these ties.
 
         Raises:
             SmootherError: landmarks or older keyframes are not determined; there is nothing to say then.
         """
-        self._said = None
-        self._said = newest_pair(window, ties)
+        self._evidence = None
+        self._evidence = newest_pair(window, ties)
+
+    def note_belief(self, window: Window) -> None:
+        """Work out what is known of the newest keyframe, once the window has forgotten what it does not keep.
+
+        Raises:
+            SmootherError: the newest keyframe is not determined.
+        """
+        self._belief = None
+        if self._evidence is not None:
+            self._belief = newest_belief(window)
 
     def belief(self, stamp_ns: int) -> PoseBelief | None:
         """What is known of the keyframe of this stamp, if it is the one that was noted."""
-        return self._said[1] if self._said is not None and self._said[1].stamp_ns == stamp_ns else None
+        return self._belief if self._belief is not None and self._belief.stamp_ns == stamp_ns else None
 
     def evidence(self, stamp_ns: int | None) -> PoseEvidence | None:
         """What is known of that keyframe and the one before it without the other's word."""
-        return self._said[0] if self._said is not None and self._said[1].stamp_ns == stamp_ns else None
+        return self._evidence if self._evidence is not None and self._evidence.end_ns == stamp_ns else None
 
 
-def newest_pair(window: Window, without: Sequence[factors.Term]) -> tuple[PoseEvidence, PoseBelief]:
-    """What is known of the last two keyframes without some terms between them, and of the last one with all.
+def newest_pair(window: Window, without: Sequence[factors.Term]) -> PoseEvidence:
+    """What is known of the last two keyframes without some terms between them.
 
     Raises:
         SmootherError: landmarks or older keyframes are not determined.
     """
-    landmark_ids = window.solvable_landmarks
-    values = gtsam.Values(window.values)
-    for landmark_id in landmark_ids:
-        values.insert_or_assign(factors.landmark_key(landmark_id), window.landmarks.point(landmark_id))
     before, newest = window.keyframes[-2:]
-    pair = (factors.pose_key(before.number), factors.pose_key(newest.number))
-    left_out = {id(term) for term in without}
-    terms = [term for term in window.terms() if id(term) not in left_out]
-    leaving = [key for key in window.elimination(landmark_ids) if key not in pair]
-    information, vector = evidence_of_pair(terms, leaving, pair, values)
+    information, vector = _evidence_of(window, (before.number, newest.number), without)
     T_before, T_newest = window.pose(before.number), window.pose(newest.number)
-    told = PoseEvidence(before.stamp_ns, newest.stamp_ns, T_before, T_newest, information, vector)
-    with_ties = evidence_of_pair(without, (), pair, values)
-    return told, _end_of(newest.stamp_ns, T_newest, information + with_ties[0], vector + with_ties[1])
+    return PoseEvidence(before.stamp_ns, newest.stamp_ns, T_before, T_newest, information, vector)
 
 
-def _end_of(stamp_ns: int, T_world_end: Array, information: Array, vector: Array) -> PoseBelief:  # noqa: N803
+def newest_belief(window: Window) -> PoseBelief:
+    """What is known of the last keyframe.
+
+    Raises:
+        SmootherError: it is not determined.
+    """
+    newest = window.newest
+    information, vector = _evidence_of(window, (newest.number,), ())
     try:
         covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     except np.linalg.LinAlgError as error:
-        raise SmootherError("the newest keyframes are not determined") from error
-    step = covariance @ vector
-    return PoseBelief(stamp_ns, T_world_end @ se3.exp(step[6:]), covariance[6:, 6:])
+        raise SmootherError("the newest keyframe is not determined") from error
+    T_world_body = window.pose(newest.number) @ se3.exp(covariance @ vector)
+    return PoseBelief(newest.stamp_ns, T_world_body, covariance)
+
+
+def _evidence_of(window: Window, numbers: Sequence[int], without: Sequence[factors.Term]) -> tuple[Array, Array]:
+    """Information and vector of some keyframes' poses, everything else eliminated."""
+    landmark_ids = window.solved_landmarks  # one that was only just placed may be far from where it is linear
+    values = gtsam.Values(window.values)
+    for landmark_id in landmark_ids:
+        values.insert_or_assign(factors.landmark_key(landmark_id), window.landmarks.point(landmark_id))
+    poses = [factors.pose_key(number) for number in numbers]
+    left_out = {id(term) for term in without}
+    terms = [term for term in window.terms(landmark_ids) if id(term) not in left_out]
+    leaving = [key for key in window.elimination(landmark_ids) if key not in poses]
+    return evidence_of_poses(terms, leaving, poses, values)

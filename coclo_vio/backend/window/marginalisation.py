@@ -19,12 +19,12 @@ from coclo_vio.errors import SmootherError
 _FAINT = 1e-6  # information that makes undetermined directions solvable
 
 
-def evidence_of_pair(
-    terms: Iterable[Term], leaving: Sequence[int], pair: tuple[int, int], values: gtsam.Values
+def evidence_of_poses(
+    terms: Iterable[Term], leaving: Sequence[int], poses: Sequence[int], values: gtsam.Values
 ) -> tuple[Array, Array]:
-    """What ``terms`` say of two poses once ``leaving`` keys are eliminated: information (12, 12), vector (12,).
+    """What ``terms`` say of N poses once ``leaving`` keys are eliminated: information (6 N, 6 N), vector (6 N,).
 
-    Both are about the poses in ``values``; directions may be left open.
+    Both are about the poses in ``values``, in the order of their keys ``poses``; directions may be left open.
 
     Raises:
         SmootherError: something that leaves is not determined by the terms.
@@ -34,11 +34,11 @@ def evidence_of_pair(
         graph.push_back(term.factor)
     try:
         _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
-        for key in pair:  # also where nothing is said of one of them
+        for key in poses:  # also where nothing is said of one of them
             remaining.push_back(
                 gtsam.JacobianFactor(key, np.zeros((6, 6)), np.zeros(6), gtsam.noiseModel.Unit.Create(6))
             )
-        information, vector = remaining.hessian(ordered(pair))
+        information, vector = remaining.hessian(ordered(poses))
     except RuntimeError as error:
         raise SmootherError(f"what is said of the newest keyframes is not determined: {error}") from error
     return np.asarray(information), np.ravel(vector)

@@ -8,7 +8,7 @@ sensors", 2019 (VINS-Fusion); what is ours is the prior on landmarks still seen,
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import gtsam
 import numpy as np
@@ -311,9 +311,11 @@ class SlidingWindowSmoother:
         if solution is None:
             return self._restarted(window, seen.tracks, motion)
         if told.odometry is not None:
-            self._say(window, ties)
+            self._say(stamp_ns, lambda: self._exchange.note_evidence(window, ties))
         if len(window.keyframes) > self.config.keyframes:
             self._drop_oldest(window, stamp_ns)
+        if told.odometry is not None:
+            self._say(stamp_ns, lambda: self._exchange.note_belief(window))
         if self._imu is not None:
             self._imu.restart(stamp_ns, self._bias)
         used, compute_s = int(np.count_nonzero(~seen.is_wrong)), time.process_time() - began_s
@@ -321,12 +323,12 @@ class SlidingWindowSmoother:
         T, velocity = window.pose(keyframe.number), self._velocity(window, before)
         return Frame(stamp_ns, T, velocity, self._keyframe_covariance[:9, :9])
 
-    def _say(self, window: Window, ties: Sequence[factors.Term]) -> None:
+    def _say(self, stamp_ns: int, note: Callable[[], None]) -> None:
         """Note what is known of the newest keyframes, for whoever gave the odometry."""
         try:
-            self._exchange.note(window, ties)
+            note()
         except SmootherError as error:
-            self._diary.tell(window.newest.stamp_ns, "nothing_to_say", str(error))
+            self._diary.tell(stamp_ns, "nothing_to_say", str(error))
 
     def _velocity(self, window: Window, before: Keyframe) -> Array:
         if self._imu is not None:

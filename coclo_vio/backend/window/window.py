@@ -83,6 +83,7 @@ class Window:
         self.values = gtsam.Values()
         self.prior: list[Term] = []
         self._pin: Term | None = None  # holds the oldest keyframe; no knowledge, so it leaves with that keyframe
+        self._solved: frozenset[int] = frozenset()  # landmarks of the last solution
         self._held_covariance = np.zeros((6, 6))  # of where the oldest keyframe is held, right/local
         self._next_covariance = np.zeros((6, 6))  # of the one after it, relative to that
 
@@ -92,9 +93,9 @@ class Window:
         return self.keyframes[-1]
 
     @property
-    def solvable_landmarks(self) -> list[int]:
-        """Landmarks that are part of the problem."""
-        return [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
+    def solved_landmarks(self) -> list[int]:
+        """Landmarks that were solved for and still are to be: their points are where everything fits best."""
+        return [each for each, landmark in self.landmarks.items() if each in self._solved and landmark.is_solvable]
 
     @property
     def last_speed_mps(self) -> float:
@@ -140,8 +141,8 @@ class Window:
         Raises:
             SmootherError: the problem is not determined, or its solution is not finite.
         """
-        terms = [*self.terms()]
-        seen = self.solvable_landmarks
+        seen = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
+        terms = [*self.terms(seen)]
         values = gtsam.Values(self.values)
         for landmark_id in seen:
             values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
@@ -159,6 +160,7 @@ class Window:
             tolerance=self._config.tolerance,
         )
         self._take(found.values, seen)
+        self._solved = frozenset(seen)
         covariance = self._newest_covariance(found.covariance)
         rms = self._cull()
         self._place()
@@ -182,18 +184,17 @@ class Window:
             solved.erase(key)
         self.values = solved
 
-    def terms(self) -> Iterator[Term]:
-        """Everything that is known: of keyframes, of landmarks, of what has left."""
+    def terms(self, landmark_ids: Sequence[int]) -> Iterator[Term]:
+        """Everything that is known: of keyframes, of these landmarks, of what has left."""
         yield from self.prior
         if self._pin is not None:
             yield self._pin
         for keyframe in self.keyframes:
             yield from keyframe.terms
             yield from keyframe.rest_terms
-        for landmark_id, landmark in self.landmarks.items():
-            if landmark.is_solvable:
-                for number in landmark.sightings:
-                    yield self._sighting(landmark_id, number)
+        for landmark_id in landmark_ids:
+            for number in self.landmarks[landmark_id].sightings:
+                yield self._sighting(landmark_id, number)
 
     def _sighting(self, landmark_id: int, number: int) -> Term:
         term = self._cache.get((landmark_id, number))
