@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the window tells whoever measures its odometry, and a window that was told where it is."""
+
+import numpy as np
+import pytest
+import worlds
+
+from coclo_vio.arrays import Array
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.exchange import newest_belief, newest_pair
+from coclo_vio.backend.window.smoother import SlidingWindowSmoother
+from coclo_vio.backend.window.window import Window
+from coclo_vio.estimates import OdometryDelta, PoseBelief
+from coclo_vio.geometry import se3
+from coclo_vio.simulation.body_motion import BodyMotionConfig
+
+WALK = BodyMotionConfig(rest_s=0.0, walk_s=12.0, stop_s=0.0, speed_mps=0.4, curvature_per_m=0.2)
+ODOMETRY = np.diag([2e-3] * 3 + [4e-3] * 3) ** 2
+START = PoseBelief(100_000_000, worlds.pose_at(WALK, 100_000_000), np.zeros((6, 6)))
+
+
+def walked(seconds: float, *, is_told: bool = True) -> tuple[SlidingWindowSmoother, list[PoseBelief]]:
+    """A smoother after a walk of exact odometry and noisy sight, and what it said of each keyframe."""
+    smoother = SlidingWindowSmoother(worlds.RIG, uses_imu=False)
+    if is_told:
+        smoother.start_from(START)
+    said: list[PoseBelief] = []
+    for stamp_ns in worlds.stamps_ns(0.1, seconds, worlds.FRAME_NS):
+        before_ns = smoother.keyframe_ns
+        tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
+        smoother.push_tracks(tracks, None if before_ns is None else odometry(before_ns, stamp_ns))
+        if smoother.keyframe_ns != before_ns:
+            assert smoother.belief is not None
+            said.append(smoother.belief)
+    return smoother, said
+
+
+def odometry(start_ns: int, end_ns: int) -> OdometryDelta:
+    T = se3.inverse(worlds.pose_at(WALK, start_ns)) @ worlds.pose_at(WALK, end_ns)
+    return OdometryDelta(start_ns, end_ns, T, ODOMETRY)
+
+
+def window_of(smoother: SlidingWindowSmoother) -> Window:
+    assert smoother._window is not None
+    return smoother._window
+
+
+def marginal_of_end(information: Array) -> Array:
+    return np.asarray(np.linalg.inv(information)[6:, 6:])
+
+
+def test_evidence_leaves_out_the_ties_and_nothing_else() -> None:
+    smoother, _ = walked(2.5)
+    window = window_of(smoother)
+    assert 3 <= len(window.keyframes) < 10, "nothing has left the window yet"
+    ties = window.newest.terms
+    assert [type(term.factor).__name__ for term in ties] == ["BetweenFactorPose3"]
+    without, with_ties = newest_pair(window, ties), newest_pair(window, ())
+    before, newest = (window.pose(each.number) for each in window.keyframes[-2:])
+    jacobian = np.concatenate((-se3.adjoint(se3.inverse(newest) @ before), np.eye(6)), axis=1)
+    tie = jacobian.T @ np.linalg.inv(ODOMETRY) @ jacobian
+    np.testing.assert_allclose(with_ties.information - without.information, tie, rtol=2e-2, atol=1e-3 * tie.max())
+
+
+def test_the_belief_of_a_keyframe_is_what_the_pair_says_of_it() -> None:
+    window = window_of(walked(2.5)[0])
+    pair = newest_pair(window, ())
+    np.testing.assert_allclose(newest_belief(window).covariance, marginal_of_end(pair.information), rtol=1e-6)
+
+
+def test_what_is_said_is_of_the_last_keyframe_and_the_one_before() -> None:
+    smoother, said = walked(4.0)
+    assert smoother.evidence is not None
+    assert (smoother.evidence.start_ns, smoother.evidence.end_ns) == (said[-2].stamp_ns, said[-1].stamp_ns)
+    assert said[-1].stamp_ns == smoother.keyframe_ns
+
+
+def test_a_window_that_was_told_where_it_is_stays_honest_of_it() -> None:
+    _, said = walked(11.5)
+    assert len(said) > 25, "most keyframes have left the window"
+    sizes = [float(np.sqrt(np.trace(one.covariance[3:, 3:]))) for one in said]
+    assert sizes[-1] > 1.2 * sizes[5]
+    errors = [se3.log(se3.inverse(worlds.pose_at(WALK, one.stamp_ns)) @ one.T_world_body) for one in said[1:]]
+    squared = [error @ np.linalg.solve(one.covariance, error) for error, one in zip(errors, said[1:], strict=True)]
+    assert np.mean(squared) < 2.0 * 6
+    assert np.linalg.norm(errors[-1][3:]) < 0.05
+
+
+def test_evidence_of_other_times_is_refused_with_its_odometry() -> None:
+    smoother, said = walked(2.5)
+    stamp_ns = round(2.5e9)
+    tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
+    smoother.push_tracks(tracks, odometry(said[-2].stamp_ns, stamp_ns), smoother.evidence)
+    assert smoother.counts["odometry_refused"] == 1
+
+
+def test_a_window_that_was_told_nothing_has_nothing_to_say_until_there_is_odometry() -> None:
+    smoother = SlidingWindowSmoother(worlds.RIG, uses_imu=False)
+    for stamp_ns in worlds.stamps_ns(0.1, 2.0, worlds.FRAME_NS):
+        smoother.push_tracks(worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns)))
+    assert smoother.evidence is None
+    assert smoother.belief is not None
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_the_oldest_keyframe_is_held_only_where_nobody_says_where_it_is(*, is_told: bool) -> None:
+    window = window_of(walked(6.0, is_told=is_told)[0])
+    held = [term for term in window.terms(()) if term.keys == (factors.pose_key(window.keyframes[0].number),)]
+    sigma = 1e-4
+    is_pinned = any(
+        np.allclose(np.diag(term.factor.linearize(window.values).information()), sigma**-2, rtol=0.5)
+        for term in held
+        if type(term.factor).__name__ == "PriorFactorPose3"
+    )
+    assert is_pinned != is_told
