@@ -3,8 +3,8 @@
 
 ``python benchmarks/robustness.py --recordings DIR -o out/robustness.json``: trials are DIR/<trial>_<seed>, those whose
 robot or ground is another DIR/<trial>_<seed>_slippery and ..._shocks3, ..._shocks10; what is missing is simulated and
-stays there. Finished rows are kept: a run that was stopped goes on where it was. An estimator that reads no sensor
-that a fault touches has the figures of the nominal run, and is not run again.
+stays there. What is finished is kept: a run that was stopped goes on where it was, and ``--modes`` run apart add up. An
+estimator that reads no sensor that a fault touches has the figures of the nominal run, and is not run again.
 
 Recovery. The error of a moment is that of the motion over the second before it, m: the translation of the estimated
 motion less the true one. An estimator has recovered at the first moment, on a grid of 0.1 s from the end of the fault
@@ -96,29 +96,28 @@ CASES: Mapping[str, Case] = {
 }
 
 
-def suffer(name: TerrainName, seed: int, called: str, recordings: Path, nominal: Row | None) -> Row:
-    """One trial with one fault through the modes that it touches.
+def suffer(
+    name: TerrainName, seed: int, called: str, modes: tuple[str, ...], recordings: Path, usual: Mapping[str, float]
+) -> Row:
+    """One trial with one fault through some modes.
 
     Args:
         name: the trial.
         seed: of the trial.
         called: the case.
+        modes: of those that the fault touches.
         recordings: where recordings are and stay.
-        nominal: the row without a fault; None if this is it.
+        usual: for each estimator the 95th percentile of its errors without a fault, m; empty if there is none here.
     """
     case = CASES[called]
     path = _recording(name, seed, case, recordings)
     truth = read_tum(truth_folder(path) / "groundtruth.tum")
     middle_s = round(0.5 * truth.duration_s)
     fault_s = _when(case, middle_s, path)
-    usual = {} if nominal is None else {key: one["usual_m"] for key, one in nominal["estimators"].items()}
+    settings = [setting.replace("MID", str(middle_s)) for setting in case.settings]
     told: Row = {}
-    for mode, names in MODES.items():
-        if mode in case.touches:
-            settings = [setting.replace("MID", str(middle_s)) for setting in case.settings]
-            told |= _run(path, mode, settings, GroundTruth(truth, True, "truth"), fault_s, usual)
-        elif nominal is not None:
-            told |= {one: {**nominal["estimators"][one], "as_nominal": True} for one in names}
+    for mode in modes:
+        told |= _run(path, mode, settings, GroundTruth(truth, True, "truth"), fault_s, usual)
     return {"trial": name, "seed": seed, "case": called, "fault_s": fault_s, "estimators": told}
 
 
@@ -219,15 +218,24 @@ def _share_pictures(nominal: Path, shaken: Path) -> None:
 
 def summary(rows: Iterable[Row]) -> Row:
     """By trial, case and estimator: medians over seeds, failures, events, and the longest recovery."""
+    rows = tuple(rows)
+    nominal = {(row["trial"], row["seed"]): row["estimators"] for row in rows if row["case"] == "nominal"}
     by_trial: dict[str, dict[str, dict[str, list[Row]]]] = {}
     for row in rows:
         of_case = by_trial.setdefault(row["trial"], {}).setdefault(row["case"], {})
-        for name, one in row["estimators"].items():
+        for name, one in _completed(row, nominal.get((row["trial"], row["seed"]), {})).items():
             of_case.setdefault(name, []).append(one)
     return {
         trial: {case: {name: _summed(seen) for name, seen in told.items()} for case, told in cases.items()}
         for trial, cases in by_trial.items()
     }
+
+
+def _completed(row: Row, nominal: Row) -> Row:
+    """The estimators of a row, those too that its fault does not touch."""
+    touched = {name for mode in CASES[row["case"]].touches for name in MODES[mode]}
+    same = {name: {**one, "as_nominal": True} for name, one in nominal.items() if name not in touched}
+    return {**same, **row["estimators"]}
 
 
 def _summed(seen: list[Row]) -> Row:
@@ -248,7 +256,7 @@ def table(told: Row) -> str:
     lines = [f"| trial | fault | {' | '.join(ESTIMATORS)} |", "|---" * (2 + len(ESTIMATORS)) + "|"]
     for trial, cases in told.items():
         for case, estimators in cases.items():
-            cells = [_cell(estimators[name]) for name in ESTIMATORS]
+            cells = [_cell(estimators[name]) if name in estimators else "" for name in ESTIMATORS]
             lines.append(f"| {trial} | {case} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -266,15 +274,31 @@ def _cell(one: Row) -> str:
     return shown if not one["failed"] else f"{shown}, {one['failed']} of {one['seeds']} stopped early"
 
 
-def _jobs(given: argparse.Namespace, rows: list[Row]) -> Iterator[tuple[TerrainName, int, str]]:
-    """What is missing; the nominal run of a trial comes before its faults."""
-    done = {(row["trial"], row["seed"], row["case"]) for row in rows}
+def _jobs(given: argparse.Namespace, rows: list[Row]) -> Iterator[tuple[TerrainName, int, str, tuple[str, ...]]]:
+    """What is missing, and the modes that miss it; the nominal run of a trial comes before its faults."""
+    done = {_key(row): row["estimators"] for row in rows}
     for pair in given.trials.split(","):
-        name, _, seed = pair.partition(":")
-        wanted: TerrainName = next(one for one in TERRAINS if one == name)
-        for called in CASES:
-            if (name, int(seed), called) not in done:
-                yield wanted, int(seed), called
+        trial, _, seed = pair.partition(":")
+        name: TerrainName = next(one for one in TERRAINS if one == trial)
+        for called, case in CASES.items():
+            there = done.get(_key({"trial": name, "seed": int(seed), "case": called}), {})
+            asked = [mode for mode in case.touches if mode in given.modes.split(",")]
+            missing = tuple(mode for mode in asked if not set(MODES[mode]) <= set(there))
+            if missing:
+                yield name, int(seed), called, missing
+
+
+def _with(rows: list[Row], new: Row) -> list[Row]:
+    """The rows with a new one; of a case that is among them the estimators add up."""
+    same = [row for row in rows if _key(row) == _key(new)]
+    estimators = {name: one for row in [*same, new] for name, one in row["estimators"].items()}
+    return sorted([*(row for row in rows if _key(row) != _key(new)), {**new, "estimators": estimators}], key=_key)
+
+
+def _usual(rows: list[Row], name: TerrainName, seed: int) -> Row:
+    """For each estimator the 95th percentile of its errors in the nominal run of a trial, m."""
+    nominal = [row["estimators"] for row in rows if _key(row) == _key({"trial": name, "seed": seed, "case": "nominal"})]
+    return {key: one["usual_m"] for told in nominal for key, one in told.items() if "usual_m" in one}
 
 
 def _key(row: Row) -> tuple[int, int, int]:
@@ -284,8 +308,6 @@ def _key(row: Row) -> tuple[int, int, int]:
 def _line(row: Row) -> str:
     told = [f"{row['trial']} {row['seed']}, {row['case']}:"]
     for name, one in row["estimators"].items():
-        if one.get("as_nominal"):
-            continue
         shown = one["failure"] or f"{one['drift_percent']:.2f} / {one['rpe_1m_percent']:.2f} %"
         recovery = f", {one['recovery_s']} s" if "recovery_s" in one else ""
         told.append(f"{name} {shown}{recovery}, {len(one['events'])} events;")
@@ -298,18 +320,17 @@ def main() -> None:
     parser.add_argument(
         "--trials", default="ramp:12,stairs:12,flat:12,ramp:13,stairs:13", help="trial:seed, separated by commas"
     )
+    parser.add_argument("--modes", default=",".join(MODES), help="separated by commas")
     parser.add_argument("--recordings", type=Path, required=True, help="where recordings are, and stay")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/robustness.json"))
     given = parser.parse_args()
     given.output.parent.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = json.loads(given.output.read_text())["rows"] if given.output.is_file() else []
-    for name, seed, called in _jobs(given, rows):
-        nominal = next(
-            (one for one in rows if (one["trial"], one["seed"], one["case"]) == (name, seed, "nominal")), None
-        )
-        row = suffer(name, seed, called, given.recordings, nominal)
+    for name, seed, called, modes in _jobs(given, rows):
+        usual = {} if called == "nominal" else _usual(rows, name, seed)
+        row = suffer(name, seed, called, modes, given.recordings, usual)
         print(_line(row), file=sys.stderr)
-        rows = sorted([*rows, row], key=_key)
+        rows = _with(rows, row)
         text = {"summary": summary(rows), "rows": rows}
         given.output.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
     print(table(summary(rows)))
