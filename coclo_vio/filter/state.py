@@ -18,6 +18,7 @@ uncertainty. ``plain_jacobian`` leads from these errors to ordinary ones.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -38,7 +39,7 @@ POSITION = slice(23, 26)
 _BODY = 26
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots: where things stand is worked out once
 class StateLayout:
     """Where the errors of feet, contacts and cloned poses stand behind the 26 of the body.
 
@@ -53,62 +54,62 @@ class StateLayout:
     has_contacts: bool
     has_frame: bool = False
 
-    @property
+    @cached_property
     def world(self) -> slice:
         """Velocity, position and feet: all vectors that turn with the world, (2 + legs) x 3 errors."""
         return slice(VELOCITY.start, _BODY + 3 * self.legs)
 
-    @property
+    @cached_property
     def feet(self) -> slice:
         """Foot centres, world frame, m, leg by leg."""
         return slice(_BODY, _BODY + 3 * self.legs)
 
-    @property
+    @cached_property
     def contacts(self) -> slice:
         """Contact probabilities; empty where they are no states."""
         return slice(self.feet.stop, self.feet.stop + self.legs * self.has_contacts)
 
-    @property
+    @cached_property
     def clone_rotation(self) -> slice:
         """Rotation error of the cloned keyframe pose, turning its position."""
         return slice(self.contacts.stop, self.contacts.stop + 3)
 
-    @property
+    @cached_property
     def clone_position(self) -> slice:
         """Position of the cloned keyframe pose, world frame, m."""
         return slice(self.contacts.stop + 3, self.contacts.stop + 6)
 
-    @property
+    @cached_property
     def frame_rotation(self) -> slice:
         """Rotation error of the frame's pose; empty where no frame is remembered."""
         start = self.clone_position.stop
         return slice(start, start + 3 * self.has_frame)
 
-    @property
+    @cached_property
     def frame_position(self) -> slice:
         """Position of the frame's pose, world frame, m; empty where no frame is remembered."""
         start = self.frame_rotation.stop
         return slice(start, start + 3 * self.has_frame)
 
-    @property
+    @cached_property
     def anchor_rotation(self) -> slice:
         """Rotation error of the anchor; empty where no frame is remembered."""
         start = self.frame_position.stop
         return slice(start, start + 3 * self.has_frame)
 
-    @property
+    @cached_property
     def anchor_position(self) -> slice:
         """Position of the anchor, world frame, m; empty where no frame is remembered."""
         start = self.anchor_rotation.stop
         return slice(start, start + 3 * self.has_frame)
 
-    @property
+    @cached_property
     def eyes(self) -> slice:
         """How eyes see the world wrongly: turn (3, rad) and stretch (1); empty where no frame is remembered."""
         start = self.anchor_position.stop
         return slice(start, start + 4 * self.has_frame)
 
-    @property
+    @cached_property
     def dimension(self) -> int:
         """Length of the error state."""
         return int(self.eyes.stop)
