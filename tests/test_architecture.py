@@ -26,6 +26,7 @@ _IMPORTERS = {
     "typer": ("cli/",),
     "rich": ("cli/", "inspection_view.py"),
     "filterpy": ("filterpy_rival.py",),
+    "distributed": ("table/cluster.py",),
     "mujoco": ("simulation/trial/", "simulation/visuals/", "simulated_recording.py"),
 }
 
