@@ -65,9 +65,15 @@ class SquareRootFilter:
         mean = points.mean(images)
         return mean, points.rows(images - mean)
 
-    def update(self, rows: Array, noise_rows: Array, innovation: Array) -> Correction:
-        """Take a measurement whose ``observe`` gave ``rows``; ``noise_rows`` ``N`` has ``N^T N = R``."""
+    def update(
+        self, rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)
+    ) -> Correction:
+        """Take a measurement whose ``observe`` gave ``rows``; ``noise_rows`` ``N`` has ``N^T N = R``.
+
+        Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean learns nothing.
+        """
         correction = correct(self.factor, rows, noise_rows, innovation)
+        correction.step[considered] = 0.0
         self.apply(correction)
         return correction
 

@@ -14,7 +14,7 @@ from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.initialisation import UnsureFeet
 from coclo_vio.filter.observation import NO_LEG, Block
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading, press_of
-from coclo_vio.filter.state import RATE, VELOCITY, State, StateLayout
+from coclo_vio.filter.state import RATE, SLIP, VELOCITY, State, StateLayout
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
 
@@ -143,7 +143,7 @@ class RobustProfile:
         if not keep.all():
             rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
         if len(innovation):
-            core.update(rows, noise, innovation)
+            core.update(rows, noise, innovation, considered=SLIP)
         return stance
 
     def _see_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
