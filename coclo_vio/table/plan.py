@@ -16,6 +16,7 @@ from coclo_vio.bridge import BridgeConfig, Policy
 from coclo_vio.combined import BY_EYES, BY_LEGS
 from coclo_vio.errors import ConfigError, listing
 from coclo_vio.estimators import estimator_kind
+from coclo_vio.robot.description import urdf_path
 from coclo_vio.run_config import RunConfig, resolve
 from coclo_vio.simulated_recording import IDEAL_ROBOT, SIMULATED_ROBOT, SimulationConfig, simulation_config
 from coclo_vio.simulation.trial.terrain import TERRAINS, TerrainName
@@ -142,13 +143,21 @@ class TablePlan:
         simulated = [self.simulation_of(job.trial).model_dump(mode="json"), self.images, self.until_s]
         return {
             "version": __version__,
-            "configuration": _digest(job.variant.configured(self.config).model_dump(mode="json")),
+            "configuration": _digest(_told(job.variant.configured(self.config))),
             "simulation": _digest(simulated),
             "ideal": self.ideal,
             "trial": job.trial,
             "seed": job.seed,
             "variant": job.variant.name,
         }
+
+
+def _told(config: RunConfig) -> dict[str, Any]:
+    """A configuration as plain values, with what the robot's URDF says instead of where it stands."""
+    values: dict[str, Any] = config.model_dump(mode="json")
+    if config.robot is not None:
+        values["robot"]["urdf"] = hashlib.sha256(urdf_path(config.robot).read_bytes()).hexdigest()
+    return values
 
 
 def checked_trials(names: Sequence[str]) -> tuple[TerrainName, ...]:

@@ -2,6 +2,8 @@
 """What there is to do, in which order, and what makes two results different ones."""
 
 import pickle
+import shutil
+from pathlib import Path
 
 import pytest
 from short_walk import plan_of
@@ -90,3 +92,15 @@ def test_a_mode_that_is_not_there_is_refused() -> None:
     with pytest.raises(ConfigError, match="there is no mode 'cocla'"):
         checked_modes(["coclo", "cocla"])
     assert checked_modes(["vins", "coclo", "vins"]) == ("vins", "coclo")
+
+
+def test_it_does_not_matter_where_a_urdf_stands_but_what_it_says(tmp_path: Path) -> None:
+    plan = plan_of()
+    job = next(plan.jobs())
+    robot = plan.config.robot
+    assert robot is not None
+    moved = Path(shutil.copy(robot.urdf, tmp_path / "moved.urdf"))
+    elsewhere = plan.config.model_copy(update={"robot": robot.model_copy(update={"urdf": str(moved)})})
+    assert plan_of(config=elsewhere).fingerprint(job) == plan.fingerprint(job)
+    moved.write_text(moved.read_text(encoding="utf-8") + "<!-- another -->", encoding="utf-8")
+    assert plan_of(config=elsewhere).fingerprint(job) != plan.fingerprint(job)
