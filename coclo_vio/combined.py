@@ -80,12 +80,14 @@ class _Due:
     Attributes:
         at_ns: when it arrives.
         evidence: what it says; None where the filter hears nothing.
-        widening: of the filter's sigmas before it is taken.
+        widening: of the filter's sigmas where it is taken.
+        whole: all that the eyes believe of the keyframe, for a filter that gives in.
     """
 
     at_ns: int
     evidence: PoseEvidence | None
     widening: float = 1.0
+    whole: PoseEvidence | None = None
 
 
 class CombinedOdometry:
@@ -263,9 +265,10 @@ class CombinedOdometry:
         seen = self._smoother.evidence
         if self.config.feedback == "off" or seen is None:
             return _Due(at_ns, None)
-        if self.config.feedback == "decorrelated":
-            return _Due(at_ns, bridge.evidence_beyond(seen, known, self.config.least_news))
         start = PoseBelief(pair.start_ns, pair.T_world_start, pair.covariance[:6, :6])
+        if self.config.feedback == "decorrelated":
+            news = bridge.evidence_beyond(seen, known, self.config.least_news)
+            return _Due(at_ns, news, whole=bridge.of_end(start, believed))
         if self.config.feedback == "paper":
             return _Due(at_ns, bridge.of_end(start, believed))
         weight = bridge.intersection_weight(pair.covariance[6:, 6:], believed.covariance)
@@ -278,7 +281,8 @@ class CombinedOdometry:
             return
         self._due = None
         if due.evidence is not None:
-            verdict = self._legs.take_evidence(due.evidence, due.widening)
+            verdict = self._legs.take_evidence(due.evidence, due.widening, due.whole)
+            self._seen = due.evidence.end_ns, self._legs.frame_pose
             if verdict.outcome in {Outcome.REFUSED, Outcome.GAVE_IN}:
                 detail = f"what the eyes say is {verdict.squared:.0f} where {verdict.rows} is expected; " + (
                     "not believed" if verdict.outcome is Outcome.REFUSED else "they insist: the filter gives in"

@@ -65,15 +65,12 @@ class SquareRootFilter:
         mean = points.mean(images)
         return mean, points.rows(images - mean)
 
-    def update(
-        self, rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)
-    ) -> Correction:
+    def update(self, rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)) -> Correction:
         """Take a measurement whose ``observe`` gave ``rows``; ``noise_rows`` ``N`` has ``N^T N = R``.
 
         Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean learns nothing.
         """
-        correction = correct(self.factor, rows, noise_rows, innovation)
-        correction.step[considered] = 0.0
+        correction = correct(self.factor, rows, noise_rows, innovation, considered)
         self.apply(correction)
         return correction
 
@@ -119,16 +116,19 @@ class SquareRootFilter:
         along[RATE] = np.concatenate((turning, moving)).T
         along[VELOCITY, 3:] = np.eye(3) * dt_s
         self._copy([(layout.frame_rotation, ROTATION), (layout.frame_position, POSITION)], along)
-        self._widen([(layout.frame_rotation, noise[0]), (layout.frame_position, noise[1])])
         self.mean = replace(mean, vector=vector, frame_rotation=mean.rotation @ so3.exp(vector[RATE] * dt_s))
+        self._widen_frame(*noise)
 
-    def _widen(self, sigmas: Sequence[tuple[slice, float]]) -> None:
-        """Independent noise on some errors."""
-        rows = np.zeros_like(self.factor)
-        for at, sigma in sigmas:
-            rows[at, at] = sigma * np.eye(at.stop - at.start)
-        if rows.any():
-            self.factor = lower_factor(np.concatenate((self.factor.T, rows)))
+    def _widen_frame(self, turn_rad: float, way_m: float) -> None:
+        """Independent noise on the frame's pose; what turns it leaves its place where it is."""
+        if turn_rad == 0.0 and way_m == 0.0:
+            return
+        layout = self.mean.layout
+        rows = np.zeros((6, len(self.factor)))
+        rows[:3, layout.frame_rotation] = turn_rad * np.eye(3)
+        rows[:3, layout.frame_position] = turn_rad * so3.hat(self.mean.vector[layout.frame_position]).T
+        rows[3:, layout.frame_position] = way_m * np.eye(3)
+        self.factor = lower_factor(np.concatenate((self.factor.T, rows)))
 
     def keep_frame(self) -> None:
         """The frame's pose becomes the cloned one."""

@@ -18,6 +18,7 @@ from coclo_vio.config import StageConfig
 from coclo_vio.estimates import PoseEvidence
 from coclo_vio.filter.cloning import weigh
 from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.square_root import Correction
 
 
 class GateConfig(StageConfig):
@@ -63,8 +64,15 @@ class EvidenceGate:
         self._refusals = 0
         self.counts: Counter[str] = Counter()
 
-    def take(self, core: SquareRootFilter, evidence: PoseEvidence) -> Verdict:
-        """Correct the filter by evidence on keyframe and frame, if it may be believed."""
+    def take(self, core: SquareRootFilter, evidence: PoseEvidence, whole: PoseEvidence | None = None) -> Verdict:
+        """Correct the filter by evidence on keyframe and frame, if it may be believed.
+
+        Args:
+            core: the filter.
+            evidence: what is new.
+            whole: all that the other side believes: taken in place of the evidence where the filter gives in, so that
+                what was refused before is made good.
+        """
         surprise, correction = weigh(core, evidence)
         if correction is None:
             return self._verdict(Outcome.EMPTY, surprise.squared, surprise.rows)
@@ -75,12 +83,20 @@ class EvidenceGate:
             if self._refusals <= self._config.patience:
                 return self._verdict(Outcome.REFUSED, surprise.squared, surprise.rows)
             outcome = Outcome.GAVE_IN
-            core.factor = core.factor * float((surprise.squared / surprise.rows) ** 0.5)
-            _, correction = weigh(core, evidence)
-            assert correction is not None
+            correction = self._widened_for(core, evidence if whole is None else whole)
         self._refusals = 0
         core.apply(correction)
         return self._verdict(outcome, surprise.squared, surprise.rows)
+
+    @staticmethod
+    def _widened_for(core: SquareRootFilter, evidence: PoseEvidence) -> Correction:
+        """Widen the filter by as much as the evidence surprises it, and weigh it again."""
+        surprise, correction = weigh(core, evidence)
+        if correction is not None and surprise.squared > surprise.rows:
+            core.factor = core.factor * float((surprise.squared / surprise.rows) ** 0.5)
+            _, correction = weigh(core, evidence)
+        assert correction is not None, "evidence that surprises says something"
+        return correction
 
     def _verdict(self, outcome: Outcome, squared: float, rows: int) -> Verdict:
         self.counts[f"feedback_{outcome.value}"] += 1

@@ -13,7 +13,7 @@ from coclo_vio.estimates import FootState, NavState, OdometryDelta, PoseEvidence
 from coclo_vio.filter.cloning import correct_clone, delta_from_clone, frame_pair, placed
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.feedback import EvidenceGate, Verdict
+from coclo_vio.filter.feedback import EvidenceGate, Outcome, Verdict
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.intake import Intake
 from coclo_vio.filter.paper import PaperProfile
@@ -51,7 +51,8 @@ class LegOdometryFilter:
         Args:
             robot: whose legs they are.
             config: of the filter; the robot's own if None.
-            remembers_frames: keep a second pose in the state, that of a camera frame, for ``mark_frame``.
+            remembers_frames: keep two more poses in the state, of a camera frame and of the anchor, and what is wrong
+                with the cameras, for ``mark_frame``.
         """
         self.config = config or FilterConfig.of_robot(robot.description)
         self._counts: Counter[str] = Counter()
@@ -174,7 +175,7 @@ class LegOdometryFilter:
         dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
         core.mark_frame(dt_s, self._wandering(dt_s))
         self._frame_ns = stamp_ns
-        return se3.transform(core.mean.frame_rotation, core.mean.vector[core.mean.layout.frame_position])
+        return self.frame_pose
 
     def _wandering(self, dt_s: float) -> tuple[float, float]:
         """One sigma of turn (rad) and way (m) beyond steady motion; nothing between two samples."""
@@ -222,12 +223,15 @@ class LegOdometryFilter:
         core, frame_ns = self._marked()
         return frame_pair(core, self._cloned()[1], frame_ns)
 
-    def take_evidence(self, evidence: PoseEvidence, widening: float = 1.0) -> Verdict:
+    def take_evidence(
+        self, evidence: PoseEvidence, widening: float = 1.0, whole: PoseEvidence | None = None
+    ) -> Verdict:
         """Correct everything by what is known from outside of keyframe and frame, however late it comes.
 
         Args:
             evidence: of the poses, from the anchor, of the keyframe and the frame that are remembered.
-            widening: the filter's own sigmas of rotation and places are multiplied by this first.
+            widening: the filter's own sigmas of rotation and places are multiplied by this where it is believed.
+            whole: all that is believed outside, for a filter that gives in.
 
         Raises:
             FilterError: the evidence is of other times.
@@ -239,8 +243,22 @@ class LegOdometryFilter:
                 f"evidence of {of_ns} ns came while {(self._clone_ns, frame_ns)} ns are remembered; "
                 "mark_frame, take_evidence and keep_frame go together"
             )
+        before = core.factor
         core.widen_places(widening)
-        return self._gate.take(core, evidence)
+        verdict = self._gate.take(core, evidence, whole)
+        if verdict.outcome in {Outcome.REFUSED, Outcome.EMPTY}:
+            core.factor = before
+        return verdict
+
+    @property
+    def frame_pose(self) -> Array:
+        """``T_world_body`` of the frame as it is believed now, (4, 4).
+
+        Raises:
+            FilterError: no frame has been marked.
+        """
+        mean = self._marked()[0].mean
+        return se3.transform(mean.frame_rotation, mean.vector[mean.layout.frame_position])
 
     def _marked(self) -> tuple[SquareRootFilter, int]:
         core = self._started()

@@ -15,7 +15,7 @@ Two exact savings, neither of which changes a result:
   columns need both points.
 
 Since the distance of the flat points does not matter, the curved ones alone decide how wide the points have to lie
-for the weights to stay non-negative: sqrt(7) instead of sqrt(43) standard deviations for six legs.
+for the weights to stay non-negative: sqrt(7) instead of sqrt(50) standard deviations for six legs.
 """
 
 from dataclasses import dataclass
@@ -96,16 +96,21 @@ class Correction:
     innovation_squared: float
 
 
-def correct(factor: Array, observed_rows: Array, noise_rows: Array, innovation: Array) -> Correction:
+def correct(
+    factor: Array, observed_rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)
+) -> Correction:
     """Measurement update: one QR yields the innovation factor, the gain and the new factor together.
 
-    The triangle of ``[[A_y, A_x], [R^(1/2), 0]]`` is ``[[S_y^T, (gain S_y)^T], [0, S_new^T]]``.
+    The triangle of ``[[A_y, A_x], [R^(1/2), 0]]`` is ``[[S_y^T, (gain S_y)^T], [0, S_new^T]]``. Errors that are only
+    considered (Schmidt, 1966) take no step, and what the step would have told of them is added back: with a gain that
+    is wrong by ``D``, the covariance is larger by ``D S_y S_y^T D^T``.
 
     Args:
         factor: lower factor of the prior, (L, L); its transpose is ``A_x``, padded with zeros.
         observed_rows: ``SigmaSpread.rows`` of the predicted measurements, (L + extra, M).
         noise_rows: ``N`` with ``N^T N = R``, (M, M).
         innovation: measured less predicted, (M,).
+        considered: errors whose mean learns nothing.
     """
     length, width = len(factor), len(innovation)
     observed = len(observed_rows)
@@ -117,4 +122,8 @@ def correct(factor: Array, observed_rows: Array, noise_rows: Array, innovation: 
     whitened, _ = lapack.dtrtrs(triangle[:width, :width], innovation, lower=0, trans=1)
     step = triangle[:width, width:].T @ whitened
     new_factor = np.ascontiguousarray(np.triu(triangle[width : width + length, width:]).T)
+    if considered.stop > considered.start:
+        forgone = np.zeros((width, length))
+        forgone[:, considered] = triangle[:width, width:][:, considered]
+        new_factor, step[considered] = lower_factor(np.concatenate((new_factor.T, forgone))), 0.0
     return Correction(step, new_factor, float(whitened @ whitened))

@@ -5,10 +5,10 @@ Paper section III-B lists position, velocity, quaternion, angular velocity, gyro
 contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
 here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
 ``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
-Three states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), how far a leg gives
-under the load from which it stands (``LEG_GIVE``, m), and how all standing feet seem to slip together (``SLIP_TURN``,
-rad/m, and ``SLIP``, a share of the body's speed, both in body axes). They stay zero and certain where they are not
-estimated.
+Four kinds of states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), how far a leg
+gives under the load from which it stands (``LEG_GIVE``, m), and how all standing feet seem to slip together
+(``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, both in body axes) stay zero and certain where they
+are not estimated; what is wrong with the cameras is there where frames are remembered, in either profile.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
 ``v = exp(e) (v_mean + e_v)`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The

@@ -94,6 +94,33 @@ def test_a_frame_between_samples_is_where_the_body_goes_by_then() -> None:
     np.testing.assert_allclose(core.factor[ROTATION] @ now.T, across, rtol=5e-3, atol=2e-8)
 
 
+@pytest.mark.parametrize("away_m", [0.0, 20.0])
+def test_an_unsure_turn_leaves_the_frame_where_it_is(away_m: float) -> None:
+    """A body that may have turned by anything since the last sample has not moved for that, however far it is away."""
+    core = random_filter(11, sigma=1e-3)
+    core.mean.vector[POSITION] = (away_m, 0.0, 0.0)
+
+    def spread() -> Array:
+        at, R = core.mean.vector[LAYOUT.frame_position], core.mean.frame_rotation
+        rows = (R.T @ (core.factor[LAYOUT.frame_position] - so3.hat(at) @ core.factor[LAYOUT.frame_rotation])).T
+        return np.asarray(rows.T @ rows)
+
+    core.mark_frame(0.0)
+    before = spread()
+    core.mark_frame(0.0, noise=(0.1, 0.0))
+    np.testing.assert_allclose(spread(), before, atol=1e-9)
+    assert np.sqrt(core.variance(LAYOUT.frame_rotation)).min() > 0.09
+
+
+def test_a_filter_that_gives_in_makes_good_what_it_refused() -> None:
+    core = random_filter(12, sigma=1e-3)
+    gate = EvidenceGate(GateConfig(patience=1))
+    step = of_pair(core, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]), 1e-3)
+    whole = of_pair(core, np.array([0.0, 0.0, 0.0, 0.3, 0.0, 0.0]), 1e-3)
+    assert [gate.take(core, step, whole).outcome for _ in range(2)] == [Outcome.REFUSED, Outcome.GAVE_IN]
+    assert se3.log(se3.inverse(step.T_world_end) @ _pair(core.mean)[1])[3] == pytest.approx(0.3, abs=0.02)
+
+
 def of_pair(core: SquareRootFilter, shift: Array, sigma: float) -> PoseEvidence:
     """The frame is ``shift`` (6,) away from where the filter has it."""
     T_start, T_end, _ = _pair(core.mean)

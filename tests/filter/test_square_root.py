@@ -145,3 +145,19 @@ def test_lower_factor_is_lower_and_keeps_the_covariance(seed: int, extra: int) -
     factor = lower_factor(rows)
     assert np.array_equal(factor, np.tril(factor))
     np.testing.assert_allclose(factor @ factor.T, rows.T @ rows, atol=1e-11)
+
+
+def test_what_is_only_considered_keeps_its_mean_and_costs_the_others_what_it_should() -> None:
+    """Joseph's form with the gain of two errors set to zero."""
+    random = np.random.default_rng(21)
+    root = random.normal(size=(6, 6))
+    prior, H, R = root @ root.T, random.normal(size=(3, 6)), 0.1 * np.eye(3)
+    factor, innovation = np.linalg.cholesky(prior), random.normal(size=3)
+    considered = slice(2, 4)
+    told = correct(factor, (H @ factor).T, np.sqrt(0.1) * np.eye(3), innovation, considered)
+    gain = prior @ H.T @ np.linalg.inv(H @ prior @ H.T + R)
+    gain[considered] = 0.0
+    rest = np.eye(6) - gain @ H
+    np.testing.assert_allclose(told.step, gain @ innovation, atol=1e-12)
+    np.testing.assert_allclose(told.factor @ told.factor.T, rest @ prior @ rest.T + gain @ R @ gain.T, atol=1e-9)
+    np.testing.assert_allclose(np.diag(told.factor @ told.factor.T)[considered], np.diag(prior)[considered])
