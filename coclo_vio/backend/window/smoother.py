@@ -289,8 +289,9 @@ class SlidingWindowSmoother:
             rate, sigma = self._standstill.add(stamp_ns, quiet)
             speed = self.config.standstill.velocity_mps
             window.newest.rest_terms = [*factors.rest(number, speed, rate, sigma)]
+            unseen = self._unseen_covariance(window, seen.motion)
             if self._try_to_solve(window, stamp_ns) is None:
-                return self._restarted(window, seen.tracks, seen.motion)
+                return self._restarted(seen.tracks, seen.motion, unseen)
         if self._imu.start_ns is None or stamp_ns - self._imu.start_ns > 2 * _REST_TIE_NS:
             self._imu.restart(stamp_ns - _REST_TIE_NS, self._bias)
         return Frame(stamp_ns, window.pose(number), window.velocity(number), self._keyframe_covariance[:9, :9])
@@ -299,6 +300,7 @@ class SlidingWindowSmoother:
         """A new keyframe: the window with it solved, the oldest one marginalised."""
         began_s = time.process_time()
         before, stamp_ns, motion = window.newest, seen.tracks.stamp_ns, seen.motion
+        unseen = self._unseen_covariance(window, motion)
         ties = [*self._expectation.ties(window, stamp_ns, motion, told, self._bias)]
         keyframe = Keyframe(before.number + 1, stamp_ns, seen.tracks, list(ties))
         if self._imu is not None and not self._expectation.has_inertial_tie:
@@ -309,7 +311,7 @@ class SlidingWindowSmoother:
             window.set_inertial(keyframe.number, motion.velocity_world, self._bias)
         solution = self._try_to_solve(window, stamp_ns)
         if solution is None:
-            return self._restarted(window, seen.tracks, motion)
+            return self._restarted(seen.tracks, motion, unseen)
         if told.odometry is not None:
             self._say(stamp_ns, lambda: self._exchange.note_evidence(window, ties))
         if len(window.keyframes) > self.config.keyframes:
@@ -356,10 +358,10 @@ class SlidingWindowSmoother:
             self._keyframe_covariance[6:9, 6:9] = np.eye(3) * self.config.motion.acceleration_mps2**2 * 0.01
         return solution
 
-    def _restarted(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
-        """A window anew from where the body is expected."""
+    def _restarted(self, tracks: StereoTracks, motion: Motion, covariance: Array) -> Frame:
+        """A window anew from where the body is expected, with the covariance (9, 9) that this had before solving."""
         self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where the body was expected")
-        return self._begin(tracks, motion.T_world_body, self._unseen_covariance(window, motion), motion.velocity_world)
+        return self._begin(tracks, motion.T_world_body, covariance, motion.velocity_world)
 
     def _lost(self, window: Window, tracks: StereoTracks, motion: Motion) -> Frame:
         """Blind for so long that what the IMU says of velocity is worth less than that bodies stop."""
