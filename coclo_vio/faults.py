@@ -4,7 +4,6 @@
 Between a reader and an estimator, one measurement at a time. Ground truth is left alone.
 """
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
@@ -18,6 +17,7 @@ from coclo_vio.measurements import ALL_SENSORS, JointSample, Measurement, Sight,
 from coclo_vio.robot.description import RobotDescription
 
 _NS_PER_S = 1_000_000_000
+_LONGEST_S = 1e9  # thirty years
 _QUOTES = "; quote it, YAML takes 20:5 for a number of base 60"
 Read = Callable[[frozenset[type]], Iterator[Measurement]]  # from the beginning each time, as Dataset.measurements
 
@@ -46,8 +46,10 @@ class Span:
             start_s, duration_s = float(start), float(seconds)
         except ValueError as error:
             raise ValueError(f"{text!r} is no START:SECONDS, such as 20:5 for five seconds") from error
-        if not (math.isfinite(start_s + duration_s) and start_s >= 0.0 and duration_s > 0.0):
-            raise ValueError(f"{text!r}: START must be at least 0 and SECONDS above 0, such as 20:5")
+        if not (0.0 <= start_s <= _LONGEST_S and 0.0 < duration_s <= _LONGEST_S):
+            raise ValueError(
+                f"{text!r}: START must be at least 0 and SECONDS above 0, neither above {_LONGEST_S:.0e}, such as 20:5"
+            )
         return cls(round(start_s * _NS_PER_S), round((start_s + duration_s) * _NS_PER_S))
 
     def __contains__(self, after_ns: int) -> bool:

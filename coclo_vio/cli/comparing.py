@@ -158,7 +158,8 @@ def _finish(outcomes: Sequence[_Outcome], output: Path, failed: Sequence[str] = 
     compared = {outcome.plan.name: outcome.compared for outcome in outcomes}
     if len(outcomes) + len(failed) > 1 and outcomes:
         print_table_one(TableOne.of({name: one.evaluations for name, one in compared.items()}))
-        give(f"report: {comparison.write_comparisons(output, f'{len(outcomes)} recordings', compared)}")
+        title = "1 recording" if len(outcomes) == 1 else f"{len(outcomes)} recordings"
+        give(f"report: {comparison.write_comparisons(output, title, compared)}")
     elif outcomes:
         give(f"report: {outcomes[0].report}")
     if outcomes and not can_draw():

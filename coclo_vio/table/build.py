@@ -26,11 +26,11 @@ def unfinished(plan: TablePlan, recordings: Recordings, store: JobStore, *, fres
     Raises:
         DatasetError: finished jobs or recordings were made otherwise, or a folder cannot be made.
     """
+    recordings.check()
     if fresh:
         store.forget()
     store.prepare()
     kept = store.kept(plan)
-    recordings.check()
     return units(plan, recordings, store, kept)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal
 
-from coclo_vio.errors import CocloError
 from coclo_vio.table.job import failed, run_job, sentence
 from coclo_vio.table.plan import Job, TablePlan
 from coclo_vio.table.recordings import Recordings
@@ -68,7 +67,7 @@ def run_unit(unit: WorkUnit, tell: Listener) -> None:
         if not unit.recordings.is_there(first.trial, first.seed):
             tell(News("simulating", unit.name))
             unit.recordings.make(first.trial, first.seed)
-    except CocloError as error:
+    except Exception as error:  # a simulation that breaks down costs its own jobs and no other
         reason = sentence(error, unit.recordings)
     all_well = True
     for job in unit.jobs:
