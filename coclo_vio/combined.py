@@ -93,9 +93,9 @@ class _Due:
 class CombinedOdometry:
     """The estimate of the legs, corrected by the eyes, at every joint sample; that of the eyes at every frame.
 
-    ``push`` gives the former; ``take_others`` the latter, under its own name. Whichever of the two fails, the other
-    carries on: without sight the filter runs alone and ties the first keyframe that sees again; legs that say
-    nothing leave a wide tie, and the eyes hold.
+    ``push`` gives the former; ``take_others`` the latter, under its own name. Whichever of the two says nothing, the
+    other carries on: without sight the filter runs alone and ties the first keyframe that sees again; legs that say
+    nothing leave a wide tie, and the eyes hold. Frames before the filter has started are left out.
 
     Invariant: the filter remembers the smoother's last keyframe, and the frame that is being looked at.
     """
@@ -129,6 +129,7 @@ class CombinedOdometry:
         self._known_by_legs: PoseBelief | None = None  # the same, once the eyes had told what they know
         self._seen: tuple[int, Array] | None = None  # stamp and pose of the last frame, by the filter
         self._due: _Due | None = None
+        self._felt: StateEstimate | None = None  # the filter's last estimate
         self._answers: deque[StateEstimate] = deque()
         self._others: list[tuple[str, StateEstimate]] = []
         self._events: list[Event] = []
@@ -182,6 +183,7 @@ class CombinedOdometry:
                 self._feed_back(measurement.stamp_ns)
                 estimate = self._legs.push(measurement)
                 if estimate is not None:
+                    self._felt = estimate
                     self._answers.append(estimate)
             case StereoFrame() | StereoTracks():
                 self._look(measurement)
@@ -235,13 +237,14 @@ class CombinedOdometry:
         self._known_by_eyes = self._known_by_legs = self._smoother.belief
 
     def _answer(self, estimate: StateEstimate | None) -> None:
-        """Put an estimate of the smoother into the filter's world."""
-        if estimate is None:
+        """Put an estimate of the smoother into the filter's world; rate, velocity and biases are the filter's own."""
+        if estimate is None or self._felt is None:
             return
-        nav, covariance = estimate.nav, np.array(estimate.covariance)
-        T_world_body, covariance[:6, :6] = self._legs.placed(nav.T_world_body, covariance[:6, :6])
-        velocity = T_world_body[:3, :3] @ nav.T_world_body[:3, :3].T @ nav.velocity_world
-        nav = replace(nav, T_world_body=T_world_body, velocity_world=velocity)
+        covariance = np.zeros((9, 9))
+        T_seen, seen_covariance = estimate.nav.T_world_body, estimate.covariance[:6, :6]
+        T_world_body, covariance[:6, :6] = self._legs.placed(T_seen, seen_covariance)
+        covariance[6:, 6:] = self._felt.covariance[6:, 6:]
+        nav = replace(self._felt.nav, T_world_body=T_world_body)
         self._others.append((BY_EYES, replace(estimate, nav=nav, covariance=covariance)))
 
     def _tie(self, tracks: StereoTracks, known: PoseBelief) -> None:

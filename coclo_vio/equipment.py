@@ -155,7 +155,7 @@ def default_mode(path: Path, config: RunConfig) -> str:
 
 
 def compared_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
-    """The modes that suit a recording, the best first: those of its legs, and of eyes whose calibration is known.
+    """The modes that suit a recording: those of its legs, of eyes whose calibration is known, and of both.
 
     Raises:
         DatasetError: no such path, or no known format.
