@@ -165,7 +165,7 @@ def recovery_s(moments_s: Array, errors_m: Array, end_s: float, usual_m: float) 
         if len(ahead) <= steps:
             return None
         if (ahead <= usual_m).all():
-            return max(float(moments_s[start]) - end_s, 0.0)
+            return max(round(float(moments_s[start]) - end_s, 3), 0.0)
     return None
 
 

@@ -174,6 +174,7 @@ def test_a_recording_of_images_alone_counts_from_its_first() -> None:
         ("faults.blackouts=['-1:5']", "START must be at least 0 and SECONDS above 0"),
         ("faults.silent_joints=['1:nan']", "START must be at least 0 and SECONDS above 0"),
         ("faults.blackouts=['1e300:5']", "neither above 1e+09"),
+        ("faults.blackouts=['1:1e300']", "neither above 1e+09"),
         ("faults.frozen_legs=[leg1]", "'leg1' is no LEG:START:SECONDS, such as leg1:20:3"),
         ("faults.frozen_legs=[7]", "must be text LEG:START:SECONDS"),
         ("faults.frame_loss=1.5", "less than or equal to 1"),
