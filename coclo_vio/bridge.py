@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from coclo_vio.arrays import Array
 from coclo_vio.config import StageConfig
+from coclo_vio.errors import SmootherError
 from coclo_vio.estimates import PoseBelief, PoseEvidence, PosePair
 from coclo_vio.geometry import se3
 
@@ -60,9 +61,15 @@ def news(information: Array, vector: Array, known: Array, known_vector: Array, l
         known: information of what is known, (n, n).
         known_vector: ``known @ mean``, (n,).
         least: share of the belief below which nothing is new.
+
+    Raises:
+        SmootherError: the belief is not positive definite.
     """
     scale = np.trace(information) / len(information)
-    lower = np.linalg.cholesky(information + _JITTER * scale * np.eye(len(information)))
+    try:
+        lower = np.linalg.cholesky(information + _JITTER * scale * np.eye(len(information)))
+    except np.linalg.LinAlgError as error:
+        raise SmootherError("a belief of two keyframes is not positive definite, nothing is told of it") from error
     half = np.linalg.solve(lower, information - known)
     shares, axes = np.linalg.eigh(_symmetric(np.linalg.solve(lower, half.T)))
     kept = shares > least
@@ -141,4 +148,8 @@ def _symmetric(matrix: Array) -> Array:
 
 
 def _inverse(covariance: Array) -> Array:
-    return _symmetric(np.asarray(np.linalg.inv(covariance), dtype=np.float64))
+    try:
+        inverse = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    except np.linalg.LinAlgError as error:
+        raise SmootherError("the covariance of a keyframe is singular, nothing is told of it") from error
+    return _symmetric(inverse)

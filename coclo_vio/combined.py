@@ -18,6 +18,7 @@ from coclo_vio.arrays import Array, ByteImage
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.bridge import BridgeConfig
 from coclo_vio.calibration import StereoCalibration
+from coclo_vio.errors import SmootherError
 from coclo_vio.estimates import (
     Event,
     KeyframeHealth,
@@ -250,13 +251,25 @@ class CombinedOdometry:
     def _tie(self, tracks: StereoTracks, known: PoseBelief) -> None:
         """A frame after a keyframe: the filter's motion since then goes along."""
         pair = self._legs.frame_pair()
-        told = bridge.legs_evidence(pair, self._known_by_legs, self.config) if self._exchanges else None
+        told = self._told(pair) if self._exchanges else None
         self._answer(self._smoother.push_tracks(tracks, _motion(pair, self.config.floor_m), told))
         believed = self._smoother.belief
         if believed is None or believed.stamp_ns != tracks.stamp_ns:
             return
-        self._due = self._result(pair, known, believed)
+        try:
+            self._due = self._result(pair, known, believed)
+        except SmootherError as error:
+            self._due = _Due(believed.stamp_ns + self._latency_ns, None)
+            self._events.append(Event(believed.stamp_ns, "nothing_to_say", str(error)))
         self._known_by_eyes = believed
+
+    def _told(self, pair: PosePair) -> PoseEvidence | None:
+        """What the legs tell the window; None where that cannot be worked out: their motion alone goes along then."""
+        try:
+            return bridge.legs_evidence(pair, self._known_by_legs, self.config)
+        except SmootherError as error:
+            self._events.append(Event(pair.end_ns, "nothing_to_say", str(error)))
+            return None
 
     @property
     def _exchanges(self) -> bool:

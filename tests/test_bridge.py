@@ -8,7 +8,7 @@ import pytest
 
 from coclo_vio.arrays import Array
 from coclo_vio.bridge import BridgeConfig, evidence_beyond, intersection_weight, legs_evidence, news, of_end
-from coclo_vio.errors import ConfigError
+from coclo_vio.errors import ConfigError, SmootherError
 from coclo_vio.estimates import PoseBelief, PoseEvidence, PosePair
 from coclo_vio.geometry import se3
 
@@ -320,3 +320,11 @@ def test_a_plain_off_of_yaml_is_understood() -> None:
     assert BridgeConfig.parse({"feedback": False}, "file").feedback == "off"
     with pytest.raises(ConfigError, match="feedback"):
         BridgeConfig.parse({"feedback": "on"}, "file")
+
+
+def test_a_belief_that_is_none_is_a_sentence() -> None:
+    with pytest.raises(SmootherError, match="not positive definite"):
+        news(-np.eye(12), np.zeros(12), np.eye(12), np.zeros(12), 1e-4)
+    singular = PoseBelief(0, np.eye(4), np.zeros((6, 6)))
+    with pytest.raises(SmootherError, match="singular"):
+        of_end(singular, singular)
