@@ -67,12 +67,16 @@ class DenseFilter:
     def variance(self, errors: slice) -> np.ndarray:
         return np.diag(self.covariance)[errors]
 
-    def update(self, rows: np.ndarray, noise_rows: np.ndarray, innovation: np.ndarray) -> None:
+    def update(
+        self, rows: np.ndarray, noise_rows: np.ndarray, innovation: np.ndarray, considered: slice = slice(0, 0)
+    ) -> None:
         """``rows`` are columns of what ``observe`` gave; the places of these columns are found again."""
         kept = [int(np.flatnonzero((self._rows == column[:, None]).all(axis=0))[0]) for column in rows.T]
         S = rows.T @ rows + noise_rows.T @ noise_rows
-        gain = np.linalg.solve(S, self._cross[:, kept].T).T
-        covariance = self.covariance - gain @ S @ gain.T
+        cross = self._cross[:, kept]
+        gain = np.linalg.solve(S, cross.T).T
+        gain[considered] = 0.0
+        covariance = self.covariance - gain @ cross.T - cross @ gain.T + gain @ S @ gain.T
         self.covariance = 0.5 * (covariance + covariance.T)
         self.mean = self.mean.corrected(gain @ innovation)
 
