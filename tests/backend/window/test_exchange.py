@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the window tells whoever measures its odometry, and a window that was told where it is."""
 
+import gtsam
 import numpy as np
 import pytest
 import worlds
@@ -10,6 +11,7 @@ from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.exchange import newest_belief, newest_pair
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.backend.window.window import Window
+from coclo_vio.errors import SmootherError
 from coclo_vio.estimates import OdometryDelta, PoseBelief
 from coclo_vio.geometry import se3
 from coclo_vio.simulation.body_motion import BodyMotionConfig
@@ -113,3 +115,28 @@ def test_the_oldest_keyframe_is_held_only_where_nobody_says_where_it_is(*, is_to
         if type(term.factor).__name__ == "PriorFactorPose3"
     )
     assert is_pinned != is_told
+
+
+def test_a_restart_is_as_unsure_as_the_last_keyframe_and_the_motion_since(monkeypatch: pytest.MonkeyPatch) -> None:
+    smoother, said = walked(3.0)
+
+    def runs_away(window: Window) -> None:
+        window.values.update(factors.pose_key(window.newest.number), gtsam.Pose3(se3.exp(np.full(6, 50.0))))
+        raise SmootherError("not determined")
+
+    monkeypatch.setattr(Window, "solve", runs_away)
+    smoother.take_events()
+    before_ns = said[-1].stamp_ns
+    for stamp_ns in worlds.stamps_ns(3.0, 4.0, worlds.FRAME_NS):
+        tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
+        smoother.push_tracks(tracks, odometry(before_ns, stamp_ns))
+        if smoother.keyframe_ns != before_ns:
+            break
+    assert [event.kind for event in smoother.take_events()] == ["solver_failed", "restart"]
+    belief = smoother.belief
+    assert belief is not None
+    assert smoother.evidence is None
+    own, motion = np.trace(said[-1].covariance[3:, 3:]), np.trace(ODOMETRY[3:, 3:])
+    assert motion < np.trace(belief.covariance[3:, 3:]) < 2.0 * (own + motion)
+    error = se3.log(se3.inverse(worlds.pose_at(WALK, belief.stamp_ns)) @ belief.T_world_body)
+    assert np.linalg.norm(error[3:]) < 0.05
