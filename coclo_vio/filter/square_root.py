@@ -123,7 +123,9 @@ def correct(
     step = triangle[:width, width:].T @ whitened
     new_factor = np.ascontiguousarray(np.triu(triangle[width : width + length, width:]).T)
     if considered.stop > considered.start:
-        forgone = np.zeros((width, length))
-        forgone[:, considered] = triangle[:width, width:][:, considered]
+        few = considered.stop - considered.start
+        gained = lower_factor(np.concatenate((triangle[:width, width:][:, considered], np.zeros((few, few)))))
+        forgone = np.zeros((few, length))
+        forgone[:, considered] = gained.T
         new_factor, step[considered] = lower_factor(np.concatenate((new_factor.T, forgone))), 0.0
     return Correction(step, new_factor, float(whitened @ whitened))
