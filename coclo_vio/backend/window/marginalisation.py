@@ -40,7 +40,7 @@ def evidence_of_poses(
             )
         information, vector = remaining.hessian(ordered(poses))
     except RuntimeError as error:
-        raise SmootherError(f"what is said of the newest keyframes is not determined: {first_sentence(error)}") from error
+        raise SmootherError(f"what is said of keyframes is not determined: {first_sentence(error)}") from error
     return np.asarray(information), np.ravel(vector)
 
 
