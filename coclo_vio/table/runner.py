@@ -9,16 +9,16 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for
 from multiprocessing.queues import Queue
 from queue import Empty
 from threading import Thread
 from types import FrameType
 
+from coclo_vio.environment import environment
 from coclo_vio.errors import DatasetError
 from coclo_vio.table.work import Listener, News, WorkUnit, run_unit
 
@@ -50,7 +50,7 @@ def run_in_processes(work: Sequence[WorkUnit], workers: int, tell: Listener) -> 
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=(news,))
     try:
-        with _environment(_ONE_THREAD):  # processes are started while work is handed in, and inherit it
+        with environment(_ONE_THREAD):  # processes are started while work is handed in, and inherit it
             pending = {pool.submit(_work, unit) for unit in work}
             _follow(pending, news, tell)
     except BrokenProcessPool as error:
@@ -139,18 +139,3 @@ def _work(unit: WorkUnit) -> None:
         _BUSY.clear()
         if _STOPPING:
             _go()
-
-
-@contextmanager
-def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """The variables set for processes started inside, and put back as they were."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -2,17 +2,16 @@
 """All stereo frames of a trial: drawn in parallel processes, handed on in order, never many at a time."""
 
 import multiprocessing
-import os
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from coclo_vio.arrays import Array, IntArray, checked
+from coclo_vio.environment import environment
 from coclo_vio.measurements import EncodedStereoFrame
 from coclo_vio.simulation.visuals import render_worker
 from coclo_vio.simulation.visuals.config import CameraConfig
@@ -70,7 +69,7 @@ def _drawn(
     done = 0
     try:
         while starts or pending:
-            with _environment(settings(backend)):  # processes are started while jobs are handed in, and inherit it
+            with environment(settings(backend)):  # processes are started while jobs are handed in, and inherit it
                 while starts and len(pending) < workers * _CHUNKS_AHEAD:
                     start = starts.popleft()
                     stop = min(start + _CHUNK_FRAMES, len(job.stamps_ns))
@@ -87,18 +86,3 @@ def _drawn(
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """The variables set for processes started inside, and put back as they were."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
