@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The command ``simulate``. MuJoCo is an extra: what needs it is imported when the command runs."""
 
-import importlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption
 from coclo_vio.cli.terminal import err, give, say
 from coclo_vio.config import parse_settings, read_yaml
-from coclo_vio.errors import ConfigError, SimulationError
+from coclo_vio.errors import ConfigError
 
 if TYPE_CHECKING:
     from coclo_vio.simulation.trial.trial import Trial
@@ -82,7 +82,7 @@ def simulate(
     settings: SettingOption = None,
 ) -> None:
     """Simulate one of the paper's trials: a Daisy walks, sees and is watched by Vicon; the truth is kept apart."""
-    _check_extra()
+    check_simulator("simulating", "sim")
     from coclo_vio import simulated_recording as laboratory  # noqa: PLC0415 -- an extra
 
     given, asked = read_yaml(config) if config else {}, parse_settings(settings or ())
@@ -113,20 +113,6 @@ def simulate(
     came_m = laboratory.walked_m(simulated.truth.trajectory)
     frames = len(simulated.frame_ns) if images else 0
     _give_summary(simulated, output, laboratory.truth_folder(output), came_m, frames)
-
-
-def _check_extra() -> None:
-    """See that MuJoCo is installed.
-
-    Raises:
-        SimulationError: it is not.
-    """
-    try:
-        importlib.import_module("coclo_vio.simulated_recording")
-    except ModuleNotFoundError as error:
-        if error.name != "mujoco":
-            raise
-        raise SimulationError("simulating needs MuJoCo, which is an extra: pip install 'coclo-vio[sim]'") from error
 
 
 def _told(**values: Any) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The command ``table``. MuJoCo and Dask are extras: what needs them is imported when the command runs."""
 
-import importlib
 import os
 import shlex
 import signal
@@ -17,10 +16,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption, JsonOption, OutOption, SetOption
 from coclo_vio.cli.terminal import err, give, give_json, out, say
 from coclo_vio.config import parse_settings, read_yaml
-from coclo_vio.errors import DatasetError, SimulationError
+from coclo_vio.errors import DatasetError
 from coclo_vio.run_config import resolve
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def table(
     output: OutOption = Path("out/table"),
 ) -> None:
     """The paper's Table I over simulated trials; a run that was stopped goes on where it was."""
-    _check_extra()
+    check_simulator("a table", "sim,viz")
     from coclo_vio.simulated_recording import SIMULATED_ROBOT  # noqa: PLC0415 -- an extra
     from coclo_vio.table import build  # noqa: PLC0415
     from coclo_vio.table import plan as planning  # noqa: PLC0415
@@ -110,20 +110,6 @@ def table(
     told = {"set": parse_settings(settings or ()), "file": read_yaml(config) if config else {}}
     made, notes = build.write_table(plan, store, _command(plan, settings or [], config), told)
     _show(made, notes, output, as_json=as_json)
-
-
-def _check_extra() -> None:
-    """See that MuJoCo is installed.
-
-    Raises:
-        SimulationError: it is not.
-    """
-    try:
-        importlib.import_module("coclo_vio.simulated_recording")
-    except ModuleNotFoundError as error:
-        if error.name != "mujoco":
-            raise
-        raise SimulationError("a table needs MuJoCo, which is an extra: pip install 'coclo-vio[sim,viz]'") from error
 
 
 def _names(text: str) -> list[str]:
