@@ -2,7 +2,7 @@
 # Everything runs in .venv, which `setup` makes; every other target makes it first where it is missing or out of date.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-slow lint bench table sample clean
+.PHONY: help setup demo test test-slow lint docs bench table sample clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -45,6 +45,9 @@ lint: setup ## style, types, import contract
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: setup ## the documentation site in site/; a warning fails the build
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 bench: setup ## latencies and rates as JSON in out/benchmark.json (OUT=... elsewhere)
 	@mkdir -p $(OUT)
