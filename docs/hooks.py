@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the site's build adds to mkdocs: pages of the repository's root, formulas as MathML, and no request to other hosts."""
+"""What the site's build adds to mkdocs: the pages of the root, formulas as MathML, a check for links to other hosts."""
 
 import html
 import logging
