@@ -58,7 +58,7 @@ table: setup ## the paper's Table I over ten seeds, in out/table (OUT=... elsewh
 	$(ONE_THREAD) $(BIN)/coclo-vio table --seeds 10 -o $(OUT)/table
 
 sample: setup ## remake the bundled sample from its seed (needs OpenGL without a screen)
-	$(ONE_THREAD) $(BIN)/python -m coclo_vio.sample coclo_vio/sample_data/daisy_stairs.mcap
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.sample_maker coclo_vio/datasets/sample_data/daisy_stairs.mcap
 
 clean: ## remove .venv, caches and results
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out demo_out

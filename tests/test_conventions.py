@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
-from coclo_vio.estimates import StateEstimate
 from coclo_vio.filter.cloning import delta_from_clone
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
@@ -17,11 +15,13 @@ from coclo_vio.filter.observation import specific_force_at_rest
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import ImuSample
 from coclo_vio.robot.description import load_robot, robot_names
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import ImuSample
 
 _ROOT = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")

@@ -14,12 +14,12 @@ from coclo_vio import __version__
 from coclo_vio.cli import app
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.dataset import open_dataset
-from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
 from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.run_config import resolve
+from coclo_vio.runs.estimators import ESTIMATORS
+from coclo_vio.runs.run_config import resolve
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
 
 _ROOT = Path(__file__).resolve().parents[1]
 _README = (_ROOT / "README.md").read_text(encoding="utf-8")

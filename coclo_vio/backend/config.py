@@ -5,8 +5,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from coclo_vio.config import StageConfig
 from coclo_vio.robot.standstill import StandstillConfig
+from coclo_vio.values.config import StageConfig
 
 
 class FootholdNoiseConfig(StageConfig):

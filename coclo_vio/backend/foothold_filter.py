@@ -19,13 +19,13 @@ in GTSAM 4.3:
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.config import FootholdNoiseConfig
-from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import NavState
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.estimates import NavState
+from coclo_vio.values.units import GRAVITY_MPS2
 
-_GRAVITY_MPS2 = 9.81
 _TIED = 1e-6  # sigma of what is zero by definition at the start: yaw (rad) and position (m)
 _UNCERTAIN_M = 0.5  # sigma of a foothold before its first measurement
 
@@ -39,7 +39,7 @@ class FootholdFilter:
     def __init__(
         self,
         config: FootholdNoiseConfig,
-        T_body_imu: Array,  # noqa: N803
+        T_body_imu: Array,
         leg_names: tuple[str, ...],
         *,
         rotation_world_body: Array,
@@ -142,7 +142,7 @@ class FootholdFilter:
 
     def _made(self, state: gtsam.NavState, footholds: Array, covariance: Array) -> gtsam.LeggedInvariantEKF:
         config = self._config
-        imu = gtsam.PreintegrationParams.MakeSharedU(_GRAVITY_MPS2)
+        imu = gtsam.PreintegrationParams.MakeSharedU(GRAVITY_MPS2)
         imu.setGyroscopeCovariance(np.eye(3) * config.gyroscope_noise_density**2)
         imu.setAccelerometerCovariance(np.eye(3) * config.accelerometer_noise_density**2)
         imu.setIntegrationCovariance(np.zeros((3, 3)))

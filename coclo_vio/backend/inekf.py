@@ -9,19 +9,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.config import InvariantConfig
 from coclo_vio.backend.foothold_filter import FootholdFilter
-from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import FootState, StateEstimate
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.contact import ContactDetector, ContactState
 from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.model import FeetKinematics, RobotModel
 from coclo_vio.robot.standstill import Rest, StandstillDetector
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.estimates import FootState, StateEstimate
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _MOST_RESTS = 100  # windows of one standstill whose mean is the gyroscope bias
 
 
@@ -122,7 +122,7 @@ class InvariantLegOdometry:
     def _started(self, stamp_ns: int, rest: Rest | None) -> FootholdFilter | None:
         """The filter at its start, level by gravity; None as long as it waits for rest."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
-        has_waited = stamp_ns - self._first_ns >= self.config.rest_timeout_s * _NS_PER_S
+        has_waited = stamp_ns - self._first_ns >= self.config.rest_timeout_s * NS_PER_S
         if self._imu is None or (rest is None and not has_waited):
             return None
         self._counts["started_moving"] += rest is None
@@ -144,7 +144,7 @@ class InvariantLegOdometry:
             self._rests = []
             return
         self._counts["standstill"] += 1
-        window_ns = self.config.standstill.window_s * _NS_PER_S
+        window_ns = self.config.standstill.window_s * NS_PER_S
         if self._rests and rest.stamp_ns - self._rests[-1].stamp_ns < window_ns:
             return
         self._rests = [*self._rests[1 - _MOST_RESTS :], rest]
@@ -152,7 +152,7 @@ class InvariantLegOdometry:
 
     def _advance(self, core: FootholdFilter, stamp_ns: int, angular_velocity: Array, specific_force: Array) -> None:
         """Predict to ``stamp_ns`` with readings in the imu frame; a long gap costs certainty and all footholds."""
-        dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+        dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
         if dt_s <= 0.0:
             return
         core.predict(dt_s, angular_velocity, specific_force)

@@ -9,7 +9,7 @@ import typer
 from coclo_vio import __version__
 from coclo_vio.cli import comparing, estimating, showing, simulating, tabling
 from coclo_vio.cli.terminal import err, out
-from coclo_vio.errors import CocloError, ConfigError
+from coclo_vio.values.errors import CocloError, ConfigError
 
 app = typer.Typer(
     name="coclo-vio",

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from coclo_vio import comparison
 from coclo_vio.cli.options import (
     ConfigOption,
     OutOption,
@@ -17,7 +16,7 @@ from coclo_vio.cli.options import (
     SetOption,
     with_partial,
 )
-from coclo_vio.cli.results import (
+from coclo_vio.cli.printing import (
     print_claims,
     print_table,
     print_table_one,
@@ -28,14 +27,15 @@ from coclo_vio.cli.results import (
 )
 from coclo_vio.cli.terminal import give, say
 from coclo_vio.datasets.dataset import open_dataset
-from coclo_vio.equipment import compared_modes
-from coclo_vio.errors import CocloError, ConfigError, DatasetError
-from coclo_vio.estimators import ESTIMATORS, estimator_kind
+from coclo_vio.datasets.sample import DURATION_S, sample_path
 from coclo_vio.evaluation.canvas import NO_FIGURES, can_draw
 from coclo_vio.evaluation.table_one import TableOne
-from coclo_vio.inspection import resolve_if_known
-from coclo_vio.run_config import RunConfig, resolve
-from coclo_vio.sample import DURATION_S, sample_path
+from coclo_vio.runs import comparison
+from coclo_vio.runs.equipment import compared_modes
+from coclo_vio.runs.estimators import ESTIMATORS, estimator_kind
+from coclo_vio.runs.inspection import resolve_if_known
+from coclo_vio.runs.run_config import RunConfig, resolve
+from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
 
 
 def demo(output: OutOption = Path("demo_out")) -> None:

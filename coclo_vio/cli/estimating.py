@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from coclo_vio import comparison
 from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
@@ -16,20 +15,21 @@ from coclo_vio.cli.options import (
     SetOption,
     with_partial,
 )
-from coclo_vio.cli.results import print_claims, print_table, progress_bar, run_title, tell_failures, tell_run
+from coclo_vio.cli.printing import print_claims, print_table, progress_bar, run_title, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
-from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
-from coclo_vio.equipment import default_mode
-from coclo_vio.errors import DatasetError
-from coclo_vio.estimators import ESTIMATORS
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.inspection import resolve_if_known
-from coclo_vio.run_bag import write_run_bag
-from coclo_vio.run_config import resolve
+from coclo_vio.runs import comparison
+from coclo_vio.runs.equipment import default_mode
+from coclo_vio.runs.estimators import ESTIMATORS
+from coclo_vio.runs.inspection import resolve_if_known
+from coclo_vio.runs.result_bag import write_run_bag
+from coclo_vio.runs.run_config import resolve
+from coclo_vio.values.errors import DatasetError
 
 
 def run(

@@ -3,7 +3,7 @@
 
 import importlib
 
-from coclo_vio.errors import SimulationError
+from coclo_vio.values.errors import SimulationError
 
 
 def check_simulator(wanting: str, extras: str) -> None:
@@ -17,7 +17,7 @@ def check_simulator(wanting: str, extras: str) -> None:
         SimulationError: it is not installed.
     """
     try:
-        importlib.import_module("coclo_vio.simulated_recording")
+        importlib.import_module("coclo_vio.simulation.simulated_recording")
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise

@@ -12,12 +12,12 @@ import typer
 import yaml
 from rich.table import Table
 
+from coclo_vio.cli.inspection_view import drawn
 from coclo_vio.cli.options import ConfigOption, JsonOption, PartialOption, RobotOption, SetOption, with_partial
 from coclo_vio.cli.terminal import give_json, out
-from coclo_vio.inspection import inspect_recording, resolve_if_known
-from coclo_vio.inspection_view import drawn
 from coclo_vio.robot.description import load_robot, robot_names
-from coclo_vio.run_config import resolve
+from coclo_vio.runs.inspection import inspect_recording, resolve_if_known
+from coclo_vio.runs.run_config import resolve
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -46,7 +46,7 @@ def benchmark(
     sight_seconds: Annotated[float, typer.Option(min=1.0, max=15.0, help="How much of the sample is seen, s.")] = 15.0,
 ) -> None:
     """Time the filter for six legs, beside filterpy where that is installed, and the eyes, on one core."""
-    from coclo_vio.benchmark import run_benchmark  # noqa: PLC0415 -- loads what it compares with
+    from coclo_vio.experiments.benchmark import run_benchmark  # noqa: PLC0415 -- loads what it compares with
 
     os.environ.update(_ONE_THREAD)
     with ProcessPoolExecutor(1, get_context("spawn")) as fresh:  # NumPy takes its number of threads as it is loaded

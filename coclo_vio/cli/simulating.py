@@ -14,8 +14,9 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption
 from coclo_vio.cli.terminal import err, give, say
-from coclo_vio.config import parse_settings, read_yaml
-from coclo_vio.errors import ConfigError
+from coclo_vio.values.config import parse_settings, read_yaml
+from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.units import BYTES_PER_MB
 
 if TYPE_CHECKING:
     from coclo_vio.simulation.trial.trial import Trial
@@ -57,8 +58,6 @@ EncodingOption = Annotated[
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes that draw; one for each core if not given.")]
 SettingOption = Annotated[list[str] | None, typer.Option("--set", help="One value: trial.gait.speed_mps=0.05.")]
 
-_BYTES_PER_MB = 1e6
-
 
 def simulate(
     trial: TrialArgument,
@@ -83,7 +82,7 @@ def simulate(
 ) -> None:
     """Simulate one of the paper's trials: a Daisy walks, sees and is watched by Vicon; the truth is kept apart."""
     check_simulator("simulating", "sim")
-    from coclo_vio import simulated_recording as laboratory  # noqa: PLC0415 -- an extra
+    from coclo_vio.simulation import simulated_recording as laboratory  # noqa: PLC0415 -- an extra
 
     given, asked = read_yaml(config) if config else {}, parse_settings(settings or ())
     chosen = {
@@ -166,4 +165,4 @@ def _give_summary(trial: "Trial", recording: Path, truth: Path, walked_m: float,
 
 def _size_mb(path: Path) -> float:
     files = path.rglob("*") if path.is_dir() else [path]
-    return sum(file.stat().st_size for file in files if file.is_file()) / _BYTES_PER_MB
+    return sum(file.stat().st_size for file in files if file.is_file()) / BYTES_PER_MB

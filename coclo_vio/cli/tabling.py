@@ -19,14 +19,14 @@ from rich.table import Table
 from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption, JsonOption, OutOption, SetOption
 from coclo_vio.cli.terminal import err, give, give_json, out, say
-from coclo_vio.config import parse_settings, read_yaml
-from coclo_vio.errors import DatasetError
-from coclo_vio.run_config import resolve
+from coclo_vio.runs.run_config import resolve
+from coclo_vio.values.config import parse_settings, read_yaml
+from coclo_vio.values.errors import DatasetError
 
 if TYPE_CHECKING:
-    from coclo_vio.table.grids import Grid
-    from coclo_vio.table.plan import TablePlan
-    from coclo_vio.table.work import News
+    from coclo_vio.experiments.table.grids import Grid
+    from coclo_vio.experiments.table.plan import TablePlan
+    from coclo_vio.experiments.table.work import News
 
 SeedsOption = Annotated[int, typer.Option(min=1, help="How many seeds of each trial.")]
 FirstSeedOption = Annotated[int, typer.Option(min=0, help="The first of the seeds; the others follow.")]
@@ -77,11 +77,11 @@ def table(
 ) -> None:
     """The paper's Table I over simulated trials; a run that was stopped goes on where it was."""
     check_simulator("a table", "sim,viz")
-    from coclo_vio.simulated_recording import SIMULATED_ROBOT  # noqa: PLC0415 -- an extra
-    from coclo_vio.table import build  # noqa: PLC0415
-    from coclo_vio.table import plan as planning  # noqa: PLC0415
-    from coclo_vio.table.recordings import Recordings  # noqa: PLC0415
-    from coclo_vio.table.store import JobStore  # noqa: PLC0415
+    from coclo_vio.experiments.table import build  # noqa: PLC0415
+    from coclo_vio.experiments.table import plan as planning  # noqa: PLC0415
+    from coclo_vio.experiments.table.recordings import Recordings  # noqa: PLC0415
+    from coclo_vio.experiments.table.store import JobStore  # noqa: PLC0415
+    from coclo_vio.simulation.simulated_recording import SIMULATED_ROBOT  # noqa: PLC0415 -- an extra
 
     plan = planning.TablePlan(
         config=resolve(SIMULATED_ROBOT, config, settings or ()),
@@ -126,8 +126,8 @@ def _command(plan: "TablePlan", settings: list[str], config: Path | None) -> str
 
 
 def _show(made: Mapping[str, Any], notes: list[str], output: Path, *, as_json: bool) -> None:
-    from coclo_vio.table.grids import grids, sentences  # noqa: PLC0415 -- an extra
-    from coclo_vio.table.page import failures  # noqa: PLC0415
+    from coclo_vio.experiments.table.grids import grids, sentences  # noqa: PLC0415 -- an extra
+    from coclo_vio.experiments.table.table_page import failures  # noqa: PLC0415
 
     for line in (*failures(made), *notes):
         say(line)

@@ -13,9 +13,9 @@ from coclo_vio.datasets import images
 from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
-from coclo_vio.datasets.report import ReadTally
-from coclo_vio.errors import DatasetError, TopicNotFound, listing
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.values.errors import DatasetError, TopicNotFound, listing
+from coclo_vio.values.measurements import StereoFrame
 
 CAMERAS = ("cam0", "cam1")
 _MOST_NAMED = 3

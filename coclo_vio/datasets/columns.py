@@ -12,11 +12,11 @@ from typing import Annotated, NoReturn
 import numpy as np
 from pydantic import Field, field_validator
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.config import StageConfig
 from coclo_vio.datasets.csv_table import CsvRow
-from coclo_vio.errors import DatasetError, TopicNotFound, listing
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import DatasetError, TopicNotFound, listing
 
 Patterns = tuple[str, ...]
 

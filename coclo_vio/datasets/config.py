@@ -5,10 +5,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from coclo_vio.config import StageConfig
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig
 from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.values.config import StageConfig
 
 
 class DatasetConfig(StageConfig):

@@ -4,10 +4,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.measurements import EncodedStereoFrame, Measurement
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.measurements import EncodedStereoFrame, Measurement
+from coclo_vio.values.trajectory import GroundTruth
 
 
 @dataclass(frozen=True, slots=True)

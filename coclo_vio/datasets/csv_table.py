@@ -14,8 +14,8 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TextIO
 
-from coclo_vio.errors import DatasetError, TimestampError
-from coclo_vio.trajectory import seconds_to_ns
+from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.trajectory import seconds_to_ns
 
 _STAMP_LIMIT_NS = 2**63
 

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets import euroc_folder, kitti_odometry, leg_log, stereo_tracks
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
-from coclo_vio.datasets.report import ReadReport, StreamReport
+from coclo_vio.datasets.read_report import ReadReport, StreamReport
 from coclo_vio.datasets.robot_fit import RobotFit, fit_of
 from coclo_vio.datasets.rosbag import reader as rosbag
-from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import LEG_SENSORS, Measurement
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import LEG_SENSORS, Measurement
+from coclo_vio.values.trajectory import GroundTruth
 
 __all__ = [
     "FORMATS",

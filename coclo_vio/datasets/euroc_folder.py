@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets import euroc_sensor
 from coclo_vio.datasets.camera_rows import CAMERAS, CameraRows
 from coclo_vio.datasets.columns import ColumnNames, Header
@@ -30,14 +29,15 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.euroc_sensor import SENSOR_YAML
 from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording import Recording
-from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.samples import SampleTable
-from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import CameraImuSample
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import CameraImuSample
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 LOOKS_FOR = "an EuRoC folder: mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/cam0/data.csv"
 _SENSORS = ("imu0", "imu1", "joints0", "foot_force0")

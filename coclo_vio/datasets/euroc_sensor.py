@@ -14,9 +14,9 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
-from coclo_vio.errors import CalibrationMissing, ConfigError, DatasetError, listing
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.values.errors import CalibrationMissing, ConfigError, DatasetError, listing
 
 SENSOR_YAML = "sensor.yaml"
 
@@ -115,7 +115,7 @@ def read_stereo(left: Path, right: Path) -> StereoCalibration:
         raise DatasetError(f"the cameras of {left.parent.parent}: {'; '.join(reason[-2:])}") from error
 
 
-def write_camera(folder: Path, lens: CameraCalibration, T_body_camera: Array, time_offset_s: float) -> None:  # noqa: N803
+def write_camera(folder: Path, lens: CameraCalibration, T_body_camera: Array, time_offset_s: float) -> None:
     """Write ``sensor.yaml`` of a camera into its folder.
 
     A camera without distortion is written as radial-tangential with zeros, which every reader of the layout knows.
@@ -176,7 +176,7 @@ def _distortion(path: Path, sensor: Mapping[str, Any]) -> tuple[str, list[float]
     return ("none", []) if is_straight else (model, coefficients)
 
 
-def _opencv_matrix(T: Array) -> dict[str, Any]:  # noqa: N803
+def _opencv_matrix(T: Array) -> dict[str, Any]:
     return {"cols": 4, "rows": 4, "data": T.ravel().tolist()}
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
 from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
 from coclo_vio.datasets.csv_table import CsvTable
-from coclo_vio.datasets.report import ReadTally
-from coclo_vio.errors import DatasetError, TimestampError, listing
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import GroundTruth, Trajectory, read_tum
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.errors import DatasetError, TimestampError, listing
+from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum
 
 UNSTAMPED_PERIOD_NS = 10_000_000
 """Poses without stamps are numbered in this step; only their order means anything."""
@@ -61,7 +61,7 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
     return GroundTruth(trajectory, has_stamps=found.stamp is not None, source=path.name)
 
 
-def stamped_truth(stamps_ns: IntArray, T_world_body: Array, source: str, tally: ReadTally) -> GroundTruth:  # noqa: N803
+def stamped_truth(stamps_ns: IntArray, T_world_body: Array, source: str, tally: ReadTally) -> GroundTruth:
     """Ground truth from poses in file order; those that are not finite or do not go on in time are left out and told.
 
     Args:

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.arrays import ByteImage
-from coclo_vio.errors import DatasetError
+from coclo_vio.values.arrays import ByteImage
+from coclo_vio.values.errors import DatasetError
 
 ImageEncoding = Literal["png", "jpeg"]
 

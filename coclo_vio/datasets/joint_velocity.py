@@ -35,11 +35,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.config import StageConfig
-from coclo_vio.measurements import JointSample, Measurement
-
-_NS_PER_S = 1_000_000_000
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.measurements import JointSample, Measurement
+from coclo_vio.values.units import NS_PER_S
 
 
 class JointVelocityConfig(StageConfig):
@@ -58,8 +57,8 @@ class JointVelocityEstimator:
 
     def __init__(self, config: JointVelocityConfig) -> None:
         self._config = config
-        self._window_ns = round(config.window_s * _NS_PER_S)
-        self._max_gap_ns = round(config.max_gap_s * _NS_PER_S)
+        self._window_ns = round(config.window_s * NS_PER_S)
+        self._max_gap_ns = round(config.max_gap_s * NS_PER_S)
         self._held: deque[tuple[int, Array]] = deque()
 
     def push(self, stamp_ns: int, position: Array) -> Array:

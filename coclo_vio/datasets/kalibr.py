@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration
-from coclo_vio.config import StageConfig, read_yaml
-from coclo_vio.errors import CalibrationMissing, ConfigError, listing
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration
+from coclo_vio.values.config import StageConfig, read_yaml
+from coclo_vio.values.errors import CalibrationMissing, ConfigError, listing
 
 _DISTORTIONS = ("radtan", "equidistant", "none")
 _AGREE_M = 1e-3
@@ -106,7 +106,7 @@ def read_imu(path: Path) -> KalibrImu:
     return KalibrImu(noise, str(values.get("rostopic", "")))
 
 
-def _mounting(where: str, camera: dict[str, Any], T_before_imu: Array | None) -> Array:  # noqa: N803
+def _mounting(where: str, camera: dict[str, Any], T_before_imu: Array | None) -> Array:
     """``T_camera_imu`` from ``T_cam_imu``, ``T_imu_cam`` or the chain; where several are there they must agree."""
     found: dict[str, Array] = {}
     if "T_cam_imu" in camera:

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.datasets.report import ReadTally
-from coclo_vio.errors import CalibrationMissing, DatasetError, TimestampError, listing
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.geometry import se3
-from coclo_vio.trajectory import seconds_to_ns
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError, listing
+from coclo_vio.values.trajectory import seconds_to_ns
 
 _ROTATION_TOLERANCE = 1e-3
 _MOST_OFF_LINE = 0.02  # of the baseline; KITTI's colour cameras are off by 0.5 %

@@ -19,26 +19,26 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.arrays import BoolArray, IntArray
-from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.datasets import images, kitti_files
 from coclo_vio.datasets.camera_axes import R_BODY_CAMERA
 from coclo_vio.datasets.camera_rows import ImagePair, bytes_of
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import stamped_truth
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording import Recording
-from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.samples import SampleTable
-from coclo_vio.errors import DatasetError, listing
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.arrays import BoolArray, IntArray
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.values.units import NS_PER_S
 
 LOOKS_FOR = "the KITTI odometry layout: image_0 and image_1 (or image_2 and image_3, image_l and image_r), calib.txt"
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 _MOST_DIGITS = 9  # of a number; longer ones are stamps
-_NS_PER_S = 1_000_000_000
 _T_BODY_CAMERA = se3.transform(R_BODY_CAMERA, np.zeros(3))
 
 
@@ -79,7 +79,7 @@ class FrameClock:
         """Nanoseconds of frames (N,) that have a time."""
         if self.times_ns is not None:
             return self.times_ns[numbers]
-        return np.array([round(int(number) * _NS_PER_S / self.rate_hz) for number in numbers], dtype=np.int64)
+        return np.array([round(int(number) * NS_PER_S / self.rate_hz) for number in numbers], dtype=np.int64)
 
 
 class KittiOdometry(Recording):

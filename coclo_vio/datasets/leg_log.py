@@ -22,12 +22,12 @@ from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording import Recording
-from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.samples import SampleTable
-from coclo_vio.errors import DatasetError, listing
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.trajectory import GroundTruth
 
 GROUND_TRUTH_NAMES = ("groundtruth.tum", "groundtruth.csv", "mocap.csv")
 LOOKS_FOR = "a leg log: a .csv file, or a folder with one (columns stamp_ns or time_s, gyro_x_radps, <joint>.position)"

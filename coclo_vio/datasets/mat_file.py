@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import DatasetError, listing
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError, listing
 
 _NEXT_STEP = "only MATLAB files up to version 7 are read: save it anew with -v7, or copy it again if it was cut off"
 

@@ -7,16 +7,16 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets.camera_rows import ImagePair, PairSource
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
-from coclo_vio.datasets.report import ReadReport, ReadTally
+from coclo_vio.datasets.read_report import ReadReport, ReadTally
 from coclo_vio.datasets.samples import SampleTable
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
-from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import LEG_SENSORS, Measurement, StereoFrame
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import LEG_SENSORS, Measurement, StereoFrame
+from coclo_vio.values.trajectory import GroundTruth
 
 _UNDECODED = "pair of images that cannot be decoded"
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from coclo_vio.errors import CocloError, ConfigError, TopicNotFound, listing
 from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
+from coclo_vio.values.errors import CocloError, ConfigError, TopicNotFound, listing
 
 _ENOUGH = 0.5  # of a robot's joints, for it to be the one that is meant
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from coclo_vio.datasets.columns import Header, JointColumns, OptionalColumns, StampColumn
 from coclo_vio.datasets.csv_table import CsvRow, CsvTable
-from coclo_vio.datasets.report import ReadTally
-from coclo_vio.errors import listing
-from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.values.errors import listing
+from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, Measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,7 @@
 import heapq
 from collections.abc import Iterable, Iterator, Mapping
 
-from coclo_vio.measurements import (
+from coclo_vio.values.measurements import (
     BodyTwistSample,
     CameraImuSample,
     FootForceSample,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.measurements import Sight, StereoTracks
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.measurements import Sight, StereoTracks
 
 _NOTHING_SEEN = "the recording has no track in this frame"
 

@@ -23,23 +23,24 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.datasets import mat_file
 from coclo_vio.datasets.camera_axes import quarter_turns
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import stamped_truth
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording import Recording
-from coclo_vio.datasets.report import ReadTally
 from coclo_vio.datasets.samples import SampleTable
 from coclo_vio.datasets.sequencer import merge_streams
 from coclo_vio.datasets.sightings import Sightings
-from coclo_vio.errors import CalibrationMissing, DatasetError, TimestampError, listing
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import BodyTwistSample, Measurement
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError, listing
+from coclo_vio.values.measurements import BodyTwistSample, Measurement
+from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.values.units import NS_PER_S
 
 LOOKS_FOR = "stereo tracks: a MATLAB file (.mat) with y_k_j and t"
 _TRACKS = ("t", "y_k_j")
@@ -50,7 +51,6 @@ _TWIST = ("v_vk_vk_i", "w_vk_vk_i")
 _NOISE = ("y_var", "v_var", "w_var")
 _SMALL = ("t", *_PINHOLE, *_MOUNTING, *_TRUTH, *_TWIST, *_NOISE)
 _ROTATION_TOLERANCE = 1e-3
-_NS_PER_S = 1_000_000_000
 _LONGEST_S = 9.2e9  # 64-bit nanoseconds
 
 
@@ -243,4 +243,4 @@ def _stamps_ns(path: Path, seconds: Array) -> IntArray:
     if not len(seconds):
         raise TimestampError(f"{path}: t is empty; it must hold the seconds of the frames")
     whole = np.floor(seconds)
-    return whole.astype(np.int64) * _NS_PER_S + np.rint((seconds - whole) * _NS_PER_S).astype(np.int64)
+    return whole.astype(np.int64) * NS_PER_S + np.rint((seconds - whole) * NS_PER_S).astype(np.int64)

@@ -15,15 +15,16 @@ from typing import TextIO
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.datasets import euroc_sensor
 from coclo_vio.datasets.camera_rows import CAMERAS
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.images import suffix_of
 from coclo_vio.datasets.sequencer import order_key
-from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import (
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import (
     CameraImuSample,
     EncodedStereoFrame,
     FootForceSample,
@@ -32,8 +33,7 @@ from coclo_vio.measurements import (
     Measurement,
     StereoFrame,
 )
-from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth, Trajectory, write_tum
+from coclo_vio.values.trajectory import GroundTruth, Trajectory, write_tum
 
 _IMU_COLUMNS = (*(f"gyro_{axis}_radps" for axis in "xyz"), *(f"accel_{axis}_mps2" for axis in "xyz"))
 _EUROC_IMU_COLUMNS = (

@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.trajectory import Trajectory
 
 Alignment = Literal["yaw_position", "se3", "start", "none"]
 

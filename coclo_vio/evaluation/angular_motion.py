@@ -7,13 +7,13 @@ import numpy as np
 from scipy.signal import correlate
 from scipy.spatial.transform import Rotation, Slerp
 
-from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.evaluation.association import gaps_ns
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import NS_PER_S
 
 STEPS_PER_WINDOW = 10
 _KNOTS_PER_WINDOW = 20
-_NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +57,11 @@ def stamped_motion(
     trajectory: Trajectory, stamps_ns: IntArray, start_ns: int, window_s: float, max_gap_s: float
 ) -> AngularMotion:
     """Attitudes over seconds since ``start_ns``, thinned to what a low-pass of ``window_s`` can see."""
-    times_s = (stamps_ns - start_ns) / _NS_PER_S
+    times_s = (stamps_ns - start_ns) / NS_PER_S
     cell = np.floor((times_s - times_s[0]) * (_KNOTS_PER_WINDOW / window_s))
     keep = np.flatnonzero(np.append(True, np.diff(cell) > 0) | (np.arange(len(times_s)) == len(times_s) - 1))
     at = Slerp(times_s[keep], Rotation.from_matrix(trajectory.rotations[keep]))
-    gaps_s = (gaps_ns(stamps_ns, max_gap_s) - start_ns) / _NS_PER_S
+    gaps_s = (gaps_ns(stamps_ns, max_gap_s) - start_ns) / NS_PER_S
     return AngularMotion(at, 1.0, (float(times_s[0]), float(times_s[-1])), gaps_s)
 
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import BoolArray, IntArray
-from coclo_vio.errors import EvaluationError
-from coclo_vio.trajectory import Trajectory
-
-_NS_PER_S = 1_000_000_000
+from coclo_vio.values.arrays import BoolArray, IntArray
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +33,7 @@ class MatchedPair:
 
 def gaps_ns(stamps_ns: IntArray, limit_s: float) -> IntArray:
     """Starts and ends, (K, 2) ns, of the intervals between successive stamps that are longer than ``limit_s``."""
-    starts = np.flatnonzero(np.diff(stamps_ns) > limit_s * _NS_PER_S)
+    starts = np.flatnonzero(np.diff(stamps_ns) > limit_s * NS_PER_S)
     return np.stack((stamps_ns[starts], stamps_ns[starts + 1]), axis=1)
 
 
@@ -83,10 +82,10 @@ def coverage(estimate: Trajectory, start_ns: int, end_ns: int, max_gap_s: float)
     if end_ns <= start_ns:
         return None
     clipped = np.clip(estimate.stamps_ns, start_ns, end_ns)
-    is_close = np.diff(estimate.stamps_ns) <= max_gap_s * _NS_PER_S
+    is_close = np.diff(estimate.stamps_ns) <= max_gap_s * NS_PER_S
     return float(np.diff(clipped)[is_close].sum() / (end_ns - start_ns))
 
 
 def _span(trajectory: Trajectory) -> str:
-    first_s, last_s = trajectory.stamps_ns[0] / _NS_PER_S, trajectory.stamps_ns[-1] / _NS_PER_S
+    first_s, last_s = trajectory.stamps_ns[0] / NS_PER_S, trajectory.stamps_ns[-1] / NS_PER_S
     return f"{first_s:.3f} to {last_s:.3f} s"

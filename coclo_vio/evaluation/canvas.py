@@ -11,7 +11,7 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coclo_vio.errors import EvaluationError
+from coclo_vio.values.errors import EvaluationError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,9 +23,6 @@ from pydantic import Field
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation, Slerp
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.config import StageConfig
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.alignment import nearest_rotation
 from coclo_vio.evaluation.angular_motion import (
     STEPS_PER_WINDOW,
@@ -36,9 +33,12 @@ from coclo_vio.evaluation.angular_motion import (
     stamped_motion,
 )
 from coclo_vio.evaluation.uneven_rows import attitude_errors, refine_rows
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _RATE_STEP = 0.01
 
 
@@ -173,11 +173,11 @@ def _what_hinders(estimate: Trajectory, truth: GroundTruth, config: ClockConfig)
 
 
 def _restamped_ns(reference: Trajectory, offset_s: float, rate_hz: float | None) -> IntArray:
-    shifted = reference.stamps_ns + round(offset_s * _NS_PER_S)
+    shifted = reference.stamps_ns + round(offset_s * NS_PER_S)
     if rate_hz is None:
         return shifted
     rows = np.arange(len(reference))
-    return np.asarray(shifted[0] + np.rint(rows * (_NS_PER_S / rate_hz)).astype(np.int64))
+    return np.asarray(shifted[0] + np.rint(rows * (NS_PER_S / rate_hz)).astype(np.int64))
 
 
 def _search_offset(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
@@ -220,7 +220,7 @@ def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfi
 
     start = np.array([coarse[winner][0], 1.0])
     best = _polished(loss, start, np.array([window_s / STEPS_PER_WINDOW, _RATE_STEP]))
-    offset_s = best[0] + (start_ns - int(reference.stamps_ns[0])) / _NS_PER_S
+    offset_s = best[0] + (start_ns - int(reference.stamps_ns[0])) / NS_PER_S
     return float(offset_s), float(candidates_hz[winner] * best[1])
 
 
@@ -252,10 +252,10 @@ def _fit_of(
     start_ns = int(estimate.stamps_ns[0])
     own = stamped_motion(estimate, estimate.stamps_ns, start_ns, config.rate_window_s, np.inf)
     attitudes = Rotation.from_matrix(truth.trajectory.rotations @ R_own_other.T)
-    first_s, interval_s = (stamps_ns[0] - start_ns) / _NS_PER_S, (stamps_ns[-1] - stamps_ns[0]) / _NS_PER_S
+    first_s, interval_s = (stamps_ns[0] - start_ns) / NS_PER_S, (stamps_ns[-1] - stamps_ns[0]) / NS_PER_S
     even_s = (float(first_s), float(interval_s) / (len(stamps_ns) - 1))
     times_s = refine_rows(own, attitudes, even_s, knot_s=config.knot_s, stiffness=config.stiffness)
-    row_stamps_ns = start_ns + np.rint(times_s * _NS_PER_S).astype(np.int64)
+    row_stamps_ns = start_ns + np.rint(times_s * NS_PER_S).astype(np.int64)
     agreement, residual_deg, _ = _quality(estimate, truth, config, row_stamps_ns)
     return replace(fit, correlation=agreement, residual_deg=residual_deg, row_stamps_ns=row_stamps_ns)
 
@@ -277,7 +277,7 @@ def _quality(
     return correlation(own_rates[both], other_rates[both]), residual_deg, R_own_other
 
 
-def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_own_other: Array) -> float | None:  # noqa: N803
+def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_own_other: Array) -> float | None:
     """RMS attitude difference, degrees, without a constant rotation on either side and a linear drift."""
     if len(times_s) < 3:
         return None

@@ -7,10 +7,10 @@ Source: Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking a
 import numpy as np
 from scipy.stats import chi2
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import EvaluationError
 from coclo_vio.geometry import se3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import Trajectory
 
 _SMALLEST_RELATIVE_EIGENVALUE = 1e-12
 

@@ -7,9 +7,6 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation import metrics
 from coclo_vio.evaluation.alignment import Alignment, align, level_body, tie_attitude, tie_start
 from coclo_vio.evaluation.association import MatchedPair, coverage, gaps_ns, match
@@ -17,7 +14,10 @@ from coclo_vio.evaluation.clock import ClockConfig, ClockFit, fit_clock
 from coclo_vio.evaluation.consistency import anees_pose
 from coclo_vio.evaluation.evaluation import Evaluation, Gaps
 from coclo_vio.evaluation.metrics import DriftInstant
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 _TILT_WORTH_A_NOTE_DEG = 1.0
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from coclo_vio.evaluation.alignment import Alignment
 from coclo_vio.evaluation.clock import ClockFit
 from coclo_vio.evaluation.metrics import DriftInstant
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.trajectory import Trajectory
 
 _NOT_IN_JSON = ("estimate", "reference", "clock", "segment_drift_percent")
 

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.association import gaps_ns
 from coclo_vio.evaluation.canvas import COMBINED, REFERENCE, empty_figure, finish, mark_events, style_of
 from coclo_vio.evaluation.metrics import velocities
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _AXES = ("x", "y", "z")
 _FIRST = ("coclo", "vins", *COMBINED)
 _HOLE_S = 1.0
@@ -281,7 +281,7 @@ def _distance(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> 
 
 
 def _event_times(events: Events, zero_ns: int) -> dict[str, list[float]]:
-    return {kind: [(stamp_ns - zero_ns) / _NS_PER_S for stamp_ns in stamps] for kind, stamps in events.items()}
+    return {kind: [(stamp_ns - zero_ns) / NS_PER_S for stamp_ns in stamps] for kind, stamps in events.items()}
 
 
 def _zero_ns(estimates: Estimates, start_ns: int | None) -> int:
@@ -305,7 +305,7 @@ def _within(estimates: Estimates, reference: Trajectory | None) -> Trajectory | 
 def _middle(estimates: Estimates) -> Estimates:
     """What lies within ``_LONGEST_S`` about the middle of the time that they cover; the whole where none does."""
     start_ns, end_ns = _start_ns(estimates), max(int(estimate.stamps_ns[-1]) for estimate in estimates.values())
-    margin_ns = (end_ns - start_ns - round(_LONGEST_S * _NS_PER_S)) // 2
+    margin_ns = (end_ns - start_ns - round(_LONGEST_S * NS_PER_S)) // 2
     if margin_ns <= 0:
         return estimates
     first_ns, last_ns = start_ns + margin_ns, end_ns - margin_ns
@@ -318,13 +318,13 @@ def _middle(estimates: Estimates) -> Estimates:
 
 
 def _seconds(trajectory: Trajectory, zero_ns: int) -> Array:
-    return np.asarray((trajectory.stamps_ns - zero_ns) / _NS_PER_S)
+    return np.asarray((trajectory.stamps_ns - zero_ns) / NS_PER_S)
 
 
 def _broken(trajectory: Trajectory, values: Array) -> Array:
     """Values (N, k) with NaN before each hole, so that no line is drawn across it."""
     shown = values.copy()
-    shown[:-1][np.diff(trajectory.stamps_ns) > _HOLE_S * _NS_PER_S] = np.nan
+    shown[:-1][np.diff(trajectory.stamps_ns) > _HOLE_S * NS_PER_S] = np.nan
     return shown
 
 

@@ -7,10 +7,10 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
-from coclo_vio.evaluation import page
-from coclo_vio.evaluation.claims import Claim
+from coclo_vio.evaluation import html_page
+from coclo_vio.evaluation.html_report import claims_list
 from coclo_vio.evaluation.paper_figures import PAPER_MARK
-from coclo_vio.evaluation.report import claims_list
+from coclo_vio.evaluation.ranking import Claim
 from coclo_vio.evaluation.table_one import TableOne
 
 
@@ -44,7 +44,7 @@ def write_index(path: Path, title: str, table: TableOne, entries: Mapping[str, E
         EvaluationError: a picture cannot be read, or the page cannot be written.
     """
     rows = (
-        page.row(
+        html_page.row(
             f"{row.name} ({PAPER_MARK})" if row.is_paper else row.name,
             (escape(str(cell)) for cell in row.cells),
             kind="paper" if row.is_paper else "",
@@ -54,12 +54,12 @@ def write_index(path: Path, title: str, table: TableOne, entries: Mapping[str, E
     meaning = "Drift in percent of the way / median RPE in percent per metre."
     if any(row.is_paper for row in table.rows):
         meaning += " The paper's drift is of the net displacement, one recording a trial; it gives no RPE."
-    parts = [page.table(("", *table.headers), rows), f"<p>{meaning}</p>"]
+    parts = [html_page.table(("", *table.headers), rows), f"<p>{meaning}</p>"]
     for name, entry in entries.items():
         parts += [
             f'<h2><a href="{quote(entry.report)}">{escape(name)}</a></h2>',
             *(f"<p>{escape(sentence)}</p>" for sentence in entry.summary),
             claims_list(entry.claims, ""),
-            *((page.picture(entry.picture),) if entry.picture is not None else ()),
+            *((html_page.picture(entry.picture),) if entry.picture is not None else ()),
         ]
-    return page.write_page(path, title, parts)
+    return html_page.write_page(path, title, parts)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.alignment import heading_error_rad
 from coclo_vio.evaluation.canvas import empty_figure, finish, mark_events, style_of
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _SIGMAS = 3.0
 _ROWS = ("x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
 _SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])
@@ -47,7 +47,7 @@ def plot_contacts(
         )
     figure = empty_figure(9.0, 0.5 * len(legs) + 1.2)
     axis = figure.subplots()
-    times_s = (stamps_ns - (stamps_ns[0] if start_ns is None else start_ns)) / _NS_PER_S
+    times_s = (stamps_ns - (stamps_ns[0] if start_ns is None else start_ns)) / NS_PER_S
     for row, column in enumerate(probability.T):
         low = np.full(len(times_s), -row - 0.4)
         axis.fill_between(
@@ -91,14 +91,14 @@ def plot_keyframes(
     figure = empty_figure(9.0, 4.2)
     axes = figure.subplots(2, 1, sharex=True)
     for name, columns in keyframes.items():
-        times_s = (columns["stamp_ns"] - zero_ns) / _NS_PER_S
+        times_s = (columns["stamp_ns"] - zero_ns) / NS_PER_S
         style = {**style_of(name), "linewidth": 1.0, "marker": ".", "markersize": 3.0}
         axes[0].plot(times_s, columns["tracks"], **style)
         axes[1].plot(times_s, columns["reprojection_px"], **style)
     axes[0].set_ylabel("tracks")
     axes[1].set_ylabel("reprojection [px]")
     mark_events(
-        axes, {kind: [(one - zero_ns) / _NS_PER_S for one in happened] for kind, happened in (events or {}).items()}
+        axes, {kind: [(one - zero_ns) / NS_PER_S for one in happened] for kind, happened in (events or {}).items()}
     )
     for axis in axes:
         axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
@@ -167,7 +167,7 @@ def plot_error_bands(
         reference = references[name]
         inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
         error, sigma = error_and_sigma(inside, reference, rotation_noise_rad, position_noise_m)
-        times_s, style = (inside.stamps_ns - zero_ns) / _NS_PER_S, {**style_of(name), "linewidth": 1.0}
+        times_s, style = (inside.stamps_ns - zero_ns) / NS_PER_S, {**style_of(name), "linewidth": 1.0}
         for row, label in enumerate(_ROWS):
             axis, band = axes[row, column], _SIGMAS * _SCALES[row] * sigma[:, row]
             axis.fill_between(times_s, -band, band, color=style["color"], alpha=0.2, linewidth=0)

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from scipy.signal import savgol_filter
 
-from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.evaluation.alignment import heading_error_rad
 from coclo_vio.evaluation.association import gaps_ns
 from coclo_vio.geometry import se3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _RPE_TOLERANCE = 0.1
 _SHORTEST_PATH_M = 1e-6
 _LOW_PASS_SAMPLES = 11
@@ -183,7 +183,7 @@ def velocities(trajectory: Trajectory, window_s: float, max_gap_s: float) -> tup
     velocity = np.stack([np.interp(times_s, grid_s, column) for column in slope.T], axis=1)
     half_s = 0.5 * (samples - 1) * spacing_s
     is_trusted: BoolArray = (times_s >= half_s) & (times_s <= grid_s[-1] - half_s)
-    for start_s, end_s in (gaps_ns(trajectory.stamps_ns, max_gap_s) - trajectory.stamps_ns[0]) / _NS_PER_S:
+    for start_s, end_s in (gaps_ns(trajectory.stamps_ns, max_gap_s) - trajectory.stamps_ns[0]) / NS_PER_S:
         is_trusted &= (times_s <= start_s - half_s) | (times_s >= end_s + half_s)
     return velocity, is_trusted
 

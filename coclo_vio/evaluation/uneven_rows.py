@@ -18,8 +18,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.evaluation.angular_motion import AngularMotion
+from coclo_vio.values.arrays import Array, BoolArray
 
 _MOST_ROWS = 600
 _OUTLIER_RAD = 0.05

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.estimates import OdometryDelta, PoseEvidence, PosePair
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.square_root import Correction, correct
 from coclo_vio.filter.state import POSITION, ROTATION, State
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import OdometryDelta, PoseEvidence, PosePair
 
 
 def _clone_pose(mean: State) -> Array:
@@ -37,7 +37,7 @@ def delta_from_clone(core: SquareRootFilter, start_ns: int, end_ns: int) -> Odom
     return OdometryDelta(start_ns, end_ns, se3.inverse(_clone_pose(mean)) @ T_world_end, rows @ rows.T)
 
 
-def correct_clone(core: SquareRootFilter, T_world_clone: Array, covariance: Array) -> Correction:  # noqa: N803
+def correct_clone(core: SquareRootFilter, T_world_clone: Array, covariance: Array) -> Correction:
     """Take a pose measured at the time of the clone; the present state follows through their correlation.
 
     Args:
@@ -56,7 +56,7 @@ def correct_clone(core: SquareRootFilter, T_world_clone: Array, covariance: Arra
     return core.update(core.factor.T @ jacobian.T, noise_rows, innovation)
 
 
-def _local(mean: State, rotation_at: slice, position_at: slice, R: Array) -> Array:  # noqa: N803 -- a rotation is R
+def _local(mean: State, rotation_at: slice, position_at: slice, R: Array) -> Array:
     """d(right/local error) / d(errors of the filter) of a cloned pose, (6, L)."""
     jacobian = np.zeros((6, mean.layout.dimension))
     jacobian[:3, rotation_at] = jacobian[3:, position_at] = R.T
@@ -89,7 +89,7 @@ def anchor_pose(mean: State) -> Array:
     return se3.transform(mean.anchor_rotation, mean.vector[mean.layout.anchor_position])
 
 
-def _as_seen(T: Array, eyes: Array) -> tuple[Array, Array, Array]:  # noqa: N803 -- a transform is T
+def _as_seen(T: Array, eyes: Array) -> tuple[Array, Array, Array]:
     """A pose from the anchor as eyes see it that are mounted otherwise and have another base line than is known.
 
     ``E T E^-1`` of cameras that are turned by ``E = exp(turn)``, its translation stretched by ``1 + stretch``.
@@ -108,7 +108,7 @@ def _as_seen(T: Array, eyes: Array) -> tuple[Array, Array, Array]:  # noqa: N803
     return seen, stretch[:, None] * se3.adjoint(E), of_eyes
 
 
-def placed(core: SquareRootFilter, T_anchor_seen: Array, covariance: Array) -> tuple[Array, Array]:  # noqa: N803
+def placed(core: SquareRootFilter, T_anchor_seen: Array, covariance: Array) -> tuple[Array, Array]:
     """A pose that eyes see from the anchor, in the world, and the covariance of its right/local error.
 
     Args:

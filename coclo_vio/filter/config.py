@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
-from coclo_vio.config import StageConfig, merged
 from coclo_vio.filter.feedback import GateConfig
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.standstill import StandstillConfig
+from coclo_vio.values.config import StageConfig, merged
 
 Noise = Annotated[float, Field(gt=0)]
 

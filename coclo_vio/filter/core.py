@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.filter.square_root import Correction, SigmaSpread, correct, lower_factor
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
 
 MOST_ROTATION_SIGMA_RAD = 0.6
 """Larger uncertainties of a rotation are reported as this; narrow sigma points stand up to sqrt(7) times as far."""

@@ -14,11 +14,11 @@ from typing import Annotated
 from pydantic import Field
 from scipy.stats import chi2
 
-from coclo_vio.config import StageConfig
-from coclo_vio.estimates import PoseEvidence
 from coclo_vio.filter.cloning import weigh
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.square_root import Correction
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.estimates import PoseEvidence
 
 
 class GateConfig(StageConfig):

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _SILENCE_NS = 100_000_000  # an accelerometer that said nothing for so long has missed what happened
 
 
@@ -40,7 +40,7 @@ class GravityWindow:
     """
 
     def __init__(self, dwell_s: float, length_s: float) -> None:
-        self._dwell_ns, self._length_ns = round(dwell_s * _NS_PER_S), round(length_s * _NS_PER_S)
+        self._dwell_ns, self._length_ns = round(dwell_s * NS_PER_S), round(length_s * NS_PER_S)
         self._stood_since_ns: int | None = None
         self._opened_ns: int | None = None
         self._last_ns = 0
@@ -69,7 +69,7 @@ class GravityWindow:
             if stamp_ns - self._stood_since_ns >= self._dwell_ns:
                 self._open(stamp_ns, velocity_world)
             return None
-        self._impulse = self._impulse + force_world * ((stamp_ns - self._last_ns) / _NS_PER_S)
+        self._impulse = self._impulse + force_world * ((stamp_ns - self._last_ns) / NS_PER_S)
         self._last_ns, self._velocity_now = stamp_ns, velocity_world
         if stamp_ns - self._opened_ns < self._length_ns:
             return None
@@ -79,7 +79,7 @@ class GravityWindow:
 
     def _reading(self) -> GravityReading:
         assert self._opened_ns is not None, "a window is open"
-        duration_s = (self._last_ns - self._opened_ns) / _NS_PER_S
+        duration_s = (self._last_ns - self._opened_ns) / NS_PER_S
         return GravityReading((self._impulse - self._velocity_now + self._velocity_then) / duration_s, duration_s)
 
     def _open(self, stamp_ns: int, velocity_world: Array) -> None:

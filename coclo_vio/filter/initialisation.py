@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.filter import observation
 from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.core import SquareRootFilter
@@ -25,8 +24,9 @@ from coclo_vio.filter.state import (
     StateLayout,
 )
 from coclo_vio.geometry import so3
-from coclo_vio.robot.foot_load import GRAVITY_MPS2
 from coclo_vio.robot.standstill import Rest
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.units import GRAVITY_MPS2
 
 _WEIGHTLESS_MPS2 = 1.0  # a mean specific force smaller than this shows no direction: the body is taken as level
 _TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start

@@ -9,15 +9,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import FilterError
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.stance import Reading
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.contact import ContactConfig, ContactDetector
 from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import Rest, StandstillDetector
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import FilterError
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
 _MOST_FORCES = 200  # accelerometer readings that are kept while no joint sample comes
 

@@ -10,16 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.estimates import FootState, NavState, StateEstimate
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.intake import Intake
 from coclo_vio.filter.stance import Reading
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import FootState, NavState, StateEstimate
+from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _DRIFT_RATIO = 0.1  # of the travelled distance, for the covariance
 
 
@@ -36,7 +36,7 @@ class NaiveLegOdometry:
     def __init__(self, robot: RobotModel, config: FilterConfig, *, rolls_feet: bool, weighs_load: bool) -> None:
         self._counts: Counter[str] = Counter()
         self._intake = Intake(robot, config, robot.description.contact, self._counts)
-        self._rest_timeout_ns = round(config.rest_timeout_s * _NS_PER_S)
+        self._rest_timeout_ns = round(config.rest_timeout_s * NS_PER_S)
         self._radii_m = robot.foot_radii_m * rolls_feet
         self._weighs_load = weighs_load
         self._first_ns: int | None = None
@@ -78,7 +78,7 @@ class NaiveLegOdometry:
 
     def _advance(self, reading: Reading) -> None:
         assert self._stamp_ns is not None
-        dt_s = (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         rate = self._rate if reading.angular_velocity is None else reading.angular_velocity - self._bias
         self._rotation = self._rotation @ so3.exp(0.5 * (self._rate + rate) * dt_s)
         velocity = self._velocity(reading, rate)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.process import UP, lengthened, slip_of
 from coclo_vio.filter.stance import FootMotion, Reading
@@ -28,7 +27,8 @@ from coclo_vio.filter.state import (
 )
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.robot.foot_load import GRAVITY_MPS2
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.units import GRAVITY_MPS2
 
 NO_LEG = -1
 CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them

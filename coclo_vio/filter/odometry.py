@@ -7,9 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.errors import FilterError
-from coclo_vio.estimates import FootState, NavState, OdometryDelta, PoseEvidence, PosePair, StateEstimate
 from coclo_vio.filter.cloning import correct_clone, delta_from_clone, frame_pair, placed
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
@@ -21,10 +18,13 @@ from coclo_vio.filter.robust import RobustProfile
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.errors import FilterError
+from coclo_vio.values.estimates import FootState, NavState, OdometryDelta, PoseEvidence, PosePair, StateEstimate
+from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _ADVICE = (
     "what was estimated before stays valid; look there for wild readings, or for stamps in another unit than their "
     "column says"
@@ -91,7 +91,7 @@ class LegOdometryFilter:
             return None
         if self._core is None:
             return self._try_to_start(reading)
-        dt_s = (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         is_gap = dt_s > self.config.max_gap_s
         if is_gap:
             self._counts["gap"] += 1
@@ -121,7 +121,7 @@ class LegOdometryFilter:
         core, clone_ns = self._cloned()
         return delta_from_clone(core, clone_ns, self._stamp_ns)
 
-    def correct_at_clone(self, T_world_body: Array, covariance: Array) -> float:  # noqa: N803
+    def correct_at_clone(self, T_world_body: Array, covariance: Array) -> float:
         """Take a pose measured at the time of the clone, however late it comes.
 
         Args:
@@ -154,7 +154,7 @@ class LegOdometryFilter:
             FilterError: the filter has not started yet.
         """
         mean = self._started().mean
-        dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+        dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
         rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
         return se3.transform(rotation, mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s)
 
@@ -172,7 +172,7 @@ class LegOdometryFilter:
         core = self._started()
         if not core.mean.layout.has_frame:
             raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
-        dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+        dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
         core.mark_frame(dt_s, self._wandering(dt_s))
         self._frame_ns = stamp_ns
         return self.frame_pose
@@ -193,7 +193,7 @@ class LegOdometryFilter:
         self._marked()[0].anchor()
         self.keep_frame()
 
-    def placed(self, T_anchor_seen: Array, covariance: Array) -> tuple[Array, Array]:  # noqa: N803 -- a transform is T
+    def placed(self, T_anchor_seen: Array, covariance: Array) -> tuple[Array, Array]:
         """A pose that eyes see from the anchor, as it is in the world, with the covariance of its right/local error.
 
         Args:
@@ -276,13 +276,13 @@ class LegOdometryFilter:
             for stamp_ns, rate in reading.gyroscope:
                 if stamp_ns <= self._stamp_ns or stamp_ns >= reading.stamp_ns:
                     continue
-                dt_s = (stamp_ns - self._stamp_ns) / _NS_PER_S
+                dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
                 self._profile.coast(core, rate, dt_s, self._gyroscope_noise(dt_s))
                 self._stamp_ns = stamp_ns
             last = reading.gyroscope[-1] if reading.gyroscope else None
             is_current = last is not None and last[0] >= reading.stamp_ns
             rest_of = replace(reading, angular_velocity=last[1] if last is not None and is_current else None)
-        return rest_of, (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        return rest_of, (reading.stamp_ns - self._stamp_ns) / NS_PER_S
 
     def _gyroscope_noise(self, dt_s: float) -> float:
         """One sigma of the gyroscope averaged over a step, rad/s."""
@@ -292,7 +292,7 @@ class LegOdometryFilter:
         rest = self._intake.rest
         if self._first_ns is None:
             self._first_ns = reading.stamp_ns
-        waited_s = (reading.stamp_ns - self._first_ns) / _NS_PER_S
+        waited_s = (reading.stamp_ns - self._first_ns) / NS_PER_S
         if rest is None and waited_s < self.config.rest_timeout_s:
             return None
         self._counts["started_moving"] += rest is None

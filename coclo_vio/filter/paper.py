@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.filter.config import PaperConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.initialisation import UnsureFeet
@@ -37,6 +36,7 @@ from coclo_vio.filter.state import (
 )
 from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array, BoolArray
 
 CURVED_COLUMNS = 10  # rotation, (leg scale,) rate and gyroscope bias bend the prediction
 

@@ -12,8 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import ImuCalibration
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
@@ -30,6 +28,8 @@ from coclo_vio.filter.state import (
     State,
 )
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import ImuCalibration
 
 UP = np.array([0.0, 0.0, 1.0])
 CURVED_COLUMNS = 7  # rotation, leg scale and rate bend the prediction; all else is linear given them

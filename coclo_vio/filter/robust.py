@@ -6,7 +6,6 @@ from collections import Counter
 import numpy as np
 from scipy.stats import chi2
 
-from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.filter import observation, process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.core import SquareRootFilter
@@ -17,6 +16,7 @@ from coclo_vio.filter.stance import Footholds, FootMotion, Reading, press_of
 from coclo_vio.filter.state import RATE, SLIP, VELOCITY, State, StateLayout
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 
 class RobustProfile:

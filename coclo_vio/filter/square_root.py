@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from coclo_vio.arrays import Array
+from coclo_vio.values.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

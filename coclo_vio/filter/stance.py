@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import FeetKinematics
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _MOST_PRESS = 20.0  # beyond it a load is a fault of its sensor
 
 
@@ -102,7 +102,7 @@ class Footholds:
         self._rotation_body_foot = rotation
         self._position_body = position
         press = press_of(reading, self._standing_load, before=self._press)
-        is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / _NS_PER_S
+        is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         press_rate = np.where(is_loaded & self._is_loaded, press - self._press, 0.0) / dt_s
         self._press, self._is_loaded, self._stamp_ns = press, is_loaded, reading.stamp_ns
         return FootMotion(holds, position, so3.log_below_pi(relative), is_known, press, press_rate)

@@ -22,9 +22,9 @@ from functools import cached_property
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.filter.square_root import SigmaSpread
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
 
 ROTATION = slice(0, 3)
 LEG_SCALE = slice(3, 4)

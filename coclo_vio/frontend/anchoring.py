@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.frontend.config import AnchorConfig, LikenessConfig
 from coclo_vio.frontend.patches import FloatArray, PatchAligner, alike
 from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.values.arrays import Array, BoolArray
 
 _ANYWHERE_PX = 100.0
 

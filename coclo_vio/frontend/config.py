@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from coclo_vio.config import StageConfig
+from coclo_vio.values.config import StageConfig
 
 
 class DetectionConfig(StageConfig):

@@ -8,8 +8,8 @@ and of what the image's noise alone would make.
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage, IntArray
 from coclo_vio.frontend.config import DetectionConfig
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage, IntArray
 
 _BLOCK_PX = 5
 _RIM_PX = 6  # a cell is searched with so much of its surroundings: corner strength looks beyond its own pixel

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array, checked
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array, checked
 
 _LONGEST_GAP_S = 1.0  # beyond it nothing goes on as before
 
@@ -22,7 +22,7 @@ class ExpectedMotion:
         self._reference_ns = 0
         self._twist_rate: Array | None = None  # [rotation rad/s, translation m/s] in the camera's frame
 
-    def advance(self, stamp_ns: int, T_previous_current: Array | None) -> None:  # noqa: N803
+    def advance(self, stamp_ns: int, T_previous_current: Array | None) -> None:
         """A frame later, with the predicted step (4, 4) or None.
 
         Raises:
@@ -38,7 +38,7 @@ class ExpectedMotion:
         before = self.T_reference_current
         self.T_reference_current = None if before is None or step is None else before @ step
 
-    def settle(self, T_reference_current: Array | None) -> None:  # noqa: N803
+    def settle(self, T_reference_current: Array | None) -> None:
         """The last frame is the reference from now on; this motion (4, 4) was seen up to it, None if none was."""
         now_ns = self._stamp_ns if self._stamp_ns is not None else 0
         dt_s = (now_ns - self._reference_ns) * 1e-9

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage
 
 _BACK_LEVELS = 1
 _LEAST_EIGENVALUE = 1e-4

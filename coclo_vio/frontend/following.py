@@ -11,8 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage, IntArray
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.anchoring import Anchoring
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.flow import LucasKanade, evened
@@ -20,6 +18,8 @@ from coclo_vio.frontend.motion_check import MotionCheck, MotionVerdict
 from coclo_vio.frontend.patches import FloatArray, PatchAligner
 from coclo_vio.frontend.prediction import predicted, stretched
 from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage, IntArray
+from coclo_vio.values.calibration import RectifiedStereo
 
 
 class Follower:

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coclo_vio.arrays import Array, ByteImage
-from coclo_vio.calibration import RectifiedStereo, StereoCalibration
 from coclo_vio.frontend import overlay, sight
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.detection import CornerDetector
@@ -17,7 +15,9 @@ from coclo_vio.frontend.patches import PatchAligner, SmoothPair
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
 from coclo_vio.frontend.stereo_matching import StereoMatcher
 from coclo_vio.frontend.tracks import LiveTracks
-from coclo_vio.measurements import Sight, StereoFrame, StereoTracks
+from coclo_vio.values.arrays import Array, ByteImage
+from coclo_vio.values.calibration import RectifiedStereo, StereoCalibration
+from coclo_vio.values.measurements import Sight, StereoFrame, StereoTracks
 
 _TAIL_FRAMES = 10
 
@@ -62,7 +62,7 @@ class StereoFrontend:
         """How often each thing happened to a point or a frame."""
         return dict(self._counts)
 
-    def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:  # noqa: N803
+    def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:
         """The points of a frame.
 
         Args:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.config import MotionCheckConfig
 from coclo_vio.frontend.tracks import LiveTracks
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.calibration import RectifiedStereo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ class MotionCheck:
         T = se3.transform(np.asarray(rotation, dtype=np.float64), np.asarray(shift, dtype=np.float64).ravel())
         return T if np.isfinite(T).all() else None
 
-    def _errors(self, T_current_previous: Array, points: Array, pixels: Array) -> Array:  # noqa: N803
+    def _errors(self, T_current_previous: Array, points: Array, pixels: Array) -> Array:
         """Distance (N,), px, from where the motion puts the points to where they are seen."""
         moved = se3.apply(T_current_previous, points)
         ahead = moved[:, 2] > 1e-3

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import Array, ByteImage
 from coclo_vio.frontend.rectification import RectifiedPair
-from coclo_vio.measurements import Sight, StereoTracks
+from coclo_vio.values.arrays import Array, ByteImage
+from coclo_vio.values.measurements import Sight, StereoTracks
 
 _OLD_FRAMES = 30
 _TEXT_SCALE = 0.45

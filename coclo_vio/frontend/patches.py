@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage, IntArray
 from coclo_vio.frontend.config import LikenessConfig, PatchConfig
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage, IntArray
 
 FloatArray = npt.NDArray[np.float32]
 

@@ -3,10 +3,10 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.tracks import LiveTracks
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import RectifiedStereo
 
 _LEAST_DEPTH_M = 0.05
 _FAR_DISPARITY_PX = 0.1
@@ -15,7 +15,7 @@ _FAR_DISPARITY_PX = 0.1
 def predicted(
     rig: RectifiedStereo,
     tracks: LiveTracks,
-    T_previous_current: Array,  # noqa: N803
+    T_previous_current: Array,
 ) -> tuple[Array, Array]:
     """Expected places (N, 2) in the left image and disparities (N,), px, after a motion.
 
@@ -40,7 +40,7 @@ def predicted(
 def stretched(
     rig: RectifiedStereo,
     tracks: LiveTracks,
-    T_previous_current: Array,  # noqa: N803
+    T_previous_current: Array,
 ) -> Array:
     """What maps a step about each point in the last left image to one in this, (N, 2, 2), after a motion.
 

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.arrays import Array, ByteImage
-from coclo_vio.calibration import CameraCalibration, RectifiedStereo, StereoCalibration
-from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.arrays import Array, ByteImage
+from coclo_vio.values.calibration import CameraCalibration, RectifiedStereo, StereoCalibration
+from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.measurements import StereoFrame
 
 # What OpenCV has to say of itself would stand between the lines of ours.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
@@ -108,7 +108,7 @@ class Rectifier:
         return np.where(inside, 255, 0).astype(np.uint8)
 
 
-def _is_rectified(left: CameraCalibration, right: CameraCalibration, T_left_right: Array) -> bool:  # noqa: N803
+def _is_rectified(left: CameraCalibration, right: CameraCalibration, T_left_right: Array) -> bool:
     no_lens = not any((*left.distortion_coefficients, *right.distortion_coefficients))
     no_lens &= "equidistant" not in (left.distortion, right.distortion)  # whose zeros are a fisheye's all the same
     same = np.abs(left.camera_matrix - right.camera_matrix).max() < _SAME_PX
@@ -117,7 +117,7 @@ def _is_rectified(left: CameraCalibration, right: CameraCalibration, T_left_righ
     return bool(no_lens and same and along_x and np.abs(T_left_right[:3, :3] - np.eye(3)).max() < _PARALLEL_RAD)
 
 
-def _turned_parallel(T_left_right: Array, shape: tuple[int, int]) -> tuple[tuple[Array, Array], float]:  # noqa: N803
+def _turned_parallel(T_left_right: Array, shape: tuple[int, int]) -> tuple[tuple[Array, Array], float]:
     """Rotations (3, 3) from each camera's frame to its rectified one, and the baseline, m."""
     T_right_left = se3.inverse(T_left_right)
     plain = np.diag([float(shape[1]), float(shape[1]), 1.0])

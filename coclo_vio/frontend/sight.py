@@ -7,12 +7,12 @@ from typing import Self
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import ByteImage
 from coclo_vio.frontend.config import SightConfig
 from coclo_vio.frontend.motion_check import MotionVerdict
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.frontend.tracks import LiveTracks
-from coclo_vio.measurements import Sight
+from coclo_vio.values.arrays import ByteImage
+from coclo_vio.values.measurements import Sight
 
 
 @dataclass(frozen=True, slots=True)

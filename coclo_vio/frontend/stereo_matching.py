@@ -11,12 +11,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray, ByteImage
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.frontend.config import LikenessConfig, StereoConfig
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair, alike
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage
+from coclo_vio.values.calibration import RectifiedStereo
 
 _BLOCK_ROWS = 1  # a block may be found so many rows higher or lower
 _ANYWHERE_PX = 100.0

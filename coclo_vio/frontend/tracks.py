@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.arrays import Array, BoolArray, IntArray
 from coclo_vio.frontend.patches import Templates
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import expm
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import so3
+from coclo_vio.geometry.array_types import Array
 
 
 def _swap(twist: Array) -> Array:
@@ -44,7 +44,7 @@ def exp(twist: Array) -> Array:
     return np.asarray(pin.exp6(_swap(twist)).homogeneous, dtype=np.float64)
 
 
-def log(T: Array) -> Array:  # noqa: N803 -- a transform is T
+def log(T: Array) -> Array:
     """The twist ``(6,)`` = [rotation rad, translation m] of a transform ``(4, 4)``."""
     return _swap(np.asarray(pin.log6(pin.SE3(T)).vector, dtype=np.float64))
 
@@ -72,7 +72,7 @@ def right_jacobian_inverse(twist: Array) -> Array:
     return matrix
 
 
-def adjoint(T: Array) -> Array:  # noqa: N803
+def adjoint(T: Array) -> Array:
     """``Ad_T (6, 6)``: ``T exp(x) = exp(Ad_T x) T``."""
     rotation = T[:3, :3]
     matrix = np.zeros((6, 6))

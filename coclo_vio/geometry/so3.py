@@ -9,7 +9,7 @@ robotics", 2018, appendix B.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
+from coclo_vio.geometry.array_types import Array
 
 _SMALL_ANGLE_RAD = 1e-4
 _NO_ZERO = 1e-300  # added to a square, it keeps a quotient from 0 / 0 and changes no other

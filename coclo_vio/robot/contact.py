@@ -12,10 +12,9 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import expit
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.config import StageConfig
-
-_NS_PER_S = 1_000_000_000
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.units import NS_PER_S
 
 
 class ContactConfig(StageConfig):
@@ -118,8 +117,8 @@ class ContactDetector:
 
     def __init__(self, config: ContactConfig, legs: int) -> None:
         self.config = config
-        self._on_dwell_ns = round(config.on_dwell_s * _NS_PER_S)
-        self._off_dwell_ns = round(config.off_dwell_s * _NS_PER_S)
+        self._on_dwell_ns = round(config.on_dwell_s * NS_PER_S)
+        self._off_dwell_ns = round(config.off_dwell_s * NS_PER_S)
         self._is_stance: BoolArray = np.zeros(legs, dtype=np.bool_)
         self._since_ns = np.zeros(legs, dtype=np.int64)
         self._is_changing: BoolArray = np.zeros(legs, dtype=np.bool_)

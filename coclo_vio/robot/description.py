@@ -10,10 +10,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from coclo_vio.calibration import ImuCalibration
-from coclo_vio.config import StageConfig, read_yaml
-from coclo_vio.errors import ConfigError, RobotModelError, listing
 from coclo_vio.robot.contact import ContactConfig
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.config import StageConfig, read_yaml
+from coclo_vio.values.errors import ConfigError, RobotModelError, listing
 
 EXTRA_SCHEME = "example-robot-data:"
 _EXTRA_DISTRIBUTION = "example-robot-data"

@@ -3,14 +3,12 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import RobotModelError
-from coclo_vio.measurements import FootForceSample, JointSample
 from coclo_vio.robot.contact import ContactConfig
 from coclo_vio.robot.model import RobotModel
-
-GRAVITY_MPS2 = 9.81
-_NS_PER_S = 1_000_000_000
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import RobotModelError
+from coclo_vio.values.measurements import FootForceSample, JointSample
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 
 class FootLoad:
@@ -25,7 +23,7 @@ class FootLoad:
     def __init__(self, robot: RobotModel, config: ContactConfig, force_timeout_s: float) -> None:
         self._robot = robot
         self._config = config
-        self._timeout_ns = round(force_timeout_s * _NS_PER_S)
+        self._timeout_ns = round(force_timeout_s * NS_PER_S)
         self._held: FootForceSample | None = None
         self._joints: JointSample | None = None
 
@@ -61,7 +59,7 @@ class FootLoad:
             return self._held.force
         acceleration = None
         if self._config.compensation == "inertia" and before is not None:
-            acceleration = (sample.velocity - before.velocity) / ((sample.stamp_ns - before.stamp_ns) / _NS_PER_S)
+            acceleration = (sample.velocity - before.velocity) / ((sample.stamp_ns - before.stamp_ns) / NS_PER_S)
         forces = self._robot.foot_forces(
             sample.position,
             sample.velocity,

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.errors import RobotModelError, listing
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import LegDescription, RobotDescription, urdf_path
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.errors import RobotModelError, listing
 
 _BASE = 6  # the free base comes first in every Pinocchio vector, with six velocities
 _ROOT_JOINT = 1

@@ -13,11 +13,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
-from coclo_vio.measurements import ImuSample, JointSample
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.measurements import ImuSample, JointSample
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _FEWEST_SAMPLES = 5
 _LEAVING = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once, for a window
 _SPANNED = 0.8  # the part of the window that samples must span; slow sensors never span all of it
@@ -69,7 +69,7 @@ class StandstillDetector:
 
     def __init__(self, config: StandstillConfig | None = None) -> None:
         self.config = config or StandstillConfig()
-        window_ns = round(self.config.window_s * _NS_PER_S)
+        window_ns = round(self.config.window_s * NS_PER_S)
         self._imu = _SlidingMoments(window_ns)
         self._joints = _SlidingMoments(window_ns)
         self._fast_ns: int | None = None

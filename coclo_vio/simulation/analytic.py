@@ -12,18 +12,18 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array, BoolArray, IntArray
-from coclo_vio.config import StageConfig
-from coclo_vio.errors import ConfigError, listing
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.body_motion import GRAVITY, BodyMotion, BodyMotionConfig, BodyStates
+from coclo_vio.simulation.body_motion import BodyMotion, BodyMotionConfig, BodyStates
 from coclo_vio.simulation.gait import GaitConfig, plan_swings, share_load, stance_of
 from coclo_vio.simulation.rolling import FootPlan, LegPath, RollingLegs
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import ConfigError, listing
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _STANDING_RAD: dict[str, tuple[tuple[float, float, float], ...]] = {
     "a1": ((0.0, 0.8, -1.6),) * 4,
     "anymal_b": ((0.0, 0.4, -0.8), (0.0, 0.4, -0.8), (0.0, -0.4, 0.8), (0.0, -0.4, 0.8)),
@@ -115,24 +115,24 @@ def generate(config: AnalyticTrialConfig, robot: RobotModel, seed: int) -> Analy
     """
     steps_seed, sensor_seed = np.random.SeedSequence(seed).spawn(2)
     samples = round(config.body.duration_s * config.rate_hz) + 1
-    stamps_ns = np.round(np.arange(samples) * (_NS_PER_S / config.rate_hz)).astype(np.int64)
+    stamps_ns = np.round(np.arange(samples) * (NS_PER_S / config.rate_hz)).astype(np.int64)
     posture = _standing(config, robot)
     nominal = robot.feet(posture, np.zeros_like(posture)).position_body
     motion = BodyMotion(config.body, float(np.mean(robot.foot_radii_m - nominal[:, 2])))
     legs = RollingLegs(robot, motion)
-    body = motion.at(stamps_ns / _NS_PER_S)
+    body = motion.at(stamps_ns / NS_PER_S)
     walk_end_s = config.body.rest_s + config.body.walk_s
     swings = plan_swings(config.gait, nominal[:, :2], config.rate_hz, config.body.rest_s, walk_end_s)
     scatter = np.random.default_rng(steps_seed).uniform(-1.0, 1.0, (len(swings), 2)) * config.foothold_jitter_m
     plan = FootPlan(nominal[:, :2], config.gait.duty * config.gait.cycle_s, config.gait.lift_m, scatter)
     ground = np.column_stack((nominal[:, :2], robot.foot_radii_m))
     path = legs.walk(
-        stamps_ns / _NS_PER_S, legs.stand(posture, ground, motion.at(np.zeros(1))), swings, plan, config.substeps
+        stamps_ns / NS_PER_S, legs.stand(posture, ground, motion.at(np.zeros(1))), swings, plan, config.substeps
     )
     share = share_load(config.gait, swings, samples, len(nominal), config.rate_hz)
-    acceleration = np.gradient(path.velocity, stamps_ns / _NS_PER_S, axis=0)
+    acceleration = np.gradient(path.velocity, stamps_ns / NS_PER_S, axis=0)
     sensors = _Sensors(config, robot, sensor_seed, samples)
-    load_n = robot.mass_kg * GRAVITY * share
+    load_n = robot.mass_kg * GRAVITY_MPS2 * share
     return AnalyticTrial(
         sensors.read(stamps_ns, body, path, acceleration, load_n),
         Trajectory(stamps_ns, se3.transform(body.rotation, body.position), body.velocity),
@@ -211,7 +211,7 @@ class _Sensors:
         contact = self._robot.description.contact
         per_newton = self._config.force_per_newton
         if per_newton is None:
-            equal_share = self._robot.mass_kg * GRAVITY / load_n.shape[1]
+            equal_share = self._robot.mass_kg * GRAVITY_MPS2 / load_n.shape[1]
             per_newton = 1.5 * contact.on_force / equal_share if contact.source == "force_sensor" else 1.0
         return noisy * per_newton
 

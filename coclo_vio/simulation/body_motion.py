@@ -11,9 +11,10 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.units import GRAVITY_MPS2
 
 
 class BodyMotionConfig(StageConfig):
@@ -67,13 +68,11 @@ class BodyStates:
 
         ``R^T (a - g) + alpha x r + omega x (omega x r)``.
         """
-        felt = self.acceleration + np.array([0.0, 0.0, GRAVITY])
+        felt = self.acceleration + np.array([0.0, 0.0, GRAVITY_MPS2])
         force: Array = np.einsum("mji,mj->mi", self.rotation, felt)
         force = force + np.cross(self.angular_acceleration, point_body)
         return force + np.cross(self.angular_velocity, np.cross(self.angular_velocity, point_body))
 
-
-GRAVITY = 9.81  # m/s^2; world gravity is (0, 0, -GRAVITY)
 
 Jet = tuple[Array, Array, Array]  # a scalar function of time with its first and second derivative
 

@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array, BoolArray
-from coclo_vio.config import StageConfig
-from coclo_vio.errors import ConfigError
 from coclo_vio.simulation.body_motion import smooth_step
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import ConfigError
 
 
 class GaitConfig(StageConfig):

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import RobotModelError
 from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.body_motion import BodyMotion, BodyStates
 from coclo_vio.simulation.gait import Swing, SwingCurve
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import RobotModelError
 
 _REACH_TOLERANCE_M = 1e-12
 _FOLLOW_TOLERANCE_M = 1e-6

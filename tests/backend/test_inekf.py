@@ -9,14 +9,14 @@ import pytest
 
 from coclo_vio.backend.foothold_filter import FootholdFilter, FootholdNoiseConfig
 from coclo_vio.backend.inekf import InvariantConfig, InvariantLegOdometry
-from coclo_vio.errors import RobotModelError, SmootherError
-from coclo_vio.estimates import StateEstimate
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.errors import RobotModelError, SmootherError
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
 PERFECT = SensorNoiseConfig(noise_scale=0.0)
 ROLLING = InvariantConfig(rolling_feet=True)

@@ -11,14 +11,15 @@ import pytest
 import yaml
 from console import Answer, Coclo, is_one_sentence
 
-from coclo_vio import __version__, comparison
+from coclo_vio import __version__
 from coclo_vio.datasets.writer import write_leg_log
 from coclo_vio.robot.description import load_robot, robot_names
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.run_config import resolve
+from coclo_vio.runs import comparison
+from coclo_vio.runs.run_config import resolve
 from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.trajectory import GroundTruth
 
 PROMISED = {
     *("ate_m", "rpe_1m_percent", "drift_percent", "paper_drift_percent", "velocity_rmse_mps", "yaw_drift_deg"),

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 from console import Coclo, is_one_sentence
 
-from coclo_vio import comparison
 from coclo_vio.cli import results
 from coclo_vio.datasets.writer import write_leg_log
-from coclo_vio.errors import DatasetError
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.runs import comparison
 from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 PROMISED = {
     *("ate_m", "rpe_1m_percent", "drift_percent", "paper_drift_percent", "velocity_rmse_mps", "yaw_drift_deg"),

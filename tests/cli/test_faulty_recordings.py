@@ -11,9 +11,9 @@ from console import Coclo
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.rosbag.writing.messages import BagMessages
 from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
-from coclo_vio.measurements import ImuSample, JointSample, Measurement
+from coclo_vio.datasets.sample import sample_path
 from coclo_vio.robot.description import load_robot
-from coclo_vio.sample import sample_path
+from coclo_vio.values.measurements import ImuSample, JointSample, Measurement
 
 DAISY = load_robot("daisy")
 WRONG = ["leg3_ellbow" if name == "leg3_elbow" else name for name in DAISY.joint_names]

@@ -11,10 +11,10 @@ from console import Coclo, is_one_sentence
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.images import encoded
+from coclo_vio.datasets.sample import sample_path
 from coclo_vio.datasets.writer import write_euroc_folder
-from coclo_vio.measurements import CameraImuSample, EncodedStereoFrame, Measurement, StereoFrame
 from coclo_vio.robot.description import load_robot
-from coclo_vio.sample import sample_path
+from coclo_vio.values.measurements import CameraImuSample, EncodedStereoFrame, Measurement, StereoFrame
 
 PART_S = (4.5, 7.5)  # it stands, and walks
 FRAMES = 45

@@ -10,11 +10,11 @@ import pytest
 import yaml
 from console import Answer, Coclo, is_one_sentence
 
-from coclo_vio import simulated_recording
 from coclo_vio.cli import simulating
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.robot.description import load_robot
-from coclo_vio.simulated_recording import RecordingFormat
+from coclo_vio.simulation import simulated_recording
+from coclo_vio.simulation.simulated_recording import RecordingFormat
 from coclo_vio.simulation.trial.terrain import TerrainName
 from coclo_vio.simulation.visuals import opengl
 

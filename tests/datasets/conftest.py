@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pytest
 
-from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.datasets import images
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import (
+from coclo_vio.robot.description import LegDescription, RobotDescription
+from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.values.measurements import (
     CameraImuSample,
     EncodedStereoFrame,
     FootForceSample,
@@ -21,8 +22,7 @@ from coclo_vio.measurements import (
     Measurement,
     StereoFrame,
 )
-from coclo_vio.robot.description import LegDescription, RobotDescription
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 
 @pytest.fixture

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import pytest
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
-from coclo_vio.errors import ConfigError, DatasetError
-from coclo_vio.measurements import JointSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.measurements import JointSample
 
 
 def to_euroc_folder(folder, robot, measurements):

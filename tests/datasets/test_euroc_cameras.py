@@ -3,12 +3,12 @@ import cv2
 import numpy as np
 import pytest
 
-from coclo_vio.calibration import CameraCalibration
 from coclo_vio.datasets import camera_rows, euroc_sensor, images
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
-from coclo_vio.errors import CalibrationMissing, DatasetError, TopicNotFound
-from coclo_vio.measurements import ALL_SENSORS, VISION_SENSORS, CameraImuSample, StereoFrame
+from coclo_vio.values.calibration import CameraCalibration
+from coclo_vio.values.errors import CalibrationMissing, DatasetError, TopicNotFound
+from coclo_vio.values.measurements import ALL_SENSORS, VISION_SENSORS, CameraImuSample, StereoFrame
 
 FRAMES_ONLY = frozenset({StereoFrame})
 

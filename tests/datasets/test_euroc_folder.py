@@ -8,9 +8,9 @@ from coclo_vio.datasets import images
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
-from coclo_vio.errors import DatasetError, TopicNotFound
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import ALL_SENSORS, ImuSample, JointSample, StereoFrame
+from coclo_vio.values.errors import DatasetError, TopicNotFound
+from coclo_vio.values.measurements import ALL_SENSORS, ImuSample, JointSample, StereoFrame
 
 YAML = """%YAML:1.0
 sensor_type: imu

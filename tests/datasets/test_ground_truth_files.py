@@ -4,9 +4,9 @@ import pytest
 
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.ground_truth import UNSTAMPED_PERIOD_NS, read_ground_truth
-from coclo_vio.datasets.report import ReadTally
-from coclo_vio.errors import DatasetError, TimestampError
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.geometry import so3
+from coclo_vio.values.errors import DatasetError, TimestampError
 
 QUARTER = "0,0,0.7071067811865476,0.7071067811865476"
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.datasets import images
-from coclo_vio.errors import DatasetError
+from coclo_vio.values.errors import DatasetError
 
 
 @pytest.fixture

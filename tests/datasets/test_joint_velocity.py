@@ -4,8 +4,8 @@ import pytest
 
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig, JointVelocityEstimator
-from coclo_vio.measurements import JointSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.measurements import JointSample
 
 
 def velocities(stamps_ns, angles, **settings):

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from coclo_vio.datasets.kalibr import read_camchain, read_imu
-from coclo_vio.errors import CalibrationMissing, ConfigError
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.errors import CalibrationMissing, ConfigError
 
 T_CAM_IMU = se3.transform(so3.exp(np.array([1.1, -0.4, 0.7])), np.array([0.1, -0.05, 0.02]))
 T_CAM1_CAM0 = se3.transform(so3.exp(np.array([0.0, 0.01, 0.0])), np.array([-0.11, 0.0, 0.001]))

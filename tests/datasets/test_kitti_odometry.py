@@ -4,9 +4,9 @@ import pytest
 
 from coclo_vio.datasets import camera_rows, images
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
-from coclo_vio.errors import CalibrationMissing, DatasetError, TimestampError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import ALL_SENSORS, StereoFrame
+from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError
+from coclo_vio.values.measurements import ALL_SENSORS, StereoFrame
 
 FRAMES_ONLY = frozenset({StereoFrame})
 K = np.array([[718.856, 0.0, 607.1928], [0.0, 718.856, 185.2157], [0.0, 0.0, 1.0]])

@@ -6,9 +6,9 @@ import pytest
 
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.writer import RecordedJoints, write_leg_log
-from coclo_vio.errors import DatasetError, TimestampError, TopicNotFound
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
 
 HEADER = (
     "time_s,gyro_x_radps,gyro_y_radps,gyro_z_radps,accel_x_mps2,accel_y_mps2,accel_z_mps2,"

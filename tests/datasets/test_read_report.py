@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from coclo_vio.datasets.report import ReadTally
-from coclo_vio.measurements import ImuSample
+from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.values.measurements import ImuSample
 
 
 def tallied(steps_s, gap_s=0.1):

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from coclo_vio.datasets.robot_fit import fit_of
-from coclo_vio.errors import ConfigError, TopicNotFound
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.errors import ConfigError, TopicNotFound
 
 DAISY, GO1 = (load_robot(name).joint_names for name in ("daisy", "go1"))
 PATH = Path("walk.bag")

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
-from coclo_vio.measurements import (
+from coclo_vio.values.measurements import (
     BodyTwistSample,
     CameraImuSample,
     FootForceSample,

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import scipy.io
 
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.datasets.camera_axes import R_BODY_CAMERA
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
-from coclo_vio.errors import CalibrationMissing, DatasetError, TimestampError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import ALL_SENSORS, BodyTwistSample, Sight, StereoTracks
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError
+from coclo_vio.values.measurements import ALL_SENSORS, BodyTwistSample, Sight, StereoTracks
 
 FRAMES, POINTS = 8, 12
 START_S = 506.5

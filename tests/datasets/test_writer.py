@@ -4,14 +4,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.calibration import ImuCalibration
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
-from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import ALL_SENSORS, CameraImuSample, FootForceSample, ImuSample, JointSample
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import ALL_SENSORS, CameraImuSample, FootForceSample, ImuSample, JointSample
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 
 def to_euroc_folder(folder, robot, measurements, ground_truth=None, **options):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.trajectory import Trajectory
 
 Walk = Callable[..., Trajectory]
 

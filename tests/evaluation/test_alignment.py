@@ -18,7 +18,7 @@ from coclo_vio.evaluation.alignment import (
     tie_start,
 )
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.trajectory import Trajectory
 
 METRES = st.floats(-10.0, 10.0)
 

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.association import coverage, gaps_ns, in_gap, match
+from coclo_vio.values.errors import EvaluationError
 
 NS = 1_000_000_000
 

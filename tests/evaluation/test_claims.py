@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from coclo_vio.evaluation.claims import claims, difference_margin_m, end_error_m, least_drift, what_can_be_told
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.evaluation.ranking import claims, difference_margin_m, end_error_m, least_drift, what_can_be_told
+from coclo_vio.values.trajectory import GroundTruth
 
 CONFIG = EvaluationConfig.model_validate({"clock": {"offset_s": 0.0}})
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.clock import ClockConfig, fit_clock
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 GO1 = Path(__file__).parents[3] / "shared" / "data" / "go1_mocap"
 

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.consistency import anees, anees_bounds, anees_pose, nees, pose_errors
 from coclo_vio.geometry import se3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import Trajectory
 
 
 def test_nees_by_hand():

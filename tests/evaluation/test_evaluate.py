@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.errors import ConfigError, EvaluationError
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.errors import ConfigError, EvaluationError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 NS = 1_000_000_000
 IN_STEP = EvaluationConfig(clock=ClockConfig(offset_s=0.0))

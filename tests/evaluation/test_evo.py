@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from coclo_vio.evaluation import metrics
 from coclo_vio.evaluation.alignment import align_se3, align_yaw_position
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import Trajectory, read_tum, write_tum
+from coclo_vio.values.trajectory import Trajectory, read_tum, write_tum
 
 EVO = Path(sys.executable).parent
 pytestmark = pytest.mark.skipif(

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.figures import plot_position_error, plot_positions, plot_velocities, write_figures
+from coclo_vio.values.errors import EvaluationError
 
 matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.errors import EvaluationError
 from coclo_vio.evaluation.inner_figures import error_and_sigma, plot_contacts, plot_error_bands, plot_keyframes
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.errors import EvaluationError
 
 matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
 

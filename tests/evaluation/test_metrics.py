@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coclo_vio.evaluation import metrics
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.trajectory import Trajectory
 
 
 def shifted(trajectory: Trajectory, by: tuple[float, float, float]) -> Trajectory:

@@ -7,11 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from coclo_vio.errors import EvaluationError
-from coclo_vio.evaluation.claims import Claim
 from coclo_vio.evaluation.evaluate import evaluate
-from coclo_vio.evaluation.report import Lived, write_report
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.evaluation.html_report import Lived, write_report
+from coclo_vio.evaluation.ranking import Claim
+from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory import GroundTruth
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import pytest
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.intake import Intake
 from coclo_vio.filter.stance import Reading
-from coclo_vio.measurements import Measurement
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.measurements import Measurement
 
 WALK = BodyMotionConfig(rest_s=1.0, walk_s=3.0, stop_s=0.5, ramp_s=0.6, speed_mps=0.18, curvature_per_m=0.4)
 

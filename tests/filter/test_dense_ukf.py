@@ -19,9 +19,9 @@ from coclo_vio.filter.robust import RobustProfile
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import LEG_GIVE, LEG_SCALE, POSITION, VELOCITY, State
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
+from coclo_vio.values.measurements import Measurement
 
 STEPS, FIRST = 60, 130
 DT_S, GYROSCOPE_NOISE = 0.01, 2e-3

@@ -6,9 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import FilterError
-from coclo_vio.estimates import PoseEvidence
 from coclo_vio.filter.cloning import _as_seen, _pair, placed
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
@@ -18,6 +15,9 @@ from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, St
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import FilterError
+from coclo_vio.values.estimates import PoseEvidence
 
 LAYOUT = StateLayout(2, has_contacts=False, has_frame=True)
 STEP = 1e-6

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.calibration import ImuCalibration
 from coclo_vio.filter import process
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.square_root import SigmaSpread
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import LEG_SCALE, POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.calibration import ImuCalibration
 
 LEGS = 3
 STEP = 1e-6

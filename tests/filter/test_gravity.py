@@ -8,10 +8,10 @@ from coclo_vio.filter.config import FilterConfig, InitialConfig, RobustConfig
 from coclo_vio.filter.gravity import GravityReading, GravityWindow
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import ImuSample
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.measurements import ImuSample
 
 TICK_NS = 10_000_000
 GRAVITY = np.array([0.0, 0.0, 9.81])

@@ -21,10 +21,10 @@ from coclo_vio.filter.square_root import lower_factor
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import POSITION, ROTATION, VELOCITY, State
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import Measurement
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.measurements import Measurement
 
 DT_S, GYROSCOPE_NOISE = 0.01, 2e-3
 FIRST, STEPS = 110, 200

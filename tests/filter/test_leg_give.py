@@ -17,11 +17,11 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import LEG_GIVE, POSITION, State, StateLayout
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import FootForceSample, JointSample, Measurement
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.measurements import FootForceSample, JointSample, Measurement
 
 GIVE_M = 0.0016
 RIGID = FilterConfig(robust=RobustConfig(estimates_leg_give=False))

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import CocloError, FilterError
-from coclo_vio.estimates import StateEstimate
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.naive import NaiveLegOdometry
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import CocloError, FilterError
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
 Odometry = Callable[..., NaiveLegOdometry]
 

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.errors import FilterError, RobotModelError
-from coclo_vio.estimates import StateEstimate
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.errors import FilterError, RobotModelError
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
 NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_give=False)
 PROFILES = [FilterConfig(robust=NOMINAL), FilterConfig(profile="paper")]

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from textured_room import Room, rig, walk
 
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.measurements import StereoFrame
 
 FRAMES = 10
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from textured_room import BASELINE_M, FOCAL_PX, HEIGHT, PERIOD_NS, WIDTH, Room, rig
 
-from coclo_vio.errors import DatasetError
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import Sight, StereoFrame, StereoTracks
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import Sight, StereoFrame, StereoTracks
 
 Walk = tuple[list[StereoFrame], np.ndarray]
 CENTRE = np.array([239.5, 179.5])

@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from coclo_vio.calibration import StereoCalibration, matrix4
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import StereoFrame, StereoTracks
 from coclo_vio.simulation.visuals.cameras import OPTICAL_FROM_MUJOCO, add_cameras, pinhole, place
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
 from coclo_vio.simulation.visuals.opengl import RenderingError, choose_backend
 from coclo_vio.simulation.visuals.scene import RoomBounds, Surface, add_visuals
 from coclo_vio.simulation.visuals.stereo_renderer import render_stereo
+from coclo_vio.values.calibration import StereoCalibration, matrix4
+from coclo_vio.values.measurements import StereoFrame, StereoTracks
 
 FRAMES = 5
 STAMPS_NS = np.arange(FRAMES, dtype=np.int64) * 66_666_667

@@ -11,7 +11,7 @@ from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.frontend.rectification import Rectifier
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import Sight, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import Sight, StereoFrame, StereoTracks
 
 PERIOD_S = 0.05
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from textured_room import LENS, Room, rig
 
-from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
-from coclo_vio.errors import ConfigError, DatasetError
 from coclo_vio.frontend.rectification import Rectifier
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.measurements import StereoFrame
 
 COLUMNS, ROWS = 640, 480
 MOUNTED = np.array([[0.0, 0.0, 1.0, 0.1], [-1.0, 0.0, 0.0, 0.05], [0.0, -1.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0]])

@@ -8,7 +8,7 @@ from coclo_vio.frontend.patches import PatchAligner
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.frontend.sight import Light, judged
 from coclo_vio.frontend.tracks import LiveTracks
-from coclo_vio.measurements import Sight
+from coclo_vio.values.measurements import Sight
 
 CONFIG = SightConfig()
 BRIGHT = Light(110.0, 105.0, "", "")

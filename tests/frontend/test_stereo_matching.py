@@ -9,7 +9,7 @@ from coclo_vio.frontend.patches import PatchAligner, SmoothPair
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
 from coclo_vio.frontend.stereo_matching import StereoMatcher
 from coclo_vio.frontend.tracks import LiveTracks
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.measurements import StereoFrame
 
 ALIGNER = PatchAligner(PatchConfig())
 RIG = Rectifier(rig()).rig

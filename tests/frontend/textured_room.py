@@ -10,9 +10,9 @@ from functools import cache
 import cv2
 import numpy as np
 
-from coclo_vio.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, matrix4
+from coclo_vio.values.measurements import StereoFrame
 
 WALL_M = 3.0
 HEIGHT_M = 0.4

@@ -2,7 +2,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from coclo_vio.arrays import Array
+from coclo_vio.values.arrays import Array
 
 
 def _axes() -> st.SearchStrategy[Array]:

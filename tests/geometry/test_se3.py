@@ -6,8 +6,8 @@ from hypothesis import given
 from rotation_samples import BELOW_PI, NEAR_PI, ROTVECS, TRANSLATIONS, twists
 from scipy.linalg import expm
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array
 
 _STEP = 1e-6
 TWISTS = twists(ROTVECS)

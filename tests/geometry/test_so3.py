@@ -9,8 +9,8 @@ from rotation_samples import BELOW_PI, GENERIC, NEAR_PI, NEAR_ZERO, ROTVECS, TRA
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
 
 _STEP = 1e-6
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.errors import ConfigError
 from coclo_vio.robot.contact import ContactConfig, ContactDetector, logistic_probability, paper_probability
+from coclo_vio.values.errors import ConfigError
 
 MS = 1_000_000
 METHODS = ["paper", "logistic", "hysteresis"]

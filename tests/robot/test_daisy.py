@@ -5,10 +5,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot, urdf_path
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array
 
 hebi = pytest.importorskip("hebi", reason="hebi-py (development only) is the oracle", exc_type=ImportError)
 

@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 from scipy.signal import savgol_filter
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactConfig, ContactDetector
 from coclo_vio.robot.description import LegDescription, RobotDescription, load_robot, urdf_path
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array, BoolArray
 
 UP = np.array([0.0, 0.0, 9.81])
 DAISY = RobotModel(load_robot("daisy"))

@@ -6,9 +6,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import RobotModelError
-from coclo_vio.measurements import FootForceSample, JointSample
 from coclo_vio.robot.contact import ContactConfig
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.foot_load import FootLoad
@@ -16,6 +13,9 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.simulation.gait import GaitConfig
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import RobotModelError
+from coclo_vio.values.measurements import FootForceSample, JointSample
 
 UP = np.array([0.0, 0.0, 1.0])
 DAISY = RobotModel(load_robot("daisy"))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from coclo_vio.errors import ConfigError, RobotModelError
 from coclo_vio.robot.description import load_robot, robot_names, urdf_path
+from coclo_vio.values.errors import ConfigError, RobotModelError
 
 OWN_ROBOT = """
 name: mine

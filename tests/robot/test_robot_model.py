@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.errors import RobotModelError
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import LegDescription, RobotDescription, load_robot, robot_names
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.errors import RobotModelError
 
 STEP = 1e-6
 

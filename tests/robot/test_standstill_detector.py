@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.errors import ConfigError
-from coclo_vio.measurements import ImuSample, JointSample
 from coclo_vio.robot.standstill import StandstillConfig, StandstillDetector
+from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.measurements import ImuSample, JointSample
 
 MS = 1_000_000
 BIAS = np.array([0.01, -0.02, 0.005])

@@ -4,13 +4,14 @@
 import numpy as np
 import pytest
 
-from coclo_vio.errors import ConfigError, RobotModelError
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
-from coclo_vio.simulation.body_motion import GRAVITY, BodyMotionConfig
+from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.simulation.gait import GaitConfig
+from coclo_vio.values.errors import ConfigError, RobotModelError
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
+from coclo_vio.values.units import GRAVITY_MPS2
 
 PERFECT = SensorNoiseConfig(noise_scale=0.0)
 BRIEF = BodyMotionConfig(rest_s=0.1, walk_s=1.4, stop_s=0.1, ramp_s=0.5, curvature_per_m=0.4)
@@ -99,7 +100,7 @@ def test_imu_is_consistent_with_the_truth_by_finite_differences(daisy: RobotMode
     T_world_imu = trial.truth.T_world_body @ mounted.imu.T_body_imu
     position, rotation = T_world_imu[:, :3, 3], T_world_imu[:, :3, :3]
     acceleration = (position[2:] - 2.0 * position[1:-1] + position[:-2]) * 500.0**2
-    force = np.einsum("kji,kj->ki", rotation[1:-1], acceleration + np.array([0.0, 0.0, GRAVITY]))
+    force = np.einsum("kji,kj->ki", rotation[1:-1], acceleration + np.array([0.0, 0.0, GRAVITY_MPS2]))
     turn = np.swapaxes(rotation[:-2], 1, 2) @ rotation[2:]
     rate = (
         0.5
@@ -119,7 +120,7 @@ def test_true_velocity_is_the_derivative_of_position(trial: AnalyticTrial) -> No
 
 
 def test_loads_sum_to_the_weight_and_rest_on_stance_feet_only(robot: RobotModel, trial: AnalyticTrial) -> None:
-    weight = robot.mass_kg * GRAVITY
+    weight = robot.mass_kg * GRAVITY_MPS2
     np.testing.assert_allclose(trial.load_n.sum(axis=1), weight, rtol=1e-12)
     assert np.all(trial.load_n[~trial.stance] == 0.0)
     changes = np.diff(trial.stance.astype(int), axis=0)

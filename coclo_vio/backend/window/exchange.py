@@ -2,7 +2,7 @@
 """What the window and whoever measures its odometry tell each other of the last two keyframes.
 
 The window says what it knows of both without the other's word, so that the other hears nothing of its own again; what
-may be handed over of that is ``coclo_vio.bridge``'s to work out.
+may be handed over of that is ``coclo_vio.fusion.bridge``'s to work out.
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.marginalisation import evidence_of_poses
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
-from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import OdometryDelta, PoseBelief, PoseEvidence
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.estimates import OdometryDelta, PoseBelief, PoseEvidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,18 +6,18 @@ from collections.abc import Iterator
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.exchange import Told
-from coclo_vio.backend.window.inertial import GRAVITY_MPS2, Preintegration
+from coclo_vio.backend.window.inertial import Preintegration
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
-from coclo_vio.estimates import OdometryDelta
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import OdometryDelta
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _CARRIED_BIAS = (0.05, 0.005)  # m/s^2 and rad/s: how well biases are known across a silence of the IMU
 
 
@@ -115,6 +115,6 @@ class Expectation:
             yield factors.velocity_prior(end, motion.velocity_world, self._config.start.moving_velocity_mps)
             yield factors.bias_prior(end, known[:3], known[3:], np.repeat(_CARRIED_BIAS, 3))
         if told.odometry is None:
-            age_s = (stamp_ns - window.newest.stamp_ns) / _NS_PER_S
+            age_s = (stamp_ns - window.newest.stamp_ns) / NS_PER_S
             T_start_end, covariance = self._steady.since_keyframe(age_s)
             yield factors.relative_pose(start, end, T_start_end, covariance)

@@ -7,10 +7,10 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import PixelNoiseConfig
-from coclo_vio.calibration import RectifiedStereo
-from coclo_vio.estimates import PoseEvidence
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.estimates import PoseEvidence
 
 _UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, of which a standstill says nothing by itself
 _LANDMARK = gtsam.symbol("l", 0)
@@ -85,7 +85,7 @@ def _robust(huber: Any, track_px: float, disparity_px: float) -> Any:
     return gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
 
-def relative_pose(start: int, end: int, T_start_end: Array, covariance: Array) -> Term:  # noqa: N803
+def relative_pose(start: int, end: int, T_start_end: Array, covariance: Array) -> Term:
     """The motion between two keyframes, with the covariance (6, 6) of its right/local error."""
     keys = (pose_key(start), pose_key(end))
     noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
@@ -106,7 +106,7 @@ def evidence(start: int, end: int, told: PoseEvidence) -> Term | None:
     return Term(gtsam.LinearContainerFactor(linear, where), keys)
 
 
-def pose_prior(number: int, T_world_body: Array, covariance: Array) -> Term:  # noqa: N803
+def pose_prior(number: int, T_world_body: Array, covariance: Array) -> Term:
     """A keyframe's pose, with the covariance (6, 6) of its right/local error."""
     key = pose_key(number)
     noise = gtsam.noiseModel.Gaussian.Covariance(covariance)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class Frame:
     covariance: Array
 
 
-def carried(covariance: Array, T_world_before: Array, T_world_now: Array, added: Array) -> Array:  # noqa: N803
+def carried(covariance: Array, T_world_before: Array, T_world_now: Array, added: Array) -> Array:
     """The covariance of [pose, velocity] carried on from one pose to another, (9, 9).
 
     Args:

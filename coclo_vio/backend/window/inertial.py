@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
-from coclo_vio.calibration import ImuCalibration
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import InertialReading
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.measurements import InertialReading
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
-_NS_PER_S = 1_000_000_000
-GRAVITY_MPS2 = 9.81
 _INTEGRATION_NOISE = 1e-4  # m/sqrt(s): what midpoints between samples miss
 _FEWEST_SAMPLES = 5
 _SPANNED = 0.8  # share of the window that the samples have to span
@@ -140,10 +139,10 @@ class Preintegration:
 
     def _note_silence(self, before: InertialReading, stamp_ns: int) -> None:
         silence_ns = stamp_ns - min(before.stamp_ns, self._now_ns)
-        self.has_gap = self.has_gap or silence_ns > self._config.max_gap_s * _NS_PER_S
+        self.has_gap = self.has_gap or silence_ns > self._config.max_gap_s * NS_PER_S
 
     def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
-        dt_s = (stamp_ns - self._now_ns) / _NS_PER_S
+        dt_s = (stamp_ns - self._now_ns) / NS_PER_S
         rate = 0.5 * (begin.angular_velocity + end.angular_velocity)
         felt = 0.5 * (begin.specific_force + end.specific_force)
         speeding_up = (end.angular_velocity - (begin.angular_velocity if self._rate is None else self._rate)) / dt_s
@@ -178,7 +177,7 @@ class InertialWatch:
             return
         row = np.concatenate((sample.angular_velocity, sample.specific_force))
         self._readings.append((sample.stamp_ns, row))
-        oldest_ns = sample.stamp_ns - round(self._config.window_s * _NS_PER_S)
+        oldest_ns = sample.stamp_ns - round(self._config.window_s * NS_PER_S)
         while self._readings[0][0] < oldest_ns:
             self._readings.popleft()
 
@@ -188,7 +187,7 @@ class InertialWatch:
         if not self._readings:
             return None
         mean = np.mean([row for _, row in self._readings], axis=0)
-        return Quiet(mean[:3], mean[3:], (self._readings[-1][0] - self._readings[0][0]) / _NS_PER_S)
+        return Quiet(mean[:3], mean[3:], (self._readings[-1][0] - self._readings[0][0]) / NS_PER_S)
 
     @property
     def quiet(self) -> Quiet | None:

@@ -3,11 +3,11 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import KeyframeConfig
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.measurements import StereoTracks
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _REFERENCE_FOCAL_PX = 460.0
 _FEWEST_STILL = 5
 
@@ -33,7 +33,7 @@ def has_turned_over(config: KeyframeConfig, before: StereoTracks, now: StereoTra
 
 def is_keyframe(config: KeyframeConfig, before: StereoTracks, now: StereoTracks, focal_px: float) -> bool:
     """Whether ``now`` should be a keyframe after the keyframe ``before``."""
-    if (now.stamp_ns - before.stamp_ns) / _NS_PER_S >= config.longest_s or has_turned_over(config, before, now):
+    if (now.stamp_ns - before.stamp_ns) / NS_PER_S >= config.longest_s or has_turned_over(config, before, now):
         return True
     moved = displacements_px(before, now)
     return len(moved) > 0 and float(np.mean(moved)) > config.parallax_px * focal_px / _REFERENCE_FOCAL_PX

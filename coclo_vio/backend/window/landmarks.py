@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.localisation import PixelModel
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.measurements import StereoTracks
 
 _LEAST_PARALLAX_RAD = 0.02  # of rays that place a point without any disparity
 _FAINT = 1e-6  # 1/m^2: a point is at most so badly known

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.window.config import PixelNoiseConfig
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.calibration import RectifiedStereo
 
 _MOST_ITERATIONS = 10
 _CONVERGED = 1e-7  # rad and m
@@ -44,7 +44,7 @@ class PixelModel:
         self._T_camera_body = se3.inverse(rig.T_body_camera)
         self._sigmas_px = np.array([noise.track_px, noise.track_px, noise.repeated_disparity_px])
 
-    def seen(self, T_world_body: Array, points_world: Array) -> Array:  # noqa: N803 -- a transform is T
+    def seen(self, T_world_body: Array, points_world: Array) -> Array:
         """Sightings (N, 3), px, of points (N, 3) from one pose or (N, 4, 4); far outside every image if behind."""
         return self._project(self._in_camera(T_world_body, points_world))
 
@@ -52,14 +52,14 @@ class PixelModel:
         """Residuals (N, 3) = [left column, row, disparity] in sigmas; 0 for the disparity of a right column of NaN."""
         return np.asarray(_offsets(residuals_px) / self._sigmas_px)
 
-    def misfit(self, T_world_body: Array, points_world: Array, sightings: Array) -> Array:  # noqa: N803
+    def misfit(self, T_world_body: Array, points_world: Array, sightings: Array) -> Array:
         """How many sigmas each sighting (N, 3) is away from where its point is, (N,)."""
         weighed = self.weighed(sightings - self.seen(T_world_body, points_world))
         return np.asarray(np.sqrt(np.einsum("ij,ij->i", weighed, weighed)))
 
     def locate(
         self,
-        T_expected: Array,  # noqa: N803
+        T_expected: Array,
         covariance: Array,
         points_world: Array,
         sightings: Array,
@@ -115,7 +115,7 @@ class PixelModel:
 
     def _jacobian(
         self,
-        T_world_body: Array,  # noqa: N803
+        T_world_body: Array,
         points_world: Array,
         points_camera: Array,
         has_right: BoolArray,
@@ -141,7 +141,7 @@ class PixelModel:
         pixel[:, 2, 2] = -fx * baseline / z**2
         return pixel
 
-    def point_information(self, T_world_body: Array, points_world: Array, disparity_sigmas_px: Array) -> Array:  # noqa: N803
+    def point_information(self, T_world_body: Array, points_world: Array, disparity_sigmas_px: Array) -> Array:
         """What sightings say of their points, poses taken as known, 1/m^2, world frame, (N, 3, 3).
 
         Args:
@@ -157,7 +157,7 @@ class PixelModel:
 
     def _whitening(
         self,
-        T_world_body: Array,  # noqa: N803
+        T_world_body: Array,
         points_world: Array,
         covariances: Array | None,
         has_right: BoolArray,
@@ -175,11 +175,11 @@ class PixelModel:
             noise = noise + _DIGITS * size[:, None, None] * np.eye(3)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(noise)))
 
-    def _misfit(self, T_world_body: Array, points_world: Array, sightings: Array, whiten: Array) -> Array:  # noqa: N803
+    def _misfit(self, T_world_body: Array, points_world: Array, sightings: Array, whiten: Array) -> Array:
         off = _offsets(sightings - self.seen(T_world_body, points_world))
         return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", whiten, off), axis=1))
 
-    def _in_camera(self, T_world_body: Array, points_world: Array) -> Array:  # noqa: N803
+    def _in_camera(self, T_world_body: Array, points_world: Array) -> Array:
         return se3.apply(self._T_camera_body @ se3.inverse(T_world_body), points_world)
 
     def _project(self, points_camera: Array) -> Array:

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.factors import Term
 from coclo_vio.backend.window.solver import first_sentence, ordered
-from coclo_vio.errors import SmootherError
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import SmootherError
 
 _FAINT = 1e-6  # information that makes undetermined directions solvable
 

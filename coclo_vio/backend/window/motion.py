@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import MotionPriorConfig
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _BEAT_NS = 100_000_000  # between twists that habits are first believed of
 _BEATS_BELIEVED = 20  # how many of those the first belief is worth
 _LEAST_SPAN_NS = 80_000_000  # over which a velocity is told from two poses
@@ -41,14 +41,14 @@ class SteadyMotion:
 
     def __init__(self, config: MotionPriorConfig, unknown_speed_mps: float) -> None:
         self._config, self._unknown_speed = config, unknown_speed_mps
-        self._habit = Habit(config, self._believed(_BEAT_NS / _NS_PER_S, _BEAT_NS / _NS_PER_S))
+        self._habit = Habit(config, self._believed(_BEAT_NS / NS_PER_S, _BEAT_NS / NS_PER_S))
         self._beat: tuple[int, Array, Array] | None = None  # when it began, the path then, the twist before it
         self._path: deque[tuple[int, Array]] = deque()  # as it was seen step by step, free of corrections
         self._keyframe_twist: Array | None = None  # None: unknown
         self._last = np.eye(4)
         self._seen_ns, self._seen_twist = 0, np.zeros(6)
 
-    def restart(self, stamp_ns: int, T_world_body: Array) -> None:  # noqa: N803 -- a transform is T
+    def restart(self, stamp_ns: int, T_world_body: Array) -> None:
         """Know one pose and nothing of its velocity."""
         self._path = deque([(stamp_ns, np.eye(4))])
         self._last, self._seen_ns, self._seen_twist = T_world_body, stamp_ns, np.zeros(6)
@@ -57,8 +57,8 @@ class SteadyMotion:
     def add(
         self,
         stamp_ns: int,
-        T_seen: Array,  # noqa: N803
-        T_world_body: Array,  # noqa: N803
+        T_seen: Array,
+        T_world_body: Array,
         covariance: Array | None,
         *,
         is_keyframe: bool,
@@ -92,7 +92,7 @@ class SteadyMotion:
             self._beat = (stamp_ns, path, np.full(6, np.nan))
             return
         began_ns, at_begin, before = self._beat
-        dt_s = (stamp_ns - began_ns) / _NS_PER_S
+        dt_s = (stamp_ns - began_ns) / NS_PER_S
         if stamp_ns - began_ns < _LEAST_SPAN_NS:
             return
         now = se3.log(se3.inverse(at_begin) @ path) / dt_s
@@ -106,13 +106,13 @@ class SteadyMotion:
         (first_ns, first), (last_ns, last) = self._path[0], self._path[-1]
         if last_ns <= first_ns:
             return np.zeros(6)
-        return se3.log(se3.inverse(first) @ last) * (_NS_PER_S / (last_ns - first_ns))
+        return se3.log(se3.inverse(first) @ last) * (NS_PER_S / (last_ns - first_ns))
 
     def at(self, stamp_ns: int) -> Motion:
         """What is expected at ``stamp_ns``, from the last pose on."""
         last_ns, last = self._path[-1][0], self._last
-        dt_s = (stamp_ns - last_ns) / _NS_PER_S
-        blind_s = (stamp_ns - self._seen_ns) / _NS_PER_S
+        dt_s = (stamp_ns - last_ns) / NS_PER_S
+        blind_s = (stamp_ns - self._seen_ns) / NS_PER_S
         fading = float(np.exp(-max(0.0, blind_s - dt_s) / self._config.memory_s))
         kept = self._habit.kept(max(dt_s, blind_s)) * fading
         twist = self._seen_twist * kept
@@ -160,7 +160,7 @@ class Habit:
 
     def __init__(self, config: MotionPriorConfig, sigmas: Array) -> None:
         self._memory_s, self._caution = config.habit_s, config.habit_caution
-        self._beat_s = _BEAT_NS / _NS_PER_S
+        self._beat_s = _BEAT_NS / NS_PER_S
         self._before = self._both = np.square(sigmas)
         self._now = self._before + np.square(sigmas)
         self._learnt_s = 0.0

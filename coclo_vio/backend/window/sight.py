@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import BoolArray
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.landmarks import LandmarkMap
 from coclo_vio.backend.window.localisation import Located, PixelModel
 from coclo_vio.backend.window.motion import Motion
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import BoolArray
+from coclo_vio.values.measurements import StereoTracks
 
 _UNSURE = 10.0  # how many times its sigma an expectation may be off that most sightings contradict
 

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.diary import Diary
@@ -28,9 +27,10 @@ from coclo_vio.backend.window.sight import Glance, glance, sees_enough
 from coclo_vio.backend.window.standstill import Standstill
 from coclo_vio.backend.window.start import Starter
 from coclo_vio.backend.window.window import Keyframe, Solution, Window
-from coclo_vio.calibration import ImuCalibration, RectifiedStereo
-from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import (
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.estimates import (
     Event,
     KeyframeHealth,
     NavState,
@@ -39,9 +39,9 @@ from coclo_vio.estimates import (
     PoseEvidence,
     StateEstimate,
 )
-from coclo_vio.measurements import InertialReading, StereoTracks
+from coclo_vio.values.measurements import InertialReading, StereoTracks
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _REST_TIE_NS = 500_000_000  # of a rest are part of the motion after it: they tell tilt and bias together
 
 
@@ -189,7 +189,7 @@ class SlidingWindowSmoother:
         sees_nothing = located is None and not sees_enough(tracks, self.config)
         if not sees_nothing:
             self._seen_ns = tracks.stamp_ns
-        elif self._imu is not None and (tracks.stamp_ns - self._seen_ns) / _NS_PER_S > self._longest_blind_s:
+        elif self._imu is not None and (tracks.stamp_ns - self._seen_ns) / NS_PER_S > self._longest_blind_s:
             return self._lost(window, tracks, seen.motion)
         if sees_nothing and not self._is_overdue(window, tracks):
             return self._unseen(tracks, seen.motion)
@@ -224,7 +224,7 @@ class SlidingWindowSmoother:
     def _begin(
         self,
         tracks: StereoTracks,
-        T: Array,  # noqa: N803 -- a transform is T
+        T: Array,
         covariance: Array,
         velocity: Array,
     ) -> Frame:
@@ -251,7 +251,7 @@ class SlidingWindowSmoother:
 
     def _is_overdue(self, window: Window, tracks: StereoTracks) -> bool:
         """Whether readings have been integrated for long enough to want a keyframe, seen or not."""
-        age_s = (tracks.stamp_ns - window.newest.stamp_ns) / _NS_PER_S
+        age_s = (tracks.stamp_ns - window.newest.stamp_ns) / NS_PER_S
         return self._imu is not None and age_s >= self.config.keyframe.longest_s
 
     def _stands(self, window: Window, tracks: StereoTracks) -> bool:
@@ -335,7 +335,7 @@ class SlidingWindowSmoother:
     def _velocity(self, window: Window, before: Keyframe) -> Array:
         if self._imu is not None:
             return window.velocity(window.newest.number)
-        dt_s = (window.newest.stamp_ns - before.stamp_ns) / _NS_PER_S
+        dt_s = (window.newest.stamp_ns - before.stamp_ns) / NS_PER_S
         return np.asarray((window.pose(window.newest.number)[:3, 3] - window.pose(before.number)[:3, 3]) / dt_s)
 
     def _try_to_solve(self, window: Window, stamp_ns: int) -> Solution | None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.errors import SmootherError
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import SmootherError
 
 _TINY = 1e-12
 _ROUNDING = 1e-9

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.inertial import Quiet
+from coclo_vio.values.arrays import Array
 
 _LEAST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest
 _MOST_PIECES = 100  # of one standstill whose mean is the gyroscope's bias

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import StartConfig
 from coclo_vio.backend.window.inertial import InertialWatch, Quiet
 from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 HELD_SIGMA = 1e-4  # rad and m: the first keyframe is where the world is
 
 
@@ -42,17 +42,17 @@ class Starter:
         """The start at a frame; None as long as it is better to wait."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         rest, means = watch.quiet, watch.means
-        has_waited = stamp_ns - self._first_ns >= self._config.rest_timeout_s * _NS_PER_S
+        has_waited = stamp_ns - self._first_ns >= self._config.rest_timeout_s * NS_PER_S
         if rest is None and not has_waited and (means is not None or self._uses_imu):
             return None
         T = np.eye(4)
         level = rest or means
         if level is not None:
             T[:3, :3] = _levelled(self._rotation_body_imu @ level.specific_force)
-        wait_ns = round(self._config.alignment_s * _NS_PER_S) if self._uses_imu and rest is None else 0
+        wait_ns = round(self._config.alignment_s * NS_PER_S) if self._uses_imu and rest is None else 0
         return Start(T, self._covariance(T, is_at_rest=rest is not None), rest, stamp_ns + wait_ns)
 
-    def _covariance(self, T_world_body: Array, *, is_at_rest: bool) -> Array:  # noqa: N803 -- a transform is T
+    def _covariance(self, T_world_body: Array, *, is_at_rest: bool) -> Array:
         """The world is where the body is, up to what gravity has to tell."""
         config, rotation = self._config, T_world_body[:3, :3]
         tilt = config.rest_tilt_rad if is_at_rest else config.moving_tilt_rad

@@ -3,13 +3,13 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import TwistConfig
-from coclo_vio.estimates import OdometryDelta
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import BodyTwistSample
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import OdometryDelta
+from coclo_vio.values.measurements import BodyTwistSample
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _FLOOR = 1e-5  # rad and m: a delta over no time still has a covariance that can be inverted
 
 
@@ -54,7 +54,7 @@ class TwistOdometry:
         return OdometryDelta(self._start_ns, stamp_ns, self._T_start_now, covariance)
 
     def _advance(self, stamp_ns: int, twist: Array) -> None:
-        dt_s = (stamp_ns - self._now_ns) / _NS_PER_S
+        dt_s = (stamp_ns - self._now_ns) / NS_PER_S
         if dt_s <= 0.0:
             return
         step = se3.exp(twist * dt_s)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import SightingFactors, Term
@@ -15,12 +14,13 @@ from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
 from coclo_vio.backend.window.localisation import PixelModel
 from coclo_vio.backend.window.marginalisation import marginal_prior, relative_to
 from coclo_vio.backend.window.solver import minimise
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.measurements import StereoTracks
+from coclo_vio.values.units import NS_PER_S
 
 _POSE = 6  # dimensions
-_NS_PER_S = 1_000_000_000
 _HELD = 1e-4  # rad and m, one sigma: where the oldest keyframe is held
 _NOT_HELD = 100.0  # rad, one sigma of its tilt where gravity tells it
 
@@ -104,7 +104,7 @@ class Window:
             return 0.0
         before, newest = self.keyframes[-2], self.newest
         way = self.pose(newest.number)[:3, 3] - self.pose(before.number)[:3, 3]
-        return float(np.linalg.norm(way)) * _NS_PER_S / (newest.stamp_ns - before.stamp_ns)
+        return float(np.linalg.norm(way)) * NS_PER_S / (newest.stamp_ns - before.stamp_ns)
 
     def pose(self, number: int) -> Array:
         """``T_world_body`` of a keyframe, (4, 4)."""
@@ -123,7 +123,7 @@ class Window:
         self.values.insert(factors.velocity_key(number), velocity_world)
         self.values.insert(factors.bias_key(number), bias)
 
-    def add(self, keyframe: Keyframe, T_world_body: Array, is_wrong: BoolArray) -> None:  # noqa: N803
+    def add(self, keyframe: Keyframe, T_world_body: Array, is_wrong: BoolArray) -> None:
         """Take a keyframe in at ``T_world_body``; sightings (N,) that are wrong are left out."""
         self.values.insert(factors.pose_key(keyframe.number), gtsam.Pose3(T_world_body))
         self.keyframes.append(keyframe)
@@ -172,7 +172,7 @@ class Window:
         self._next_covariance = covariance[size - _POSE : size, size - _POSE : size]
         return self._pose_first(covariance[-size:, -size:])
 
-    def world_covariance(self, T_world_body: Array) -> Array:  # noqa: N803
+    def world_covariance(self, T_world_body: Array) -> Array:
         """What a pose is uncertain by since nobody knows where the oldest keyframe is, right/local, (6, 6)."""
         moved = se3.adjoint(se3.inverse(T_world_body) @ self.pose(self.keyframes[0].number))
         return np.asarray(moved @ self._held_covariance @ moved.T)

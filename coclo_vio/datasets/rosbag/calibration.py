@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.datasets.kalibr import KalibrCamera, KalibrImu, read_camchain, read_imu
-from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.glance import Glance
 from coclo_vio.datasets.rosbag.lenses import T_camera_rectified, baseline_m, lens_of
 from coclo_vio.datasets.rosbag.poses import FrameTree
-from coclo_vio.errors import CalibrationMissing
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.values.errors import CalibrationMissing
 
 _PLAUSIBLE = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
 _IMU_ROLES = {"imu": "the body's IMU", "camera_imu": "the camera's IMU"}

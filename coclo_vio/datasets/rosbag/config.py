@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from coclo_vio.calibration import Angle, Triple
-from coclo_vio.config import StageConfig
 from coclo_vio.datasets.kalibr import KalibrConfig
+from coclo_vio.values.calibration import Angle, Triple
+from coclo_vio.values.config import StageConfig
 
 NO_TOPIC = ""
 

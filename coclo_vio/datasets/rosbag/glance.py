@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
-from coclo_vio.errors import DatasetError, listing
+from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.units import NS_PER_S
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
@@ -25,7 +26,6 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 _DECODED = frozenset({JOINT_STATE, IMU, CAMERA_INFO, TRANSFORM, POSE, POSE_WITH_COVARIANCE, ODOMETRY, WRENCH})
 _LOOKS = {IMU: 100, JOINT_STATE: 50}  # an IMU's rate, and joints that come in parts, take several messages
-_NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Glance:
         if len(stamps_ns) < 3:
             return None
         period_ns = float(np.median(np.diff(stamps_ns)))
-        return _NS_PER_S / period_ns if period_ns > 0 else None
+        return NS_PER_S / period_ns if period_ns > 0 else None
 
 
 def glance_at(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[str] = ()) -> Glance:

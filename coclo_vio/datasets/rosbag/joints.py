@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.glance import Glance
-from coclo_vio.errors import DatasetError, listing
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.errors import DatasetError, listing
 
 _FIELDS = ("position", "velocity", "effort")
 _ENTRY = re.compile(r"(?:(?P<field>position|velocity|effort)\[(?P<inner>[^\]]+)\])|(?P<name>[^\[\]]+)")

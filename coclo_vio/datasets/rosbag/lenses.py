@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration
-from coclo_vio.errors import CalibrationMissing
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration
+from coclo_vio.values.errors import CalibrationMissing
 
 _MODELS = {
     "": "radtan",
@@ -63,7 +63,7 @@ def T_camera_rectified(info: Any) -> Array:  # noqa: N802
     return T
 
 
-def _distortion(info: Any, D: Array, topic: str) -> tuple[str, tuple[float, ...]]:  # noqa: N803
+def _distortion(info: Any, D: Array, topic: str) -> tuple[str, tuple[float, ...]]:
     model = _MODELS.get(info.distortion_model.lower())
     longest = 0 if model is None else max(_LENGTHS[model])
     coefficients = D[:longest] if not D[longest:].any() else D

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coclo_vio.arrays import Array
-from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.datasets.rosbag.timing import BagClock
-from coclo_vio.errors import DatasetError, TimestampError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 _BODY_FRAMES = ("base_link", "base", "trunk", "body", "torso", "pelvis", "base_footprint")
 _SHORTEST_QUATERNION = 0.5

@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
-from coclo_vio.datasets.report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
+from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
 from coclo_vio.datasets.rosbag.calibration import BagCalibration
 from coclo_vio.datasets.rosbag.glance import JOINT_STATE, glance_at
 from coclo_vio.datasets.rosbag.poses import read_frames, read_truth
@@ -26,10 +25,11 @@ from coclo_vio.datasets.rosbag.storage.files import LOOKS_FOR, is_rosbag
 from coclo_vio.datasets.rosbag.stream import BagStream, Item
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.datasets.rosbag.topics import TopicChoice
-from coclo_vio.errors import DatasetError, TimestampError, TopicNotFound
-from coclo_vio.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound
+from coclo_vio.values.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
+from coclo_vio.values.trajectory import GroundTruth
 
 __all__ = ["LOOKS_FOR", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 

@@ -4,7 +4,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from coclo_vio.arrays import BoolArray
 from coclo_vio.datasets.rosbag import glance
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.glance import Glance
@@ -16,9 +15,10 @@ from coclo_vio.datasets.rosbag.joints import (
     foot_entries,
 )
 from coclo_vio.datasets.rosbag.topics import TopicChoice, TopicGuess
-from coclo_vio.errors import listing
-from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import BoolArray
+from coclo_vio.values.errors import listing
+from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coclo_vio.arrays import ByteImage
 from coclo_vio.datasets import images
-from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
-from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.arrays import ByteImage
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import StereoFrame
 
 _CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}
 _MOST_HELD = 60  # images of one side that wait for the other

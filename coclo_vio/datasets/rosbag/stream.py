@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.joints import Collator, read_feet, wrench_force
 from coclo_vio.datasets.rosbag.roles import BagRoles
@@ -14,8 +14,9 @@ from coclo_vio.datasets.rosbag.stereo import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
 from coclo_vio.datasets.rosbag.timing import BagClock, ReorderWindow
 from coclo_vio.datasets.sequencer import order_key
-from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import (
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import (
     CameraImuSample,
     FootForceSample,
     ImuSample,
@@ -23,9 +24,8 @@ from coclo_vio.measurements import (
     Measurement,
     StereoFrame,
 )
-from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _NO_PIXEL = np.zeros((1, 1), dtype=np.uint8)
 _STEREO_RANK = order_key(StereoFrame(0, _NO_PIXEL, _NO_PIXEL))[1]
 
@@ -61,7 +61,7 @@ class BagStream:
         self._bag, self._roles, self._config, self._clock, self._tally = bag, roles, config, clock, tally
         self._legs = () if robot is None else robot.leg_names
         self._drops_broken = drops_broken
-        tolerance_ns = round(config.pair_tolerance_s * _NS_PER_S)
+        tolerance_ns = round(config.pair_tolerance_s * NS_PER_S)
         expected_legs = np.array([i in roles.legs_by_topic.values() for i in range(len(self._legs))], dtype=np.bool_)
         expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_there
         self._feet = Collator(expected_legs, tolerance_ns)
@@ -77,7 +77,7 @@ class BagStream:
         if sorts:
             yield from sorted((item for _, item in self._items(sensors)), key=_key)
             return
-        window: ReorderWindow[Item] = ReorderWindow(round(self._config.reorder_s * _NS_PER_S))
+        window: ReorderWindow[Item] = ReorderWindow(round(self._config.reorder_s * NS_PER_S))
         for received_ns, item in self._items(sensors):
             yield from window.push(received_ns, _key(item), item)
         yield from window.finish()

@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from coclo_vio.datasets.report import ReadTally
+from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
-from coclo_vio.errors import TimestampError
+from coclo_vio.values.errors import TimestampError
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
-_APART_NS = 5 * _NS_PER_S
+_APART_NS = 5 * NS_PER_S
 _MOST_HELD = 20_000  # in a bag whose time stands still
 Item = TypeVar("Item")
 
@@ -63,7 +63,7 @@ class BagClock:
         self._compare_clocks(topic, stamp_ns - message.received_ns)
         last_ns = self._last_ns.get(topic, stamp_ns)
         if stamp_ns < last_ns and not self._keeps:
-            back_s = (last_ns - stamp_ns) / _NS_PER_S
+            back_s = (last_ns - stamp_ns) / NS_PER_S
             self._leave_out(topic, "stamp going back", f"its stamp {stamp_ns} ns goes back by {back_s:.6g} s")
             return None
         self._last_ns[topic] = max(stamp_ns, last_ns)
@@ -90,7 +90,7 @@ class BagClock:
             return
         for other, other_ns in self._first_lag_ns.items():
             if abs(lag_ns - other_ns) > _APART_NS:
-                apart_s = (lag_ns - other_ns) / _NS_PER_S
+                apart_s = (lag_ns - other_ns) / NS_PER_S
                 self._tally.note(
                     f"the clocks of {topic} and {other} are {apart_s:.6g} s apart; dataset.rosbag.clock=received "
                     "takes the time at which the bag received the messages"

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from coclo_vio.datasets.rosbag import glance
 from coclo_vio.datasets.rosbag.config import NO_TOPIC, RosbagTopics
 from coclo_vio.datasets.rosbag.glance import Glance
-from coclo_vio.errors import TopicNotFound, listing
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.errors import TopicNotFound, listing
 
 IMAGES = (glance.IMAGE, glance.COMPRESSED_IMAGE)
 POSES = (glance.TRANSFORM, glance.POSE, glance.POSE_WITH_COVARIANCE, glance.ODOMETRY)

@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
 
 _TRUNCATED_AT = 2.0  # standard deviations: a part further off would not have passed inspection
 

@@ -6,11 +6,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration, StereoCalibration, Triple, matrix4
-from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.trial.imperfection import Imperfection
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, Triple, matrix4
+from coclo_vio.values.config import StageConfig
 
 _BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 

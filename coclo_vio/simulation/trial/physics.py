@@ -9,14 +9,14 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
-from coclo_vio.errors import SimulationError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import JointSample
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.tile import Tile
 from coclo_vio.simulation.trial.walker import Command, Walker
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import SimulationError
+from coclo_vio.values.measurements import JointSample
 
 _SETTLING_S = 2.0  # on its springs, before the trial begins
 _CONTROL_EVERY = 5  # steps of the physics, 5 ms

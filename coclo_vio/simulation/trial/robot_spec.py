@@ -11,14 +11,14 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
 from coclo_vio.robot.description import RobotDescription, urdf_path
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.imperfection import Imperfection
 from coclo_vio.simulation.trial.terrain import Terrain
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.units import GRAVITY_MPS2
 
-GRAVITY_MPS2 = 9.81
 COLLISION_GROUP = 3  # not drawn
 _STANDING_LEGS = 5  # of six carry the weight in a wave gait
 _TRUNK, _LEG, _FOOT, _GROUND = 1, 2, 4, 8  # bits of contype; who may touch whom
@@ -200,7 +200,7 @@ def _add_actuators(spec: mujoco.MjSpec, description: RobotDescription, config: B
         damper.set_to_velocity(kv=config.spring_damping)
 
 
-def add_imu(spec: mujoco.MjSpec, name: str, T_body_imu: Array) -> None:  # noqa: N803
+def add_imu(spec: mujoco.MjSpec, name: str, T_body_imu: Array) -> None:
     """An accelerometer ``<name>_accelerometer`` and a gyroscope ``<name>_gyroscope`` on the trunk."""
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_body_imu[:3, :3]).ravel())

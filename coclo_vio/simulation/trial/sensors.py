@@ -9,18 +9,18 @@ import numpy as np
 from pydantic import Field
 from scipy import signal
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.calibration import ImuCalibration
-from coclo_vio.config import StageConfig
-from coclo_vio.measurements import InertialReading, JointSample
 from coclo_vio.simulation.trial.imperfection import Imperfection
 from coclo_vio.simulation.trial.physics import Motion
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.measurements import InertialReading, JointSample
+from coclo_vio.values.units import NS_PER_S
 
 Reading = TypeVar("Reading", bound=InertialReading)
 
-_NS_PER_S = 1_000_000_000
 _SHOCK_HZ = 20.0  # above the robot's swaying and its ringing on its springs (2 to 10 Hz): what an impact excites
-EPOCH_NS = 1_700_000_000 * _NS_PER_S  # the first stamp of every trial; players of bags dislike times about zero
+EPOCH_NS = 1_700_000_000 * NS_PER_S  # the first stamp of every trial; players of bags dislike times about zero
 
 
 class ImuConfig(StageConfig):
@@ -92,13 +92,13 @@ class ImuTruth:
 def sample_times(duration_s: float, rate_hz: float) -> tuple[IntArray, IntArray]:
     """Stamps (ns) of a sensor over a trial, and how long (ns) after its beginning they are."""
     count = int(duration_s * rate_hz) + 1
-    offsets_ns = np.round(np.arange(count) * (_NS_PER_S / rate_hz)).astype(np.int64)
+    offsets_ns = np.round(np.arange(count) * (NS_PER_S / rate_hz)).astype(np.int64)
     return EPOCH_NS + offsets_ns, offsets_ns
 
 
 def at_times(time_s: Array, values: Array, offsets_ns: IntArray) -> Array:
     """``values`` (N, ...) at times between the physics' steps, linearly."""
-    place = offsets_ns / _NS_PER_S / (time_s[1] - time_s[0])
+    place = offsets_ns / NS_PER_S / (time_s[1] - time_s[0])
     before = np.minimum(place.astype(np.int64), len(values) - 2)
     share = (place - before).reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray((1.0 - share) * values[before] + share * values[before + 1])
@@ -153,7 +153,7 @@ def joint_samples(
         yield JointSample(int(stamp), *readings)
 
 
-def calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:  # noqa: N803
+def calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:
     """What a user would know of the IMU: its mounting, and its noise by the data sheet."""
     return ImuCalibration(
         **se3_fields(T_body_imu),
@@ -164,7 +164,7 @@ def calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:  # noqa
     )
 
 
-def se3_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:  # noqa: N803
+def se3_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:
     """A mounting in the fields of ``ImuCalibration``."""
     R = T_body_imu[:3, :3]
     pitch = -float(np.arcsin(np.clip(R[2, 0], -1.0, 1.0)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
+from coclo_vio.values.arrays import Array
 
 _LEVEL_S = 0.1  # at least, to travel
 _STEEPEST = 1.5  # of a smooth step, over its mean slope

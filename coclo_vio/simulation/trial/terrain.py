@@ -10,8 +10,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.simulation.visuals.scene import RoomBounds, Surface
+from coclo_vio.values.arrays import Array
 
 TerrainName = Literal["flat", "ramp", "stairs"]
 TERRAINS: tuple[TerrainName, ...] = get_args(TerrainName)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array, BoolArray
 from coclo_vio.geometry import so3
 from coclo_vio.simulation.trial.walkway import Walkway
+from coclo_vio.values.arrays import Array, BoolArray
 
 SIDE_M = 1.0
 

@@ -9,10 +9,6 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array, BoolArray, IntArray
-from coclo_vio.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.config import StageConfig
-from coclo_vio.measurements import CameraImuSample, ImuSample, JointSample, Measurement
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.imperfection import Imperfection, ImperfectionConfig, draw_imperfection
@@ -36,7 +32,11 @@ from coclo_vio.simulation.trial.tile import Tile
 from coclo_vio.simulation.trial.vicon import ViconConfig, watch
 from coclo_vio.simulation.trial.walker import GaitConfig, Walker
 from coclo_vio.simulation.trial.walkway import Walkway
-from coclo_vio.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 BODY_IMU, CAMERA_IMU = "imu", "camera_imu"
 _TOUCHES_N = 1.0  # a foot with more force on it is in contact

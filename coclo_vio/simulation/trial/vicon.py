@@ -6,13 +6,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.trial.physics import Motion
 from coclo_vio.simulation.trial.sensors import sample_times
-from coclo_vio.trajectory import GroundTruth, Trajectory
-
-_NS_PER_S = 1_000_000_000
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.units import NS_PER_S
 
 
 class ViconConfig(StageConfig):
@@ -40,7 +39,7 @@ def watch(motion: Motion, config: ViconConfig, generator: np.random.Generator) -
     yaw, place = float(generator.uniform(-np.pi, np.pi)), generator.uniform(-2.0, 2.0, 2)
     T_vicon_world = se3.transform(so3.about_z(yaw), np.array([*place, 0.0]))
     stamps, offsets = sample_times(float(motion.time_s[-1]), config.rate_hz)
-    steps = np.round(offsets / _NS_PER_S / (motion.time_s[1] - motion.time_s[0])).astype(np.int64)
+    steps = np.round(offsets / NS_PER_S / (motion.time_s[1] - motion.time_s[0])).astype(np.int64)
     poses = T_vicon_world @ motion.T_world_body[steps]
     poses[:, :3, 3] += config.position_noise_m * generator.standard_normal((len(poses), 3))
     poses[:, :3, :3] = poses[:, :3, :3] @ so3.exp(
@@ -56,5 +55,5 @@ def watch(motion: Motion, config: ViconConfig, generator: np.random.Generator) -
             break
         seen[first : first + max(1, round(length_s * config.rate_hz))] = False
         time_s += length_s
-    shifted = stamps[seen] + round(offset_s * _NS_PER_S)
+    shifted = stamps[seen] + round(offset_s * NS_PER_S)
     return GroundTruth(Trajectory(shifted, poses[seen]), has_stamps=True, source="simulated Vicon"), offset_s

@@ -11,17 +11,17 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.arrays import Array
-from coclo_vio.config import StageConfig
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import JointSample
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.swing import Swing
 from coclo_vio.simulation.trial.terrain import Terrain
 from coclo_vio.simulation.trial.walkway import Walkway
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.measurements import JointSample
+from coclo_vio.values.units import GRAVITY_MPS2
 
 _UP = np.array([0.0, 0.0, 1.0])
-_GRAVITY_MPS2 = 9.81
 _BOUNCE_RADPS = 16.0  # of the body on the springs of its legs
 _GYRATION_M = 0.35  # how far the feet's forces act from the middle, in the mean
 _BEHIND_M = 0.2  # feet further behind the body's origin belong to rear legs
@@ -145,7 +145,7 @@ class Walker:
         """Whether the way is walked and every foot is down."""
         return self.walked_s >= self.walkway.duration_s and not any(leg.swing for leg in self._legs)
 
-    def step(self, time_s: float, dt_s: float, T_world_body: Array, joints: JointSample) -> Command:  # noqa: N803
+    def step(self, time_s: float, dt_s: float, T_world_body: Array, joints: JointSample) -> Command:
         """One control period.
 
         Args:
@@ -155,7 +155,7 @@ class Walker:
             joints: what the joints measure.
         """
         up_body = T_world_body[:3, :3].T @ _UP
-        weight = _GRAVITY_MPS2 * up_body
+        weight = GRAVITY_MPS2 * up_body
         if time_s >= self.start_s:
             forces = self.robot.foot_forces(joints.position, joints.velocity, joints.effort, specific_force_body=weight)
             self._advance(time_s, dt_s, T_world_body, forces @ up_body)
@@ -167,7 +167,7 @@ class Walker:
         torque = self.robot.holding_torques(self._joints, force, weight)
         return self._command(self._joints + torque / self.spring, dt_s)
 
-    def _advance(self, time_s: float, dt_s: float, T_world_body: Array, loads: Array) -> None:  # noqa: N803
+    def _advance(self, time_s: float, dt_s: float, T_world_body: Array, loads: Array) -> None:
         """Walk on unless a foot is late; lift the leg whose turn it is, put down those that feel the ground."""
         slot_s = self.gait.period_s / len(self._legs)
         late = [leg for leg in self._legs if leg.swing and time_s - leg.lifted_s > slot_s - self.gait.loading_s]
@@ -186,7 +186,7 @@ class Walker:
                 if other.pressed >= 2:
                     other.swing, other.touched_s, other.pressed = None, time_s, 0
 
-    def _lift(self, leg: int, time_s: float, T_world_body: Array) -> None:  # noqa: N803
+    def _lift(self, leg: int, time_s: float, T_world_body: Array) -> None:
         gait, slot_s = self.gait, self.gait.period_s / len(self._legs)
         duration = gait.swing_share * slot_s * (1.0 + gait.timing_jitter * self._jitter())
         stance_s = gait.period_s - duration
@@ -211,7 +211,7 @@ class Walker:
                 return riser + (beyond if x - riser > 0.5 * (beyond - before) else -before)
         return x
 
-    def _move_stance_feet(self, dt_s: float, T_world_body: Array, astray: Array) -> None:  # noqa: N803
+    def _move_stance_feet(self, dt_s: float, T_world_body: Array, astray: Array) -> None:
         """Feet on the ground go backwards as the body is wanted to go forwards, never far from where they are."""
         want, then = self.walkway.pose_at(self.walked_s), self.walkway.pose_at(self.walked_s + 0.1)
         is_walking = 0.0 < self.walked_s < self.walkway.duration_s
@@ -223,7 +223,7 @@ class Walker:
         moved -= astray - np.clip(astray, -_ASTRAY_M, _ASTRAY_M)
         self._feet[stance] = moved[stance] - dt_s / self.gait.easing_s * _strain(self._feet[stance], astray[stance])
 
-    def _move_swing_feet(self, time_s: float, dt_s: float, T_world_body: Array, astray: Array) -> None:  # noqa: N803
+    def _move_swing_feet(self, time_s: float, dt_s: float, T_world_body: Array, astray: Array) -> None:
         """Feet in the air follow their swing, which waits for a foot that is held up on its way."""
         for index, leg in enumerate(self._legs):
             if leg.swing is not None:
@@ -240,7 +240,7 @@ class Walker:
             damped = jacobian @ jacobian.T + 1e-5 * np.eye(3)
             self._joints[joints] += np.clip(jacobian.T @ np.linalg.solve(damped, error[leg]), -0.2, 0.2)
 
-    def _shared_weight(self, time_s: float, dt_s: float, T_world_body: Array) -> Array:  # noqa: N803
+    def _shared_weight(self, time_s: float, dt_s: float, T_world_body: Array) -> Array:
         """Vertical forces on the stance feet, least in their squares, N, body frame, (legs, 3).
 
         They carry the robot, and brake its bouncing and rocking on the springs.
@@ -251,15 +251,15 @@ class Walker:
         share = np.array([self._share(index, leg, time_s) for index, leg in enumerate(self._legs)])
         mass = self.robot.mass_kg
         braking = 2.0 * self.gait.bounce_damping * mass * _BOUNCE_RADPS
-        lift = mass * _GRAVITY_MPS2 - braking * float(up_body @ twist[3:])
+        lift = mass * GRAVITY_MPS2 - braking * float(up_body @ twist[3:])
         level = so3.hat(up_body)  # moments about the trunk's origin, in its axes
-        moment = mass * _GRAVITY_MPS2 * level @ self.robot.centre_of_mass_body(self._joints)
+        moment = mass * GRAVITY_MPS2 * level @ self.robot.centre_of_mass_body(self._joints)
         moment += _GYRATION_M**2 * braking * (twist[:3] - up_body * (up_body @ twist[:3]))
         rows = np.vstack((np.ones(len(share)), level @ self._feet.T))
         weighted = rows * share
         wanted = np.concatenate(([lift], moment))
         forces = weighted.T @ np.linalg.lstsq(weighted @ rows.T + 1e-9 * np.eye(4), wanted, rcond=1e-6)[0]
-        return np.asarray(np.clip(forces, 0.0, mass * _GRAVITY_MPS2)[:, None] * up_body)
+        return np.asarray(np.clip(forces, 0.0, mass * GRAVITY_MPS2)[:, None] * up_body)
 
     def _share(self, index: int, leg: _LegState, time_s: float) -> float:
         """From 0 to 1, how much of its share of weight a leg is to take: none in the air, and not all at once."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.trial.terrain import Stretch, Terrain
+from coclo_vio.values.arrays import Array
 
 _HALF_SPAN_M = 0.5  # the body takes the slope of the ground between its front and rear feet
 

@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.arrays import Array, ByteImage
 from coclo_vio.geometry import so3
 from coclo_vio.simulation.visuals.config import CameraConfig
 from coclo_vio.simulation.visuals.exposure import Exposure
+from coclo_vio.values.arrays import Array, ByteImage
 
 FloatImage = npt.NDArray[np.float32]
 

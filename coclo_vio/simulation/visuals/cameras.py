@@ -10,10 +10,10 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration, StereoCalibration
-from coclo_vio.errors import ConfigError
 from coclo_vio.simulation.visuals.opengl import RenderingError
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration
+from coclo_vio.values.errors import ConfigError
 
 CAMERA_NAMES: Final = ("left_camera", "right_camera")
 OPTICAL_FROM_MUJOCO: Final = np.diag([1.0, -1.0, -1.0])  # turns MuJoCo's camera axes into optical ones, and back

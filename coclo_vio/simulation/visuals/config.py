@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from coclo_vio.config import StageConfig
+from coclo_vio.values.config import StageConfig
 
 
 class SceneConfig(StageConfig):

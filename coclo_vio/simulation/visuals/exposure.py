@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
 from coclo_vio.simulation.visuals.config import CameraConfig, LightingConfig
+from coclo_vio.values.arrays import Array, IntArray
 
 _NO_LIGHT = 1e-5  # light of a blackout, share of normal light
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from typing import Final
 
-from coclo_vio.errors import ConfigError, SimulationError
+from coclo_vio.values.errors import ConfigError, SimulationError
 
 VARIABLE: Final = "MUJOCO_GL"
 BACKENDS: Final = ("egl", "osmesa")

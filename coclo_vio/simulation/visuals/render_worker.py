@@ -13,14 +13,14 @@ import cv2
 import mujoco
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray
-from coclo_vio.measurements import EncodedStereoFrame
 from coclo_vio.simulation.visuals.camera_model import CameraModel
 from coclo_vio.simulation.visuals.cameras import focal_px, image_size
 from coclo_vio.simulation.visuals.config import CameraConfig
 from coclo_vio.simulation.visuals.exposure import Exposure, exposures
 from coclo_vio.simulation.visuals.opengl import RenderingError
 from coclo_vio.simulation.visuals.renderer import SceneRenderer, load_model
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.measurements import EncodedStereoFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)

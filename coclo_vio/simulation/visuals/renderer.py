@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.arrays import Array, ByteImage
 from coclo_vio.simulation.visuals.cameras import camera_id, camera_twist, image_size, place
 from coclo_vio.simulation.visuals.opengl import RenderingError
+from coclo_vio.values.arrays import Array, ByteImage
 
 FloatImage = npt.NDArray[np.float32]
 

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from coclo_vio.arrays import Array, checked, frozen
-from coclo_vio.errors import ConfigError
 from coclo_vio.geometry import so3
 from coclo_vio.simulation.visuals.config import SceneConfig
+from coclo_vio.values.arrays import Array, checked, frozen
+from coclo_vio.values.errors import ConfigError
 
 PLAIN_SHARE: Final = {"rich": 0.1, "normal": 0.3, "poor": 0.7}  # of the clutter's faces
 _POSTERS_PER_M: Final = {"rich": 0.7, "normal": 0.4, "poor": 0.12}  # of a wall

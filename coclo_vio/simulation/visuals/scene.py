@@ -12,11 +12,11 @@ from typing import Final, Literal, get_args
 import mujoco
 import numpy as np
 
-from coclo_vio.arrays import Array, checked, frozen
-from coclo_vio.errors import ConfigError
 from coclo_vio.simulation.visuals.config import SceneConfig
 from coclo_vio.simulation.visuals.room import Face, RoomBounds, furnish
 from coclo_vio.simulation.visuals.textures import CONTRAST_FACTOR, RECIPES, dead_leaves
+from coclo_vio.values.arrays import Array, checked, frozen
+from coclo_vio.values.errors import ConfigError
 
 __all__ = ["RoomBounds", "Surface", "SurfaceKind", "add_visuals"]
 

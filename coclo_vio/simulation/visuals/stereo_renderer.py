@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.arrays import Array, IntArray, checked
-from coclo_vio.environment import environment
-from coclo_vio.measurements import EncodedStereoFrame
+from coclo_vio.simulation.process_environment import environment
 from coclo_vio.simulation.visuals import render_worker
 from coclo_vio.simulation.visuals.config import CameraConfig
 from coclo_vio.simulation.visuals.opengl import RenderingError, choose_backend, settings
 from coclo_vio.simulation.visuals.render_worker import RenderJob
+from coclo_vio.values.arrays import Array, IntArray, checked
+from coclo_vio.values.measurements import EncodedStereoFrame
 
 _CHUNK_FRAMES = 4
 _CHUNKS_AHEAD = 3  # for each process: enough to keep it busy, few enough to keep memory small

@@ -11,7 +11,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from coclo_vio.arrays import Array, ByteImage
+from coclo_vio.values.arrays import Array, ByteImage
 
 _COVERAGE = 3.0  # area of all leaves over that of the tile: exp(-3) = 5 % of the background stays
 _SUBPIXEL_BITS = 4

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import worlds
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.exchange import newest_belief, newest_pair
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.backend.window.window import Window
-from coclo_vio.errors import SmootherError
-from coclo_vio.estimates import OdometryDelta, PoseBelief
 from coclo_vio.geometry import se3
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.estimates import OdometryDelta, PoseBelief
 
 WALK = BodyMotionConfig(rest_s=0.0, walk_s=12.0, stop_s=0.0, speed_mps=0.4, curvature_per_m=0.2)
 ODOMETRY = np.diag([2e-3] * 3 + [4e-3] * 3) ** 2

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from worlds import IMU, NS_PER_S, RIG, WALK, frames, pose_at, readings, scattered, velocity_at
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.expectation import Expectation
 from coclo_vio.backend.window.inertial import Preintegration
 from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.window import Keyframe, Window
-from coclo_vio.estimates import OdometryDelta
 from coclo_vio.geometry import se3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import OdometryDelta
 
 CONFIG = SmootherConfig()
 START_NS, END_NS, STEP_NS = 3 * NS_PER_S, 3_300_000_000, 5_000_000

@@ -5,14 +5,14 @@ import gtsam
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.marginalisation import relative_to
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.measurements import StereoTracks
 
 
 def _turned(rng: np.random.Generator, scale: float) -> Array:

@@ -10,9 +10,9 @@ from worlds import IMU, NS_PER_S, WALK, pose_at, readings, stamps_ns, velocity_a
 
 from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
 from coclo_vio.backend.window.inertial import InertialWatch, Preintegration
-from coclo_vio.calibration import ImuCalibration
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import InertialReading
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.measurements import InertialReading
 
 NO_BIAS = gtsam.imuBias.ConstantBias()
 UP = np.array([0.0, 0.0, 9.81])

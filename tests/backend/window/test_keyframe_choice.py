@@ -4,7 +4,7 @@ import pytest
 
 from coclo_vio.backend.window.config import KeyframeConfig
 from coclo_vio.backend.window.keyframe_choice import displacements_px, has_turned_over, is_keyframe, stand_still
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.measurements import StereoTracks
 
 CONFIG = KeyframeConfig(parallax_px=10.0, least_kept_share=0.6, most_new_share=0.5, longest_s=1.0)
 FOCAL_PX = 460.0

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from worlds import RIG
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
 from coclo_vio.backend.window.localisation import PixelModel
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.measurements import StereoTracks
 
 CONFIG = SmootherConfig(spacing_px=0.0, min_disparity_px=1.0, nearest_m=0.2)
 LEFT, RIGHT = np.eye(4), se3.transform(np.eye(3), np.array([0.0, -1.0, 0.0]))  # a metre sideways: y is left

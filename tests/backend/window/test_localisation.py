@@ -7,8 +7,8 @@ from worlds import RIG, WALK, pose_at, scattered
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.backend.window.localisation import PixelModel
-from coclo_vio.calibration import RectifiedStereo
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.calibration import RectifiedStereo
 
 NOISE = PixelNoiseConfig(track_px=0.8, disparity_px=0.5, repeated_disparity_px=2.0)
 MODEL = PixelModel(RIG, NOISE)

@@ -8,7 +8,7 @@ import pytest
 from coclo_vio.backend.window.factors import Term, landmark_key, pose_key
 from coclo_vio.backend.window.marginalisation import marginal_prior
 from coclo_vio.backend.window.solver import minimise
-from coclo_vio.errors import SmootherError
+from coclo_vio.values.errors import SmootherError
 
 STEPS, WINDOW, SEEN_FOR = 25, 4, 6  # landmarks outlive the keyframes of the window that saw them first
 ACROSS = np.array([[1.0, 0.3], [0.3, 2.0]])

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.config import InertialConfig
 from coclo_vio.backend.window.inertial import Preintegration
-from coclo_vio.calibration import ImuCalibration
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import InertialReading
-from coclo_vio.trajectory import Trajectory, read_tum
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.measurements import InertialReading
+from coclo_vio.values.trajectory import Trajectory, read_tum
 
 LONGEST_NS = 2_000_000_000
 FITTED_NS = 50_000_000  # a cubic through the truth this far to both sides gives the velocity

@@ -26,11 +26,11 @@ from worlds import (
     without_right,
 )
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
-from coclo_vio.estimates import StateEstimate
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import InertialReading, StereoTracks
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import InertialReading, StereoTracks
 
 WALKING = WALK.model_copy(update={"walk_s": 30.0, "speed_mps": 0.3})
 END_S, LONG_END_S = 8.0, 18.0

@@ -11,8 +11,8 @@ from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.backend.window.factors import SightingFactors
 from coclo_vio.backend.window.localisation import PixelModel
 from coclo_vio.backend.window.solver import Minimum, minimise, ordered
-from coclo_vio.errors import SmootherError
 from coclo_vio.geometry import se3
+from coclo_vio.values.errors import SmootherError
 
 POINT_IN_CAMERA = np.array([0.2, -0.1, 3.0])
 POINT = se3.apply(RIG.T_body_camera, POINT_IN_CAMERA)

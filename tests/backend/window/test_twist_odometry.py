@@ -7,7 +7,7 @@ import pytest
 from coclo_vio.backend.window.config import TwistConfig
 from coclo_vio.backend.window.twist_odometry import TwistOdometry
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import BodyTwistSample
+from coclo_vio.values.measurements import BodyTwistSample
 
 CONFIG = TwistConfig(rate_noise_density=0.03, velocity_noise_density=0.05)
 STEP_NS = 10_000_000

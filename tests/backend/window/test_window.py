@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from worlds import FRAME_NS, RIG, WALK, frames, pose_at, scattered
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.window import Keyframe, Solution, Window
-from coclo_vio.errors import SmootherError
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import StereoTracks
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.measurements import StereoTracks
 
 PLAIN = PixelNoiseConfig(track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0)
 EXACT = SmootherConfig(tolerance=0.0, iterations=4, spacing_px=0.0, most_kept_landmarks=10_000, noise=PLAIN)

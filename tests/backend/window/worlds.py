@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
-from coclo_vio.calibration import ImuCalibration, RectifiedStereo
-from coclo_vio.estimates import StateEstimate
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import ImuSample, InertialReading, StereoTracks
 from coclo_vio.simulation.body_motion import BodyMotion, BodyMotionConfig
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import ImuSample, InertialReading, StereoTracks
 
 NS_PER_S = 1_000_000_000
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # R_body_camera of a camera that looks ahead

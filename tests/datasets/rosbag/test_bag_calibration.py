@@ -6,10 +6,10 @@ import pytest
 import yaml
 from tiny_bags import START_NS, STEP_NS, TinyBag, place
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
-from coclo_vio.errors import CalibrationMissing, DatasetError, TimestampError
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError
 
 IMAGES = {side: f"/camera/infra{1 + i}/image_rect_raw" for i, side in enumerate(("left", "right"))}
 TURNED = (0.5, -0.5, 0.5, -0.5)  # z forward, x right

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from tiny_bags import KINDS, START_NS, STEP_NS, TinyBag
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets import images
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
-from coclo_vio.errors import DatasetError
-from coclo_vio.measurements import StereoFrame
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import StereoFrame
 
 FRAMES = frozenset({StereoFrame})
 

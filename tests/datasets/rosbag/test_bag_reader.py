@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from tiny_bags import JOINTS, KINDS, START_NS, STEP_NS, TinyBag, angle_of
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
-from coclo_vio.errors import DatasetError, TimestampError
-from coclo_vio.measurements import (
+from coclo_vio.robot.description import load_robot
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.measurements import (
     ALL_SENSORS,
     CameraImuSample,
     FootForceSample,
@@ -20,7 +21,6 @@ from coclo_vio.measurements import (
     JointSample,
     StereoFrame,
 )
-from coclo_vio.robot.description import load_robot
 
 ANGLES = [angle_of(joint) for joint in JOINTS]
 

@@ -7,8 +7,8 @@ import pytest
 from coclo_vio.datasets.dataset import guess_robot, open_dataset
 from coclo_vio.datasets.rosbag.writing.recording import write_bag
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder
-from coclo_vio.measurements import ALL_SENSORS, JointSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.measurements import ALL_SENSORS, JointSample
 
 NAMES = ["trial.bag", "trial.mcap", "trial.db3", "trial"]
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from tiny_bags import JOINTS, START_NS, STEP_NS, TinyBag
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
-from coclo_vio.errors import ConfigError
-from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 IMAGE, COMPRESSED, INFO = (f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo"))

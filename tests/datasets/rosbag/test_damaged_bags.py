@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from tiny_bags import JOINTS, KINDS, START_NS, STEP_NS, TinyBag
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.datasets.rosbag.storage.unpack import unpacked_prefix, zstd
-from coclo_vio.errors import DatasetError, TimestampError, TopicNotFound
-from coclo_vio.measurements import ALL_SENSORS, ImuSample, JointSample
 from coclo_vio.robot.description import load_robot
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound
+from coclo_vio.values.measurements import ALL_SENSORS, ImuSample, JointSample
 
 PARTIAL = DatasetConfig(allow_partial=True)
 WRITING = {

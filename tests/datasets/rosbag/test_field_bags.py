@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from tiny_bags import START_NS, STEP_NS, TinyBag
 
-from coclo_vio.config import parse_settings
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.kalibr import KalibrConfig
 from coclo_vio.datasets.rosbag.config import RosbagConfig, RosbagTopics
-from coclo_vio.inspection import inspect_recording
-from coclo_vio.measurements import FootForceSample, ImuSample, JointSample
 from coclo_vio.robot.description import load_robot
-from coclo_vio.run_config import resolve
+from coclo_vio.runs.inspection import inspect_recording
+from coclo_vio.runs.run_config import resolve
+from coclo_vio.values.config import parse_settings
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
 
 GREY = np.zeros((4, 6), dtype=np.uint8)
 CERBERUS_LEGS = ("FL", "FR", "RL", "RR")

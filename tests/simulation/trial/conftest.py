@@ -4,7 +4,7 @@ from collections.abc import Callable
 import pytest
 
 from coclo_vio.robot.description import load_robot
-from coclo_vio.simulated_recording import simulation_config
+from coclo_vio.simulation.simulated_recording import simulation_config
 from coclo_vio.simulation.trial.terrain import TerrainName
 from coclo_vio.simulation.trial.trial import Trial, simulate
 

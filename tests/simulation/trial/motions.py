@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.simulation.trial.physics import Motion
+from coclo_vio.values.arrays import Array
 
 STEP_S = 0.001
 JOINTS, LEGS = 18, 6

@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
@@ -15,6 +14,7 @@ from coclo_vio.simulation.trial.imperfection import IDEAL, Imperfection, Imperfe
 from coclo_vio.simulation.trial.mounting import MountingConfig, disturbed
 from coclo_vio.simulation.trial.robot_spec import BodyConfig, make_spec
 from coclo_vio.simulation.trial.terrain import make_terrain
+from coclo_vio.values.arrays import Array
 
 DAISY = load_robot("daisy")
 LEGS, JOINTS = 6, 18

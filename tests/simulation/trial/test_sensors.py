@@ -8,7 +8,6 @@ import pytest
 from motions import JOINTS, LEGS, motion, times
 
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import ImuSample
 from coclo_vio.simulation.trial.imperfection import IDEAL, draw_imperfection
 from coclo_vio.simulation.trial.sensors import (
     EPOCH_NS,
@@ -20,6 +19,7 @@ from coclo_vio.simulation.trial.sensors import (
     joint_samples,
     sample_times,
 )
+from coclo_vio.values.measurements import ImuSample
 
 UP = np.array([0.0, 0.0, 9.81])
 SILENT = {

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coclo_vio.arrays import Array
 from coclo_vio.simulation.trial.swing import Swing
+from coclo_vio.values.arrays import Array
 
 STEP_S = 0.004
 START = np.array([0.1, 0.3, 0.02])

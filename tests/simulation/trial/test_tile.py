@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from coclo_vio.arrays import Array
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulated_recording import IDEAL_ROBOT, simulation_config
+from coclo_vio.simulation.simulated_recording import IDEAL_ROBOT, simulation_config
 from coclo_vio.simulation.trial.terrain import TERRAINS, make_terrain
 from coclo_vio.simulation.trial.tile import SIDE_M, Tile
 from coclo_vio.simulation.trial.trial import Trial, simulate
 from coclo_vio.simulation.trial.walkway import Walkway
+from coclo_vio.values.arrays import Array
 
 DAISY = load_robot("daisy")
 IS_LEFT = RobotModel(DAISY).hip_position_body[:, 1] > 0.0

@@ -4,16 +4,16 @@
 import numpy as np
 import pytest
 
-from coclo_vio.errors import SimulationError
-from coclo_vio.measurements import CameraImuSample, ImuSample, JointSample
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulated_recording import IDEAL_ROBOT, simulation_config
+from coclo_vio.simulation.simulated_recording import IDEAL_ROBOT, simulation_config
 from coclo_vio.simulation.trial.imperfection import ImperfectionConfig
 from coclo_vio.simulation.trial.sensors import EPOCH_NS
 from coclo_vio.simulation.trial.terrain import TERRAINS
 from coclo_vio.simulation.trial.trial import Trial, simulate
 from coclo_vio.simulation.trial.walkway import Walkway
+from coclo_vio.values.errors import SimulationError
+from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample
 
 ROBOT = RobotModel(load_robot("daisy"))
 WEIGHT_N = 9.81 * ROBOT.mass_kg

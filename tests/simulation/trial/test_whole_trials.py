@@ -4,7 +4,7 @@
 import pytest
 
 from coclo_vio.robot.description import load_robot
-from coclo_vio.simulated_recording import simulation_config, walked_m
+from coclo_vio.simulation.simulated_recording import simulation_config, walked_m
 from coclo_vio.simulation.trial.terrain import TERRAINS
 from coclo_vio.simulation.trial.trial import simulate
 

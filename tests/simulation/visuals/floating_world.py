@@ -4,11 +4,11 @@
 import mujoco
 import numpy as np
 
-from coclo_vio.calibration import StereoCalibration, matrix4
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.visuals.cameras import add_cameras, pinhole
 from coclo_vio.simulation.visuals.config import SceneConfig
 from coclo_vio.simulation.visuals.scene import RoomBounds, Surface, add_visuals
+from coclo_vio.values.calibration import StereoCalibration, matrix4
 
 LENS = pinhole(640, 480, 385.0)
 BASELINE_M = 0.05

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from floating_world import LENS, floating_body, stereo_pair
 
-from coclo_vio.errors import ConfigError
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.visuals.cameras import (
     OPTICAL_FROM_MUJOCO,
@@ -16,6 +15,7 @@ from coclo_vio.simulation.visuals.cameras import (
     place,
 )
 from coclo_vio.simulation.visuals.opengl import RenderingError
+from coclo_vio.values.errors import ConfigError
 
 POSE = np.array([0.3, -0.2, 0.4, *np.array([0.9, 0.1, -0.2, 0.3]) / np.linalg.norm([0.9, 0.1, -0.2, 0.3])])
 

@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from coclo_vio.errors import ConfigError
 from coclo_vio.simulation.visuals.config import CameraConfig, ExposureConfig
 from coclo_vio.simulation.visuals.exposure import Exposure, exposures
+from coclo_vio.values.errors import ConfigError
 
 RATE_HZ = 15
 STEADY = {"drift": 0.0}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import pytest
 
-from coclo_vio.errors import CocloError, ConfigError
 from coclo_vio.simulation.visuals import opengl
+from coclo_vio.values.errors import CocloError, ConfigError
 
 
 def test_the_environment_decides_when_it_names_a_backend(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from floating_world import WALKED, dressed, floating_body
 
-from coclo_vio.errors import ConfigError
 from coclo_vio.simulation.visuals.config import SceneConfig
 from coclo_vio.simulation.visuals.room import Face, furnish
 from coclo_vio.simulation.visuals.scene import RoomBounds, Surface, add_visuals
+from coclo_vio.values.errors import ConfigError
 
 SMALL = SceneConfig(texture_px=64)
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from floating_world import BASELINE_M, LENS, floating_body, stereo_pair
 
-from coclo_vio.measurements import EncodedStereoFrame
 from coclo_vio.simulation.visuals.cameras import OPTICAL_FROM_MUJOCO, add_cameras, place
 from coclo_vio.simulation.visuals.config import CameraConfig
 from coclo_vio.simulation.visuals.opengl import BACKENDS, RenderingError, works
 from coclo_vio.simulation.visuals.stereo_renderer import render_stereo
+from coclo_vio.values.measurements import EncodedStereoFrame
 
 SEED = 11
 FRAMES = 6

@@ -18,10 +18,10 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from coclo_vio.datasets.rosbag.storage import files
-from coclo_vio.errors import DatasetError, TimestampError
+from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.units import NS_PER_S
 
 _IDL_RULE = "=" * 80 + "\n"
-_NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class BagFile:
                 seconds, nanoseconds = struct.unpack_from("<iI" if is_little else ">iI", data, 4)
         except (struct.error, IndexError) as error:
             raise TimestampError(f"{self.path}: a message on {topic} is too short to have a stamp") from error
-        return int(seconds) * _NS_PER_S + int(nanoseconds)
+        return int(seconds) * NS_PER_S + int(nanoseconds)
 
     def _survey(self) -> list[Connection]:
         """The connections of all files; settles whether the bag is whole."""

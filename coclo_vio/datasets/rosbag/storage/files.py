@@ -12,7 +12,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from coclo_vio.datasets.rosbag.storage.chunks import ChunkReader, CutChunkReader
 from coclo_vio.datasets.rosbag.storage.mcap import CutMcapReader
 from coclo_vio.datasets.rosbag.storage.sqlite import CutSqliteReader, check_length
-from coclo_vio.errors import DatasetError, listing
+from coclo_vio.values.errors import DatasetError, listing
 
 LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
 

@@ -6,14 +6,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration
 from coclo_vio.datasets.images import ImageEncoding
 from coclo_vio.datasets.rosbag.writing.new_bag import TF_MESSAGE, NewBag
 from coclo_vio.geometry import so3
-from coclo_vio.measurements import InertialReading, JointSample
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration
+from coclo_vio.values.measurements import InertialReading, JointSample
+from coclo_vio.values.units import NS_PER_S
 
-_NS_PER_S = 1_000_000_000
 _UNKNOWN = np.zeros(9)
 _ABSENT = np.array([-1.0, *[0.0] * 8])
 _NOTHING = np.zeros(0)
@@ -32,7 +32,7 @@ class BagMessages:
 
     def header(self, stamp_ns: int, frame_id: str) -> Any:
         """Stamp, exact to the nanosecond, and frame."""
-        seconds, nanoseconds = divmod(int(stamp_ns), _NS_PER_S)
+        seconds, nanoseconds = divmod(int(stamp_ns), NS_PER_S)
         stamp = self._types["builtin_interfaces/msg/Time"](seconds, nanoseconds)
         return self._make("std_msgs/Header", *([0] if self._has_seq else []), stamp, frame_id)
 
@@ -86,7 +86,7 @@ class BagMessages:
         wrench = self._make("geometry_msgs/Wrench", self.vector([0.0, 0.0, normal_force]), self.vector([0.0] * 3))
         return self._make("geometry_msgs/WrenchStamped", self.header(stamp_ns, frame_id), wrench)
 
-    def transform(self, stamp_ns: int, frame_id: str, child_frame_id: str, T_frame_child: Array) -> Any:  # noqa: N803
+    def transform(self, stamp_ns: int, frame_id: str, child_frame_id: str, T_frame_child: Array) -> Any:
         """A ``TransformStamped``: maps child coordinates to the frame."""
         quaternion = self._make("geometry_msgs/Quaternion", *so3.to_quat_xyzw(T_frame_child[:3, :3]).tolist())
         transform = self._make("geometry_msgs/Transform", self.vector(T_frame_child[:3, 3]), quaternion)
@@ -96,7 +96,7 @@ class BagMessages:
         """Transforms as one ``TFMessage``."""
         return self._types[TF_MESSAGE](list(transforms))
 
-    def pose(self, T_frame_body: Array) -> Any:  # noqa: N803
+    def pose(self, T_frame_body: Array) -> Any:
         """A ``Pose``: maps body coordinates to the frame."""
         x, y, z = T_frame_body[:3, 3].tolist()
         quaternion = self._make("geometry_msgs/Quaternion", *so3.to_quat_xyzw(T_frame_body[:3, :3]).tolist())

@@ -21,11 +21,11 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from coclo_vio.errors import DatasetError, TimestampError
+from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.units import NS_PER_S
 
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 
-_NS_PER_S = 1_000_000_000
 _LAST_SECOND = {1: 2**32 - 1, 2: 2**31 - 1}  # of a stamp: uint32 in ROS 1, int32 in ROS 2
 _METADATA_VERSION: Literal[8] = 8  # read by ROS 2 Iron and later; an MCAP file by every ROS 2
 _FOREVER = QosTime(9_223_372_036, 854_775_807)
@@ -69,7 +69,7 @@ class NewBag:
         Raises:
             TimestampError: a stamp that ROS cannot hold.
         """
-        if not 0 <= stamp_ns // _NS_PER_S <= _LAST_SECOND[self.ros]:
+        if not 0 <= stamp_ns // NS_PER_S <= _LAST_SECOND[self.ros]:
             raise TimestampError(
                 f"{topic}: ROS {self.ros} has no stamp of {stamp_ns} ns: its seconds go from 0 to "
                 f"{_LAST_SECOND[self.ros]}; shift the recording's clock, or write an EuRoC folder"

@@ -26,15 +26,15 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.arrays import Array
-from coclo_vio.calibration import CameraCalibration, ImuCalibration, StereoCalibration
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.messages import BagMessages
 from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
 from coclo_vio.datasets.writer import ALL_JOINT_READINGS, RecordedJoints
-from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3
-from coclo_vio.measurements import (
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import (
     CameraImuSample,
     EncodedStereoFrame,
     FootForceSample,
@@ -44,6 +44,7 @@ from coclo_vio.measurements import (
     Measurement,
     StereoFrame,
 )
+from coclo_vio.values.units import NS_PER_S
 
 BODY_FRAME = "base_link"
 IMU_FRAME = "imu_link"
@@ -54,7 +55,6 @@ VICON_FRAME = "vicon"
 _CAMERA_TOPICS = ("/camera/infra1", "/camera/infra2")
 _IMU_TOPICS = {ImuSample: ("/imu", IMU_FRAME), CameraImuSample: ("/camera/imu", CAMERA_IMU_FRAME)}
 _LOOKED_AHEAD = 2000  # samples from which the rate of an IMU is told
-_NS_PER_S = 1_000_000_000
 _RECTIFIED_WITHIN = 1e-6
 
 Message = tuple[int, str, Any]  # stamp in ns, topic, message
@@ -177,7 +177,7 @@ def _imu_rates_hz(samples: Iterable[Measurement]) -> dict[type, float]:
         if isinstance(sample, InertialReading):
             stamps[type(sample)].append(sample.stamp_ns)
     medians = {kind: float(np.median(np.diff(given))) for kind, given in stamps.items() if len(given) > 1}
-    return {kind: _NS_PER_S / step_ns for kind, step_ns in medians.items() if step_ns > 0.0}
+    return {kind: NS_PER_S / step_ns for kind, step_ns in medians.items() if step_ns > 0.0}
 
 
 def _variances(imu: ImuCalibration | None, rate_hz: float) -> tuple[float, float]:

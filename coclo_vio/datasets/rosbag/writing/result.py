@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.arrays import Array
 from coclo_vio.datasets.rosbag.writing.messages import BagMessages
 from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
-from coclo_vio.errors import DatasetError
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.trajectory import Trajectory
 
 MAP_FRAME = "map"
 ODOM_FRAME = "odom"
@@ -92,7 +92,7 @@ def write_result_bag(path: Path, tracks: Sequence[Track], reference: Trajectory 
     return path
 
 
-def ros_pose_covariance(covariance: Array, R_odom_body: Array) -> Array:  # noqa: N803
+def ros_pose_covariance(covariance: Array, R_odom_body: Array) -> Array:
     """ROS's pose covariance (6, 6), of [position m, rotation rad] in odom axes, from our right/local one.
 
     ``T = T_mean exp([phi, rho])`` moves the origin by ``R rho`` and turns the body by ``exp(R phi)`` from the left (to

@@ -11,10 +11,10 @@ from rosbags.highlevel import AnyReader
 from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.recording import write_bag
 from coclo_vio.datasets.writer import RecordedJoints
-from coclo_vio.errors import DatasetError, TimestampError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
-from coclo_vio.trajectory import GroundTruth
+from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
+from coclo_vio.values.trajectory import GroundTruth
 
 NAMES = ["trial.bag", "trial.mcap", "trial.db3", "trial"]
 

@@ -6,9 +6,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from coclo_vio.datasets.rosbag.writing.result import Track, ros_pose_covariance, write_result_bag
-from coclo_vio.errors import DatasetError
 from coclo_vio.geometry import se3, so3
-from coclo_vio.trajectory import Trajectory
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.trajectory import Trajectory
 
 START_NS = 1_700_000_000_123_456_789
 COUNT = 60

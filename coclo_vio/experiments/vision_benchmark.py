@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How fast the eyes are, in figures: front end and smoother on the bundled sample, frame by frame, and their memory.
+
+Milliseconds are of processor time: those of one core if ``OPENBLAS_NUM_THREADS=1`` is set before Python starts.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from time import process_time
+from typing import TypeVar
+
+import numpy as np
+
+from coclo_vio.backend.window.smoother import SlidingWindowSmoother
+from coclo_vio.datasets.dataset import Dataset, open_dataset
+from coclo_vio.datasets.sample import sample_path
+from coclo_vio.experiments.resident_memory import resident_mb
+from coclo_vio.frontend.frontend import StereoFrontend
+from coclo_vio.fusion.visual_odometry import VisualOdometry
+from coclo_vio.runs.equipment import Equipment
+from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.values.arrays import Array, ByteImage
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.estimates import Event, KeyframeHealth, OdometryDelta, StateEstimate
+from coclo_vio.values.measurements import CameraImuSample, InertialReading, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.units import MS_PER_S, NS_PER_S
+
+_SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame})
+_T = TypeVar("_T")
+
+
+class Stopwatch:
+    """Adds up the processor time of what is run under it, s."""
+
+    def __init__(self) -> None:
+        self.taken_s = 0.0
+
+    def time(self, run: Callable[[], _T]) -> _T:
+        """What ``run`` gives."""
+        began_s = process_time()
+        try:
+            return run()
+        finally:
+            self.taken_s += process_time() - began_s
+
+    def read(self) -> float:
+        """The seconds since the last reading."""
+        taken_s, self.taken_s = self.taken_s, 0.0
+        return taken_s
+
+
+class TimedFrontend:
+    """A front end under a stopwatch."""
+
+    def __init__(self, frontend: StereoFrontend) -> None:
+        self._frontend = frontend
+        self.rig: RectifiedStereo = frontend.rig
+        self.watch = Stopwatch()
+
+    def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:
+        """The points of a frame."""
+        return self.watch.time(lambda: self._frontend.track(frame, T_previous_current))
+
+    def overlay(self) -> ByteImage:
+        """The last frame for the eye."""
+        return self._frontend.overlay()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each thing happened."""
+        return self._frontend.counts
+
+
+class TimedSmoother:
+    """A smoother under a stopwatch, its IMU readings included."""
+
+    def __init__(self, smoother: SlidingWindowSmoother) -> None:
+        self._smoother = smoother
+        self.watch = Stopwatch()
+
+    @property
+    def latest_pose(self) -> Array | None:
+        """``T_world_body`` of the last frame."""
+        return self._smoother.latest_pose
+
+    @property
+    def keyframe_ns(self) -> int | None:
+        """Stamp of the last keyframe."""
+        return self._smoother.keyframe_ns
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each thing happened."""
+        return self._smoother.counts
+
+    def push_imu(self, sample: InertialReading) -> None:
+        """Take a reading."""
+        self.watch.time(lambda: self._smoother.push_imu(sample))
+
+    def predicted_pose(self, stamp_ns: int) -> Array | None:
+        """``T_world_body`` expected at a stamp."""
+        return self.watch.time(lambda: self._smoother.predicted_pose(stamp_ns))
+
+    def push_tracks(self, tracks: StereoTracks, odometry: OdometryDelta | None = None) -> StateEstimate | None:
+        """The estimate of a frame."""
+        return self.watch.time(lambda: self._smoother.push_tracks(tracks, odometry))
+
+    def take_events(self) -> tuple[Event, ...]:
+        """What happened since the last call."""
+        return self._smoother.take_events()
+
+    def take_health(self) -> tuple[KeyframeHealth, ...]:
+        """The keyframes since the last call."""
+        return self._smoother.take_health()
+
+
+def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | None]:
+    """The figures of ``vins`` on the bundled sample (stereo 640 x 480 at 15 Hz), by name.
+
+    ``frontend_ms_*`` are per frame, ``smoother_ms_*`` per keyframe with all readings since the frame before,
+    ``vision_ms_per_frame`` is the mean of both together, ``vision_ms_p95`` their 95th percentile; what a keyframe has
+    (tracks, factors, landmarks, iterations of the solver) is the median. None where there was no keyframe.
+
+    Args:
+        until_s: seconds of the sample.
+        rounds: how often it is timed; the fastest of each figure counts.
+    """
+    figures = [_timed(until_s) for _ in range(rounds)]
+    return {name: _least(one[name] for one in figures) for name in figures[0]}
+
+
+def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
+    """Memory of this process (MiB) at even distances over so many frames through ``vins``, the first at their start.
+
+    The sample is seen forwards and backwards in turn, so that the world never jumps: backwards in time rates change
+    their sign and specific forces do not.
+
+    Raises:
+        DatasetError: the system does not say how much memory a process holds (Linux does, in /proc).
+    """
+    dataset, odometry, _, _ = _stages()
+    recorded = tuple(dataset.measurements(_SENSORS))
+    due = [round(frames * number / samples) for number in range(samples + 1)]
+    held: list[float] = []
+    seen = 0
+    for measurement in _to_and_fro(recorded):
+        odometry.push(measurement)
+        odometry.take_events(), odometry.take_health()
+        seen += isinstance(measurement, StereoFrame)
+        if seen > due[len(held)]:
+            held.append(resident_mb())
+            if len(held) > samples:
+                break
+    return tuple(held)
+
+
+def _stages() -> tuple[Dataset, VisualOdometry, TimedFrontend, TimedSmoother]:
+    config = RunConfig()
+    dataset = open_dataset(sample_path(), None)
+    equipment = Equipment.of(dataset, config, _SENSORS)
+    _, imu = equipment.inertial()
+    frontend = TimedFrontend(StereoFrontend(equipment.cameras(), config.frontend))
+    smoother = TimedSmoother(SlidingWindowSmoother(frontend.rig, config.smoother, imu, uses_imu=True))
+    return dataset, VisualOdometry(smoother, frontend, imu_kind=CameraImuSample), frontend, smoother
+
+
+def _timed(until_s: float) -> dict[str, float | None]:
+    """One pass over the sample; images are decoded beside the clock."""
+    dataset, odometry, frontend, smoother = _stages()
+    frontend_ms, smoother_ms, is_keyframe = [], [], []
+    keyframes: list[KeyframeHealth] = []
+    end_ns: float | None = None
+    for measurement in dataset.measurements(_SENSORS):
+        end_ns = measurement.stamp_ns + until_s * NS_PER_S if end_ns is None else end_ns
+        if measurement.stamp_ns > end_ns:
+            break
+        odometry.push(measurement)
+        odometry.take_events()
+        if isinstance(measurement, StereoFrame):
+            health = odometry.take_health()
+            keyframes += health
+            frontend_ms.append(frontend.watch.read() * MS_PER_S)
+            smoother_ms.append(smoother.watch.read() * MS_PER_S)
+            is_keyframe.append(bool(health))
+    eyes, window = np.array(frontend_ms), np.array(smoother_ms)
+    at_keyframes = window[np.array(is_keyframe, dtype=np.bool_)]
+    return {
+        "frontend_ms_median": _share(eyes, 50.0),
+        "frontend_ms_p95": _share(eyes, 95.0),
+        "smoother_ms_median": _share(at_keyframes, 50.0),
+        "smoother_ms_p95": _share(at_keyframes, 95.0),
+        "vision_ms_per_frame": float((eyes + window).mean()) if len(eyes) else None,
+        "vision_ms_p95": _share(eyes + window, 95.0),
+        "keyframes_per_frame": len(keyframes) / len(eyes) if len(eyes) else None,
+        **{
+            f"keyframe_{name}": _share(np.array([getattr(one, name) for one in keyframes]), 50.0)
+            for name in ("tracks", "factors", "landmarks", "iterations")
+        },
+    }
+
+
+def _share(values: Array, share: float) -> float | None:
+    return float(np.percentile(values, share)) if len(values) else None
+
+
+def _least(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return min(known) if known else None
+
+
+def _to_and_fro(recorded: tuple[Measurement, ...]) -> Iterator[Measurement]:
+    """The measurements forwards and backwards for ever, with stamps that go on."""
+    first_ns, last_ns = recorded[0].stamp_ns, recorded[-1].stamp_ns
+    begin_ns = first_ns
+    while True:
+        for measurement in recorded[1:]:
+            yield replace(measurement, stamp_ns=begin_ns + measurement.stamp_ns - first_ns)
+        begin_ns += last_ns - first_ns
+        for measurement in recorded[-2::-1]:
+            yield _turned(measurement, begin_ns + last_ns - measurement.stamp_ns)
+        begin_ns += last_ns - first_ns
+
+
+def _turned(measurement: Measurement, stamp_ns: int) -> Measurement:
+    if isinstance(measurement, InertialReading):
+        return replace(measurement, stamp_ns=stamp_ns, angular_velocity=-measurement.angular_velocity)
+    return replace(measurement, stamp_ns=stamp_ns)

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What goes wrong on purpose: faults put on any recording, to see what an estimator makes of them.
+
+Between a reader and an estimator, one measurement at a time. Ground truth is left alone.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import ConfigError, listing
+from coclo_vio.values.measurements import ALL_SENSORS, JointSample, Measurement, Sight, StereoFrame, StereoTracks
+from coclo_vio.values.units import NS_PER_S
+
+_LONGEST_S = 1e9  # thirty years
+_QUOTES = "; quote it, YAML takes 20:5 for a number of base 60"
+Read = Callable[[frozenset[type]], Iterator[Measurement]]  # from the beginning each time, as Dataset.measurements
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of time.
+
+    Attributes:
+        start_ns: its beginning, ns after the recording's first measurement.
+        end_ns: its end, which is no longer in it.
+    """
+
+    start_ns: int
+    end_ns: int
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """The span of ``START:SECONDS``.
+
+        Raises:
+            ValueError: not two numbers, a start before the recording, or no time at all.
+        """
+        start, _, seconds = text.partition(":")
+        try:
+            start_s, duration_s = float(start), float(seconds)
+        except ValueError as error:
+            raise ValueError(f"{text!r} is no START:SECONDS, such as 20:5 for five seconds") from error
+        if not (0.0 <= start_s <= _LONGEST_S and 0.0 < duration_s <= _LONGEST_S):
+            raise ValueError(
+                f"{text!r}: START must be at least 0 and SECONDS above 0, neither above {_LONGEST_S:.0e}, such as 20:5"
+            )
+        return cls(round(start_s * NS_PER_S), round((start_s + duration_s) * NS_PER_S))
+
+    def __contains__(self, after_ns: int) -> bool:
+        return self.start_ns <= after_ns < self.end_ns
+
+
+def _leg_span(text: str) -> tuple[str, Span]:
+    """Leg and span of ``LEG:START:SECONDS``."""
+    leg, _, span = text.partition(":")
+    if not leg or ":" not in span:
+        raise ValueError(f"{text!r} is no LEG:START:SECONDS, such as leg1:20:3 for three seconds")
+    return leg, Span.parse(span)
+
+
+def _span_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f'must be text START:SECONDS, such as "20:5"{_QUOTES}')
+    Span.parse(value)
+    return value
+
+
+def _leg_span_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError("must be text LEG:START:SECONDS, such as leg1:20:3")
+    _leg_span(value)
+    return value
+
+
+def _one_or_more(value: Any) -> Any:
+    return value if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+
+
+Spans = Annotated[tuple[Annotated[str, BeforeValidator(_span_text)], ...], BeforeValidator(_one_or_more)]
+LegSpans = Annotated[tuple[Annotated[str, BeforeValidator(_leg_span_text)], ...], BeforeValidator(_one_or_more)]
+
+
+class FaultsConfig(StageConfig):
+    """What goes wrong, and when; starts are in seconds after the recording's first measurement. Nothing by default."""
+
+    blackouts: Annotated[
+        Spans, Field(description='START:SECONDS each: images are black, tracks gone; as ["20:5"]')
+    ] = ()
+    frame_loss: Annotated[float, Field(ge=0, le=1, description="share of stereo frames that are lost, at random")] = 0.0
+    seed: Annotated[int, Field(ge=0, description="which frames are lost")] = 0
+    frozen_legs: Annotated[
+        LegSpans, Field(description="LEG:START:SECONDS each: the leg's joints repeat their last reading, at rest")
+    ] = ()
+    silent_joints: Annotated[Spans, Field(description='START:SECONDS each: no joint sample at all; as ["20:5"]')] = ()
+
+    @property
+    def is_none(self) -> bool:
+        """Whether everything goes as it is recorded."""
+        return not (self.blackouts or self.frame_loss or self.frozen_legs or self.silent_joints)
+
+
+@dataclass(frozen=True, slots=True)
+class _FrozenLeg:
+    """Columns of the leg's joints in a ``JointSample``, and when they are frozen."""
+
+    joints: tuple[int, ...]
+    span: Span
+
+
+class Faults:
+    """The faults of a configuration on a robot; ``measurements`` reads a recording through them."""
+
+    def __init__(self, config: FaultsConfig, robot: RobotDescription | None = None) -> None:
+        """Make ready.
+
+        Raises:
+            ConfigError: a leg that the robot does not have, or no robot to freeze a leg of.
+        """
+        self.config = config
+        self._dark = [Span.parse(text) for text in config.blackouts]
+        self._silent = [Span.parse(text) for text in config.silent_joints]
+        self._frozen = [_frozen_leg(text, robot) for text in config.frozen_legs]
+
+    def measurements(self, read: Read, sensors: frozenset[type]) -> Iterator[Measurement]:
+        """What ``read`` gives of ``sensors``, with the faults on it.
+
+        Time counts from the recording's first measurement, whatever of it is read: for every estimator alike.
+
+        Raises:
+            DatasetError: the recording is malformed.
+        """
+        if self.config.is_none:
+            yield from read(sensors)
+            return
+        start_ns = _first_ns(read)
+        losses = np.random.default_rng(self.config.seed)
+        eyes, legs = _Eyes(self._dark), _Legs(self._frozen)
+        for measurement in read(sensors):
+            after_ns = measurement.stamp_ns - start_ns
+            match measurement:
+                case StereoFrame() | StereoTracks():
+                    if losses.random() >= self.config.frame_loss:
+                        yield eyes.see(measurement, after_ns)
+                case JointSample():
+                    told = legs.feel(measurement, after_ns)
+                    if not any(after_ns in span for span in self._silent):
+                        yield told
+                case _:
+                    yield measurement
+
+
+class _Eyes:
+    """Cameras in whose sight the light goes out, and on again.
+
+    A tracker loses its points in the dark: the same point has another identity afterwards, and a new age.
+    """
+
+    def __init__(self, dark: Sequence[Span]) -> None:
+        self._dark = dark
+        self._was_dark = False
+        self._shift = 0  # of identities, from the last darkness on
+        self._next_id = 0
+        self._frames: int | None = None  # since the last darkness
+
+    def see(self, sight: StereoFrame | StereoTracks, after_ns: int) -> StereoFrame | StereoTracks:
+        """The frame, or what is left of it."""
+        is_dark = any(after_ns in span for span in self._dark)
+        if isinstance(sight, StereoFrame):
+            black = np.zeros_like(sight.left)
+            return replace(sight, left=black, right=black) if is_dark else sight
+        if is_dark:
+            self._shift, self._frames = self._next_id, 0
+            nothing = np.zeros((0, 2))
+            none = np.zeros(0, dtype=np.int64)
+            return StereoTracks(sight.stamp_ns, none, nothing, nothing, sight=Sight.BLIND, reason="blackout")
+        told = sight
+        if self._frames is not None:
+            self._frames += 1
+            ages = np.minimum(sight.ages, self._frames)
+            told = replace(sight, track_ids=sight.track_ids + self._shift, ages=ages)
+        self._next_id = max(self._next_id, int(told.track_ids.max(initial=-1)) + 1)
+        return told
+
+
+class _Legs:
+    """Joints of which some repeat what they last said, for a while."""
+
+    def __init__(self, frozen: Sequence[_FrozenLeg]) -> None:
+        self._frozen = frozen
+        self._held: list[JointSample | None] = [None] * len(frozen)
+
+    def feel(self, sample: JointSample, after_ns: int) -> JointSample:
+        """The sample with the frozen joints' readings in it; one frozen from the start on holds its first."""
+        position, velocity, effort = (np.array(part) for part in (sample.position, sample.velocity, sample.effort))
+        is_frozen = False
+        for index, leg in enumerate(self._frozen):
+            held = self._held[index]
+            if held is None or after_ns not in leg.span:
+                held = self._held[index] = sample
+            if after_ns in leg.span:
+                joints = list(leg.joints)
+                position[joints], effort[joints] = held.position[joints], held.effort[joints]
+                velocity[joints] = 0.0
+                is_frozen = True
+        return JointSample(sample.stamp_ns, position, velocity, effort) if is_frozen else sample
+
+
+def _frozen_leg(text: str, robot: RobotDescription | None) -> _FrozenLeg:
+    name, span = _leg_span(text)
+    if robot is None:
+        raise ConfigError(f"faults.frozen_legs = {text!r}: the recording's robot is not known; name it with --robot")
+    joints = {leg.name: leg.joints for leg in robot.legs}
+    if name not in joints:
+        raise ConfigError(
+            f"faults.frozen_legs = {text!r}: {robot.name} has no leg {name}; its legs are: {listing(joints)}"
+        )
+    return _FrozenLeg(tuple(robot.joint_names.index(joint) for joint in joints[name]), span)
+
+
+def _first_ns(read: Read) -> int:
+    """Stamp of a recording's first measurement; of an image only where there is nothing else, to decode none."""
+    for sensors in (ALL_SENSORS - {StereoFrame}, frozenset({StereoFrame})):
+        first = next(read(sensors), None)
+        if first is not None:
+            return first.stamp_ns
+    return 0

@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a recording holds, and for which modes that is enough: what ``coclo-vio inspect`` says.
+
+Everything is read through once; no image is decoded.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.dataset import Dataset, RobotFit, guess_robot, open_dataset, robot_fit
+from coclo_vio.datasets.read_report import ReadReport, StreamReport
+from coclo_vio.evaluation.metrics import travelled_m
+from coclo_vio.robot.description import RobotDescription, robot_names
+from coclo_vio.runs.run_config import RunConfig, resolve
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import CocloError, DatasetError, TopicNotFound, listing
+from coclo_vio.values.measurements import ALL_SENSORS, JointSample, StereoFrame
+from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.values.units import NS_PER_S
+
+MODES = ("coclo", "vins", "stereo", "stereo_twist", "combined")
+
+_PATH_SPACING_S = 0.1
+_TOLD_APART_DEG, _MOST_APART_DEG = 5.0, 45.0
+_T = TypeVar("_T")
+
+
+@runtime_checkable
+class HasTopics(Protocol):
+    """A dataset whose sensors come from topics, and whose joints may be mapped to those of the robot."""
+
+    def matched_joints(self) -> tuple[str, ...]:
+        """The robot's joints that it has, by the robot's names."""
+
+    def topics(self) -> Sequence[Any]:
+        """The choices: objects with ``role``, ``topics``, ``msgtype``, ``reason`` and ``others``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """What plays a role, and why.
+
+    Attributes:
+        role: such as ``imu``.
+        topics: the topics chosen, none where there is none.
+        msgtype: their type.
+        reason: why these.
+        others: further topics of a type that fits, which play no role.
+    """
+
+    role: str
+    topics: tuple[str, ...]
+    msgtype: str
+    reason: str
+    others: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Joints:
+    """How the recording's joints fit the robot.
+
+    Attributes:
+        matched: joints of the robot that the recording has.
+        missing: joints of the robot, or where none is named of the nearest, that it has not.
+        there: all joints of the recording, by its own names.
+        fitting: the known robots all of whose joints it has.
+        nearest: where none fits, the known robot most of whose joints it has, or None.
+        has_effort: whether any torque is measured.
+    """
+
+    matched: tuple[str, ...]
+    missing: tuple[str, ...]
+    there: tuple[str, ...]
+    fitting: tuple[str, ...]
+    nearest: str | None
+    has_effort: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The reference trajectory.
+
+    Attributes:
+        source: the file or topic.
+        has_stamps: whether its poses have stamps.
+        poses: how many.
+        duration_s: from the first to the last, s; None without stamps.
+        path_length_m: what was travelled, m; positions are averaged over 0.1 s first where they have stamps.
+    """
+
+    source: str
+    has_stamps: bool
+    poses: int
+    duration_s: float | None
+    path_length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """All that can be said of a recording.
+
+    Attributes:
+        name: of the recording.
+        robot: name of the robot whose joints were looked for, None where none is known.
+        report: streams, what was left out, notes.
+        topics: which topic plays which role; empty for a format without topics.
+        joints: how they fit the robot.
+        calibrations: by sensor, what is known of it in a sentence, None where the recording says nothing.
+        ground_truth: the reference trajectory, None where there is none.
+        problems: what could not be read, a sentence each.
+        missing: by mode, what it lacks; nothing for a mode that is ready.
+    """
+
+    name: str
+    robot: str | None
+    report: ReadReport
+    topics: tuple[Topic, ...]
+    joints: Joints
+    calibrations: dict[str, str | None]
+    ground_truth: Truth | None
+    problems: tuple[str, ...]
+    missing: dict[str, tuple[str, ...]]
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain values, with each mode's ``ready``."""
+        values = asdict(self)
+        modes = {mode: {"ready": not lacks, "missing": list(lacks)} for mode, lacks in values.pop("missing").items()}
+        return {**values, "modes": modes}
+
+
+def resolve_if_known(
+    path: Path, robot: str | None, file: Path | None, settings: Sequence[str]
+) -> tuple[RunConfig, RobotDescription | None]:
+    """The configuration for a recording, and its robot, None where nobody names one and no known one fits.
+
+    Args:
+        path: the recording.
+        robot: name or YAML file of the robot.
+        file: YAML configuration.
+        settings: ``a.b=value`` strings.
+
+    Raises:
+        DatasetError: no recording.
+        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that is not known.
+    """
+    guess = None
+    if robot is None:
+        any_robot = robot_names()[0]  # settings may speak of a robot; how to read the recording is all that is asked
+        guess = guess_robot(path, resolve(None, file, settings, any_robot).dataset)
+    config = resolve(robot, file, settings, guess)
+    return config, config.robot
+
+
+def inspect_recording(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Inspection:
+    """Read a recording through and say what it holds.
+
+    What cannot be read (joints of another robot, stamps that go back, a calibration that is malformed) is told as a
+    problem, as far as the rest can be read without it.
+
+    Args:
+        path: the recording.
+        robot: whose joints to look for, None where it is not known.
+        config: how to read.
+
+    Raises:
+        DatasetError: no recording, or one of which nothing can be told.
+    """
+    problems: list[str] = []
+    try:
+        dataset = open_dataset(path, robot, config)
+    except TopicNotFound as error:
+        if robot is None:
+            raise
+        problems.append(str(error))
+        dataset = _opened_in_part(path, robot, config)
+    has_effort, broken = _read_through(dataset)
+    if broken is not None and not has_effort:
+        has_effort, _ = _read_through(_opened_in_part(path, robot, config), is_for_effort=True)
+    problems += [] if broken is None else [str(broken)]
+    lenses = _tried(dataset.stereo_calibration, problems)
+    imus = {
+        "imu": _tried(dataset.imu_calibration, problems),
+        "camera_imu": _tried(dataset.camera_imu_calibration, problems),
+    }
+    calibrations = {name: _imu_sentence(imu) for name, imu in imus.items()} | {"cameras": _stereo_sentence(lenses)}
+    if robot is not None and imus["imu"] is None:
+        imus["imu"] = robot.imu
+    joints = _joints(robot_fit(path, config), robot, dataset, has_effort=has_effort)
+    report = dataset.report()  # what was assumed of a calibration is told too
+    seen = Inspection(
+        name=dataset.name,
+        robot=None if robot is None else robot.name,
+        report=report,
+        topics=_topics(dataset),
+        joints=joints,
+        calibrations=calibrations,
+        ground_truth=_truth(_tried(dataset.ground_truth, problems)),
+        problems=tuple(dict.fromkeys(problems)),
+        missing=_missing(robot, report, joints, lenses, imus, takes_part=config.allow_partial),
+    )
+    if broken is None or isinstance(broken, TopicNotFound):
+        return seen
+    stopped = ("a recording that can be read through (see problems)",)
+    return replace(seen, missing={mode: stopped + lacks for mode, lacks in seen.missing.items()})
+
+
+def _opened_in_part(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Dataset:
+    """The recording with what joints of the robot it has; without them where its format does not know that."""
+    try:
+        return open_dataset(path, robot, config.model_copy(update={"allow_partial": True}))
+    except TopicNotFound:
+        return open_dataset(path, None, config)
+
+
+def _read_through(dataset: Dataset, *, is_for_effort: bool = False) -> tuple[bool, DatasetError | None]:
+    """Read all but the images; whether any joint torque was measured, and what stopped the reading."""
+    has_effort = False
+    try:
+        for sample in dataset.measurements(ALL_SENSORS - {StereoFrame}):
+            if not has_effort and isinstance(sample, JointSample):
+                has_effort = bool(np.isfinite(sample.effort).any())
+                if has_effort and is_for_effort:
+                    break
+    except DatasetError as error:
+        return has_effort, error
+    return has_effort, None
+
+
+def _tried(read: Callable[[], _T | None], problems: list[str]) -> _T | None:
+    """What ``read`` gives; None where it fails, and why goes to ``problems``."""
+    try:
+        return read()
+    except CocloError as error:
+        problems.append(str(error))
+        return None
+
+
+def _topics(dataset: Dataset) -> tuple[Topic, ...]:
+    if not isinstance(dataset, HasTopics):
+        return ()
+    choices = dataset.topics()
+    taken = {topic for choice in choices for topic in choice.topics}
+    return tuple(
+        Topic(one.role, tuple(one.topics), one.msgtype, one.reason, tuple(t for t in one.others if t not in taken))
+        for one in choices
+    )
+
+
+def _joints(fit: RobotFit, robot: RobotDescription | None, dataset: Dataset, *, has_effort: bool) -> Joints:
+    if robot is None:
+        missing = () if fit.nearest is None else fit.absent[fit.nearest]
+        return Joints((), missing, fit.joints, fit.fitting, fit.nearest, has_effort)
+    matched = dataset.matched_joints() if isinstance(dataset, HasTopics) else fit.matched(robot)
+    missing = tuple(joint for joint in robot.joint_names if joint not in matched)
+    return Joints(matched, missing, fit.joints, fit.fitting, fit.nearest, has_effort)
+
+
+def _imu_sentence(imu: ImuCalibration | None) -> str | None:
+    if imu is None:
+        return None
+    x, y, z = imu.position_body_m
+    noise = f"gyroscope {imu.gyroscope_noise_density:.2g} rad/s/sqrt(Hz), accelerometer "
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m, {noise}{imu.accelerometer_noise_density:.2g} m/s^2/sqrt(Hz)"
+
+
+def _stereo_sentence(stereo: StereoCalibration | None) -> str | None:
+    if stereo is None:
+        return None
+    left = stereo.left
+    lens = "no distortion" if left.distortion == "none" else f"{left.distortion} distortion"
+    apart = f", axes {_apart_deg(stereo):.0f} deg apart" if _apart_deg(stereo) > _TOLD_APART_DEG else ""
+    return (
+        f"{left.width_px} x {left.height_px}, f {left.focal_px[0]:.1f} px, {lens}, "
+        f"baseline {stereo.baseline_m:.4f} m{apart}"
+    )
+
+
+def _apart_deg(stereo: StereoCalibration) -> float:
+    """The angle between the axes along which the two cameras look, deg."""
+    left, right = stereo.T_body_left_camera[:3, 2], stereo.T_body_right_camera[:3, 2]
+    return float(np.rad2deg(np.arccos(np.clip(left @ right, -1.0, 1.0))))
+
+
+def _truth(truth: GroundTruth | None) -> Truth | None:
+    if truth is None:
+        return None
+    trajectory = truth.trajectory
+    duration_s = trajectory.duration_s if truth.has_stamps else None
+    is_paced = truth.has_stamps and len(trajectory) > 1
+    path_m = float(travelled_m(trajectory, _PATH_SPACING_S)[-1]) if is_paced else trajectory.path_length_m()
+    return Truth(truth.source, truth.has_stamps, len(trajectory), duration_s, path_m)
+
+
+def _missing(
+    robot: RobotDescription | None,
+    report: ReadReport,
+    joints: Joints,
+    lenses: StereoCalibration | None,
+    imus: Mapping[str, ImuCalibration | None],
+    *,
+    takes_part: bool,
+) -> dict[str, tuple[str, ...]]:
+    """What each mode lacks of what it cannot do without; ``takes_part``: legs whose joints are missing are left out."""
+    streams = {stream.name: stream for stream in report.streams}
+    legs = tuple(_missing_legs(robot, streams, joints, takes_part=takes_part))
+    seen = "stereo_tracks" if "stereo_tracks" in streams else "stereo"
+    wanted = (
+        ("stereo images", seen in streams),
+        ("calibration of the cameras", lenses is not None),
+        ("cameras that look the same way", lenses is None or _apart_deg(lenses) < _MOST_APART_DEG),
+    )
+    eyes = tuple(what for what, is_there in wanted if not is_there)
+    recorded = [name for name in ("camera_imu", "imu") if name in streams]
+    known = [name for name in recorded if imus[name] is not None]
+    inertial = () if known else ("the mounting of its IMU",) if recorded else ("an IMU",)
+    twist = () if "body_twist" in streams else ("a body twist: how fast the body moves, measured by something else",)
+    return {
+        "coclo": legs + _apart(streams, "joints", "imu"),
+        "vins": eyes + inertial + (_apart(streams, seen, known[0]) if known else ()),
+        "stereo": eyes,
+        "stereo_twist": eyes + twist + _apart(streams, seen, "body_twist"),
+        "combined": legs + eyes + _apart(streams, "joints", "imu") + _apart(streams, "joints", seen),
+    }
+
+
+def _missing_legs(
+    robot: RobotDescription | None, streams: dict[str, StreamReport], joints: Joints, *, takes_part: bool
+) -> Iterator[str]:
+    if robot is None:
+        if joints.nearest is not None:
+            yield f"{len(joints.missing)} of {joints.nearest}'s joints, or another robot (--robot)"
+        else:
+            fits = f"fit {listing(joints.fitting)}" if joints.fitting else "are those of no known one"
+            yield f"a robot (the joints {fits}; name one with --robot)" if joints.there else "joints"
+    elif joints.missing and not (takes_part and joints.matched):
+        yield f"{len(joints.missing)} of {robot.name}'s {len(robot.joint_names)} joints"
+    elif "joints" not in streams:
+        yield "joint samples"
+    elif robot.contact.source == "torque" and not joints.has_effort:
+        yield f"joint torques, from which {robot.name}'s contacts are told"
+    elif robot.contact.source == "force_sensor" and "foot_force" not in streams:
+        yield f"foot forces, from which {robot.name}'s contacts are told"
+    if "imu" not in streams:
+        yield "the body's IMU"
+
+
+def _apart(streams: dict[str, StreamReport], one: str, other: str) -> tuple[str, ...]:
+    """A sentence where two streams were never recorded at the same time."""
+    if one not in streams or other not in streams:
+        return ()
+    start_ns = max(streams[one].start_ns, streams[other].start_ns)
+    end_ns = min(streams[one].end_ns, streams[other].end_ns)
+    apart_s = (start_ns - end_ns) / NS_PER_S
+    return (f"{one} and {other} at one time: their stamps are {apart_s:.3g} s apart",) if apart_s > 0.0 else ()

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The whole configuration of a run: the robot, if there is one, and every stage; from preset, file, command line."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field
+
+from coclo_vio.backend.config import InvariantConfig
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.frontend.config import FrontendConfig
+from coclo_vio.fusion.bridge import BridgeConfig
+from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
+from coclo_vio.runs.faults import FaultsConfig
+from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.config import StageConfig, merged, parse_settings, read_yaml
+from coclo_vio.values.errors import ConfigError, listing
+
+
+class RunConfig(StageConfig):
+    """Everything a run depends on; ``config.yaml`` of a run folder repeats the run."""
+
+    robot: Annotated[
+        RobotDescription | None, Field(description="the robot: legs, contact sensing, IMU; null where eyes alone see")
+    ] = None
+    dataset: Annotated[DatasetConfig, Field(description="how recordings are read")] = DatasetConfig()
+    filter: Annotated[FilterConfig, Field(description="COCLO")] = FilterConfig()
+    inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
+    frontend: Annotated[FrontendConfig, Field(description="the eyes of the visual modes")] = FrontendConfig()
+    smoother: Annotated[SmootherConfig, Field(description="the sliding window of the visual modes")] = SmootherConfig()
+    bridge: Annotated[BridgeConfig, Field(description="between legs and eyes, where both work together")] = (
+        BridgeConfig()
+    )
+    faults: Annotated[FaultsConfig, Field(description="what goes wrong on purpose")] = FaultsConfig()
+    evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
+    imu_calibration: Annotated[
+        Literal["recording", "robot"],
+        Field(description="whose word counts on the IMU's mounting and noise, where the recording has one"),
+    ] = "recording"
+
+    def on_recording(self, imu: ImuCalibration | None) -> Self:
+        """The same run with the IMU's mounting and noise of a recording, if that is whose word counts."""
+        if imu is None or self.robot is None or self.imu_calibration == "robot":
+            return self
+        return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": imu})})
+
+
+def resolve(
+    robot: str | None = None, file: Path | None = None, settings: Sequence[str] = (), guess: str | None = None
+) -> RunConfig:
+    """The configuration of a run: the robot's preset, then the file, then the settings; the later wins.
+
+    Where nobody names a robot there is none: the visual modes need none, a mode of the legs asks for it. A file may
+    name its robot as ``robot: {preset: go1}`` with changes beside it, or describe it whole.
+
+    Args:
+        robot: name or YAML file of the robot; wins over what the file says.
+        file: YAML configuration.
+        settings: ``a.b=value`` strings.
+        guess: the robot to take where nobody names one.
+
+    Raises:
+        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that nobody names.
+    """
+    given = read_yaml(file) if file else {}
+    if file is not None and given.get("robot") is not None:
+        given["robot"] = _robot_of_file(given["robot"], file, is_replaced=robot is not None)
+    values = merged(given, parse_settings(settings))
+    said = values.pop("robot", None)
+    changes = {} if said is None else dict(_mapping(said))
+    preset = robot or changes.pop("preset", None)
+    changes.pop("preset", None)
+    if preset is None and "legs" not in changes:
+        preset = guess
+    source = " with ".join([*([str(file)] if file else []), *(["--set"] if settings else [])]) or "configuration"
+    if preset is None and "legs" not in changes:
+        if changes:
+            raise ConfigError(
+                f"{source} changes robot.{min(changes)}, but of which robot? Give --robot NAME or a YAML file; known "
+                f"robots are: {listing(robot_names())}"
+            )
+        return RunConfig.parse(values, source)
+    if "imu" in changes:  # whoever says how the IMU is mounted means it, whatever the recording says
+        values = {"imu_calibration": "robot", **values}
+    described = merged(load_robot(preset).model_dump() if preset else {}, changes)
+    own, asked = described.get("filter"), values.get("filter", {})
+    if isinstance(own, Mapping) and isinstance(asked, Mapping):  # otherwise the check below says what is wrong
+        values["filter"] = merged(own, asked)
+    return RunConfig.parse({**values, "robot": described}, source)
+
+
+def _mapping(robot: Any) -> Mapping[str, Any]:
+    if not isinstance(robot, Mapping):
+        raise ConfigError(f"robot = {robot!r}: give keys below it, such as robot.contact.on_force, or use --robot")
+    return robot
+
+
+def _robot_of_file(robot: Any, file: Path, *, is_replaced: bool) -> Mapping[str, Any]:
+    """What a file says of the robot, its URDF found from the file's own folder.
+
+    Where the command line names another robot, what the file says of its own robot does not hold for it.
+    """
+    said = dict(_mapping(robot))
+    if is_replaced and ("legs" in said or "preset" in said):
+        return {}
+    urdf = said.get("urdf")
+    if isinstance(urdf, str) and not urdf.startswith(EXTRA_SCHEME):
+        said["urdf"] = str(file.parent.resolve() / urdf)
+    return said

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The folder of a run: trajectories, states, ground truth, configuration and ``run.json``.
+
+Estimates are written as they come, so a run that stops early leaves all it had.
+"""
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import TextIOWrapper
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum, tum_line, write_tum
+
+_UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
+_VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
+_STATE_COLUMNS = (
+    "stamp_ns",
+    *(f"{name}_{axis}" for name in _VECTORS for axis in "xyz"),
+    *(f"pose_covariance_{row}{column}" for row, column in _UPPER),
+)
+
+
+class StateWriter:
+    """Writes ``<estimator>.tum`` and ``<estimator>_state.csv``, a line for each estimate as it comes.
+
+    The state file has, per stamp (ns): velocity (m/s, world), angular velocity (rad/s, body), gyroscope and
+    accelerometer bias (body), the upper triangle of the 6x6 pose covariance (right/local, rotation first), and each
+    leg's contact probability and stance.
+    """
+
+    def __init__(self, folder: Path, estimator: str, leg_names: tuple[str, ...]) -> None:
+        self._tum: TextIOWrapper = (folder / f"{estimator}.tum").open("w", encoding="ascii", newline="\n")
+        self._state: TextIOWrapper = (folder / f"{estimator}_state.csv").open("w", encoding="utf-8", newline="\n")
+        feet = (f"{leg}.{what}" for leg in leg_names for what in ("contact_probability", "is_stance"))
+        self._state.write(",".join([*_STATE_COLUMNS, *feet]) + "\n")
+
+    def write(self, estimate: StateEstimate) -> None:
+        """Append one estimate to both files."""
+        nav = estimate.nav
+        self._tum.write(tum_line(estimate.stamp_ns, nav.T_world_body))
+        values: list[float] = [value for name in _VECTORS for value in getattr(nav, name)]
+        values += [estimate.covariance[row, column] for row, column in _UPPER]
+        if estimate.feet is not None:
+            for probability, is_stance in zip(estimate.feet.contact_probability, estimate.feet.is_stance, strict=True):
+                values += [probability, float(is_stance)]
+        self._state.write(f"{estimate.stamp_ns}," + ",".join(f"{value:.9g}" for value in values) + "\n")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._tum.close()
+        self._state.close()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedRun:
+    """What a run folder holds of one estimator.
+
+    Attributes:
+        name: of the estimator.
+        trajectory: with velocity and covariance where the state file is there.
+        contact_probability: (N, legs); no column where unknown.
+        leg_names: the columns of ``contact_probability``.
+    """
+
+    name: str
+    trajectory: Trajectory
+    contact_probability: Array
+    leg_names: tuple[str, ...]
+
+
+def prepare(folder: Path) -> Path:
+    """Make the folder.
+
+    Raises:
+        DatasetError: it cannot be made, or is a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(f"cannot make the folder {folder}: {error.strerror}; choose another with -o") from error
+    return folder
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turns what the system has against a file inside the folder into an error that names it.
+
+    Raises:
+        DatasetError: a file cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DatasetError(
+            f"cannot write {error.filename or folder}: {error.strerror}; choose another folder with -o"
+        ) from error
+
+
+def write_ground_truth(folder: Path, truth: GroundTruth) -> None:
+    """Write ``groundtruth.tum``; whether its stamps are real goes to ``run.json``."""
+    write_tum(truth.trajectory, folder / "groundtruth.tum")
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON object, readable."""
+    path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_run_json(folder: Path) -> dict[str, Any]:
+    """``run.json`` of a run folder.
+
+    Raises:
+        DatasetError: it is missing or malformed.
+    """
+    path = folder / "run.json"
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DatasetError(
+            f"{folder} is no run folder: it has no run.json; give the folder that `coclo-vio run -o` wrote"
+        ) from error
+    except ValueError as error:
+        raise DatasetError(f"{path} is not JSON ({error}); run again") from error
+    wrong = _wrong_in(values)
+    if wrong is not None:
+        raise DatasetError(f"{path}: {wrong} is missing or malformed, as `coclo-vio run` never writes it; run again")
+    return dict(values)
+
+
+def _wrong_in(run: Any) -> str | None:
+    """The first part of ``run.json`` that is not as it is written, None where all is well."""
+    if not isinstance(run, dict):
+        return "its object"
+    estimators, recording, truth = run.get("estimators"), run.get("recording_ns"), run.get("ground_truth")
+    if not isinstance(estimators, dict) or not all(isinstance(told, dict) for told in estimators.values()):
+        return "estimators"
+    if recording is not None and not (
+        isinstance(recording, list) and len(recording) == 2 and all(isinstance(stamp, int) for stamp in recording)
+    ):
+        return "recording_ns"
+    if truth is not None and not (isinstance(truth, dict) and {"has_stamps", "source"} <= set(truth)):
+        return "ground_truth"
+    return None
+
+
+def read_ground_truth(folder: Path, run: Mapping[str, Any]) -> GroundTruth | None:
+    """The ground truth of a run folder, None where there is none."""
+    described = run.get("ground_truth")
+    path = folder / "groundtruth.tum"
+    if described is None or not path.exists():
+        return None
+    return GroundTruth(read_tum(path), bool(described["has_stamps"]), str(described["source"]))
+
+
+def read_estimates(folder: Path, name: str) -> RecordedRun:
+    """One estimator's trajectory and states.
+
+    Raises:
+        DatasetError: a file is missing or malformed.
+    """
+    poses = read_tum(folder / f"{name}.tum")
+    path = folder / f"{name}_state.csv"
+    if not path.exists():
+        return RecordedRun(name, poses, np.zeros((len(poses), 0)), ())
+    columns = _read_states(path, poses)
+    covariance = np.zeros((len(poses), 6, 6))
+    for row, column in _UPPER:
+        covariance[:, row, column] = covariance[:, column, row] = columns[f"pose_covariance_{row}{column}"]
+    velocity = np.stack([columns[f"velocity_world_{axis}"] for axis in "xyz"], axis=1)
+    trajectory = Trajectory(poses.stamps_ns, poses.T_world_body, velocity, covariance)
+    legs = tuple(column.rpartition(".")[0] for column in columns if column.endswith(".contact_probability"))
+    probability = np.array([columns[f"{leg}.contact_probability"] for leg in legs]).reshape(len(legs), len(poses)).T
+    return RecordedRun(name, trajectory, probability, legs)
+
+
+def _read_states(path: Path, poses: Trajectory) -> dict[str, Array]:
+    """The columns (N,) of a state file that stands beside N poses, by name."""
+    try:
+        with path.open(encoding="utf-8", newline="") as lines:
+            header = next(csv.reader(lines), [])
+            rows = [[float(cell) for cell in row] for row in csv.reader(lines)]
+    except (OSError, ValueError, csv.Error) as error:
+        raise DatasetError(f"{path}: {error}; run again, or delete it to do without velocities") from error
+    missing = [name for name in _STATE_COLUMNS if name not in header]
+    if missing:
+        raise DatasetError(f"{path} lacks the columns {listing(missing)}; run again")
+    if len(rows) != len(poses):
+        raise DatasetError(f"{path} has {len(rows)} rows for the {len(poses)} poses beside it; run again")
+    ragged = next((number for number, row in enumerate(rows) if len(row) != len(header)), None)
+    if ragged is not None:
+        raise DatasetError(
+            f"{path}, line {ragged + 2}: {len(rows[ragged])} cells under a header of {len(header)} columns; run again"
+        )
+    table = np.array(rows)
+    if not np.isfinite(table).all():
+        row, column = (int(index) for index in np.argwhere(~np.isfinite(table))[0])
+        raise DatasetError(f"{path}, line {row + 2}: {header[column]} is {table[row, column]}, not finite; run again")
+    if (table[:, header.index("stamp_ns")] != poses.stamps_ns).any():
+        raise DatasetError(f"{path} has other stamps than the poses beside it; run again")
+    return dict(zip(header, table.T, strict=True))

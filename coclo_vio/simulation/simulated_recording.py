@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A simulated trial on the disk: the recording for everyone, and the truth in a folder that no reader opens.
+
+Both appear under their names only once they are whole. The importer of MuJoCo on top: import it only to simulate.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import Field
+
+from coclo_vio import __version__
+from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.rosbag.writing.recording import write_bag
+from coclo_vio.datasets.writer import write_euroc_folder
+from coclo_vio.robot.description import RobotDescription, load_robot
+from coclo_vio.simulation.trial.imperfection import IDEAL
+from coclo_vio.simulation.trial.terrain import TerrainName, make_terrain
+from coclo_vio.simulation.trial.trial import Trial, TrialConfig, Truth, preset, simulate
+from coclo_vio.simulation.trial.walkway import Walkway
+from coclo_vio.simulation.visuals.cameras import add_cameras
+from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
+from coclo_vio.simulation.visuals.opengl import choose_backend
+from coclo_vio.simulation.visuals.scene import add_visuals
+from coclo_vio.simulation.visuals.stereo_renderer import render_stereo
+from coclo_vio.values.config import StageConfig, merged, write_yaml
+from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.measurements import EncodedStereoFrame
+from coclo_vio.values.trajectory import Trajectory, write_tum
+from coclo_vio.values.units import NS_PER_S
+
+SIMULATED_ROBOT = "daisy"
+IDEAL_ROBOT: Mapping[str, Any] = {"trial": {"imperfection": IDEAL.model_dump()}}  # exactly as described
+
+
+class RecordingFormat(Enum):
+    """How a trial is stored."""
+
+    EUROC = "euroc"
+    ROS1 = "ros1"
+    MCAP = "mcap"
+    ROS2 = "ros2"
+
+    @classmethod
+    def of(cls, path: Path, wanted: "RecordingFormat | None" = None) -> "RecordingFormat":
+        """The wanted one if it may have such a path, or by the suffix: none is an EuRoC-style folder.
+
+        Raises:
+            DatasetError: no name, a suffix that no format has, or one that the wanted format does not have.
+        """
+        if not path.name:
+            raise DatasetError(
+                f"{path} is no name for a recording; give that of a new file or folder, such as flat.mcap"
+            )
+        fitting = [kind for kind, suffixes in _SUFFIXES.items() if path.suffix in suffixes]
+        if not fitting:
+            raise DatasetError(
+                f"{path} ends in {path.suffix}, which no format has; end it in .bag (ROS 1), .mcap or .db3 (ROS 2), or "
+                "in nothing for a folder (EuRoC-style, or a bag of ROS 2 with --format ros2)"
+            )
+        if wanted is not None and wanted not in fitting:
+            endings = " or ".join(suffix or "nothing" for suffix in _SUFFIXES[wanted])
+            raise DatasetError(
+                f"{path} cannot be written as {wanted.value}, which ends in {endings}; change one of them"
+            )
+        return wanted or fitting[0]
+
+
+_SUFFIXES: Mapping[RecordingFormat, tuple[str, ...]] = {
+    RecordingFormat.EUROC: ("",),
+    RecordingFormat.ROS1: (".bag",),
+    RecordingFormat.MCAP: (".mcap",),
+    RecordingFormat.ROS2: (".db3", ""),
+}
+
+
+class SimulationConfig(StageConfig):
+    """A whole simulated recording: the trial, what there is to see, and how the cameras see it."""
+
+    trial: Annotated[TrialConfig, Field(description="robot, gait, physics, sensors, motion capture")] = TrialConfig()
+    scene: Annotated[SceneConfig, Field(description="the room")] = SceneConfig()
+    camera: Annotated[CameraConfig, Field(description="imagers, exposure, light, encoding")] = CameraConfig()
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Who is told how far a simulation has come.
+
+    Attributes:
+        walked: called with the simulated time, and when it is planned to end, s.
+        drawn: called with the number of stereo frames drawn, and how many there are.
+    """
+
+    walked: Callable[[float, float], None] = lambda time_s, planned_s: None
+    drawn: Callable[[int, int], None] = lambda done, total: None
+
+
+def simulation_config(name: TerrainName, *changes: Mapping[str, Any]) -> SimulationConfig:
+    """The configuration of one of the paper's trials with changes such as ``IDEAL_ROBOT``; later ones win.
+
+    Raises:
+        ConfigError: a key that does not exist, or a value out of bounds.
+    """
+    values: dict[str, Any] = {"trial": preset(name)}
+    for change in changes:
+        values = merged(values, change)
+    return SimulationConfig.parse(values, f"trial {name}")
+
+
+def at_gait_speed(config: SimulationConfig, factor: float) -> SimulationConfig:
+    """The same trial walked ``factor`` times as fast: further and more steps a second.
+
+    Raises:
+        ConfigError: the gait's speeds leave their bounds.
+    """
+    gait = config.trial.gait
+    faster = {
+        "speed_mps": gait.speed_mps * factor,
+        "turn_rate_radps": gait.turn_rate_radps * factor,
+        "period_s": gait.period_s / factor,
+    }
+    return SimulationConfig.parse(merged(config.model_dump(), {"trial": {"gait": faster}}), f"gait speed {factor}")
+
+
+def simulate_recording(
+    path: Path,
+    name: TerrainName,
+    config: SimulationConfig,
+    seed: int,
+    *,
+    kind: RecordingFormat | None = None,
+    images: bool = True,
+    until_s: float | None = None,
+    workers: int = 2,
+    progress: Progress | None = None,
+) -> Trial:
+    """Simulate a trial and write it to ``path``; what is true of it goes to ``truth_folder(path)``.
+
+    Args:
+        path: of the recording; must not exist, nor the folder of its truth.
+        name: the terrain.
+        config: the simulation.
+        seed: decides everything random; on one machine the same seed makes the same bytes.
+        kind: how to store it; by the suffix of ``path`` if None.
+        images: whether the cameras record.
+        until_s: cut the trial short after so many seconds.
+        workers: processes that draw.
+        progress: who is told.
+
+    Raises:
+        DatasetError: a path is taken, cannot be written, or does not fit the format.
+        SimulationError: the robot fell, or what draws off screen is missing.
+    """
+    kind, told = RecordingFormat.of(path, kind), progress or Progress()
+    robot = load_robot(SIMULATED_ROBOT)
+    planned_s = min(_planned_s(name, config.trial), until_s or np.inf)
+    with _whole_or_nothing(path, truth_folder(path)) as scratch:
+        if images:
+            choose_backend()  # says what is missing before the long walk, not after it
+        trial = simulate(
+            name, robot, config.trial, seed, until_s=until_s, progress=lambda time_s: told.walked(time_s, planned_s)
+        )
+        frames = _frames(trial, config, seed, workers, scratch / "model.mjb", told) if images else ()
+        _write(scratch / path.name, kind, _contents(trial, robot, frames, images=images))
+        _write_truth(scratch / truth_folder(path).name, trial, name, config, seed)
+    return trial
+
+
+def truth_folder(path: Path) -> Path:
+    """Where the truth of the recording at ``path`` is kept: beside it, so that no reader comes across it."""
+    return path.with_name(f"{path.stem}_truth")
+
+
+def walked_m(trajectory: Trajectory) -> float:
+    """Length of the way that the body came, by steps of a second, m: the swaying within a step is no way."""
+    seconds = np.arange(trajectory.stamps_ns[0], trajectory.stamps_ns[-1], NS_PER_S)
+    steps = np.append(np.searchsorted(trajectory.stamps_ns, seconds), len(trajectory) - 1)
+    return trajectory.select(np.unique(steps)).path_length_m()
+
+
+def _planned_s(name: TerrainName, config: TrialConfig) -> float:
+    """How long the trial takes if no foot is late, s."""
+    gait = config.gait
+    way = Walkway(make_terrain(name), gait.speed_mps, gait.turn_rate_radps, gait.height_m)
+    return config.stand_s + way.duration_s + config.end_s
+
+
+@contextmanager
+def _whole_or_nothing(*places: Path) -> Iterator[Path]:
+    """A folder to write in; what stands in it under the places' names is moved there at the end, and else removed."""
+    for place in places:
+        if place.exists():
+            raise DatasetError(f"{place} is there already; name another path, or remove it first")
+    first = places[0]
+    try:
+        first.parent.mkdir(parents=True, exist_ok=True)
+        beside = tempfile.TemporaryDirectory(prefix=f".{first.name}.", dir=first.parent)
+    except OSError as error:
+        raise DatasetError(f"cannot write {first}: {error.strerror}; choose another place") from error
+    with beside as scratch:
+        yield Path(scratch)
+        for place in reversed(places):
+            try:
+                (Path(scratch) / place.name).rename(place)
+            except OSError as error:
+                raise DatasetError(f"cannot write {place}: {error.strerror}; choose another place") from error
+
+
+def _frames(
+    trial: Trial, config: SimulationConfig, seed: int, workers: int, model_path: Path, told: Progress
+) -> Iterable[EncodedStereoFrame]:
+    import mujoco  # noqa: PLC0415 -- an extra
+
+    body = trial.spec.bodies[1].name
+    add_cameras(trial.spec, trial.truth.stereo, body)
+    add_visuals(trial.spec, trial.terrain.surfaces, config.scene, seed, trial.terrain.bounds)
+    mujoco.mj_saveModel(trial.spec.compile(), str(model_path))
+    total = len(trial.frame_ns)
+    return render_stereo(
+        model_path,
+        trial.frame_qpos,
+        trial.frame_ns,
+        config.camera,
+        seed,
+        workers,
+        lambda done: told.drawn(done, total),
+        trial.frame_qvel,
+    )
+
+
+def _contents(
+    trial: Trial, robot: RobotDescription, frames: Iterable[EncodedStereoFrame], *, images: bool
+) -> RecordingContents:
+    stereo = trial.stereo if images else None
+    return RecordingContents(robot, trial.measurements, trial.vicon, trial.imu, trial.camera_imu, stereo, frames)
+
+
+def _write(path: Path, kind: RecordingFormat, contents: RecordingContents) -> None:
+    if kind is RecordingFormat.EUROC:
+        write_euroc_folder(path, contents)
+    else:
+        write_bag(path, contents)
+
+
+def _write_truth(folder: Path, trial: Trial, name: TerrainName, config: SimulationConfig, seed: int) -> None:
+    """Exact poses, contacts, biases, how the robot differs from its description, and the configuration of it all."""
+    truth = trial.truth
+    try:
+        folder.mkdir()
+        write_yaml(config, folder / "config.yaml")
+        write_tum(truth.trajectory, folder / "groundtruth.tum")
+        _write_contacts(folder / "contacts.csv", trial)
+        story = {
+            "version": __version__,
+            "trial": name,
+            "seed": seed,
+            "path_length_m": trial.terrain.path_length_m,
+            "walked_m": walked_m(truth.trajectory),
+            "duration_s": truth.trajectory.duration_s,
+            "vicon_clock_ahead_s": truth.vicon_offset_s,
+            "legs_touching_each_other": truth.self_contacts,
+            "legs_touching_the_ground": truth.ground_contacts,
+            "gyroscope_bias_at_start_radps": truth.imu.gyroscope_bias[0].tolist(),
+            "accelerometer_bias_at_start_mps2": truth.imu.accelerometer_bias[0].tolist(),
+            "stereo": truth.stereo.model_dump(mode="json"),
+            "slippery_tile": _tile_story(truth),
+            "robot": {key: np.asarray(value).tolist() for key, value in asdict(truth.imperfection).items()},
+        }
+        (folder / "trial.yaml").write_text(yaml.safe_dump(story, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another place") from error
+
+
+def _tile_story(truth: Truth) -> dict[str, Any] | None:
+    """Where the slippery tile is, and from when to when feet stood on it."""
+    tile = truth.tile
+    if tile is None:
+        return None
+    return {
+        "friction": tile.friction,
+        "place_m": tile.place.tolist(),
+        "heading_rad": tile.heading_rad,
+        "feet_on_it_s": None if truth.on_tile_s is None else list(truth.on_tile_s),
+    }
+
+
+def _write_contacts(path: Path, trial: Trial) -> None:
+    """Which feet touch the ground: a row at the beginning and at every change, exact to the physics' step."""
+    contact, stamps = trial.truth.contact, trial.truth.contact_ns
+    changes = [0, *(np.flatnonzero((contact[1:] != contact[:-1]).any(axis=1)) + 1)]
+    with path.open("w", encoding="ascii", newline="\n") as out:
+        out.write(",".join(["stamp_ns", *trial.robot.leg_names]) + "\n")
+        for row in changes:
+            out.write(",".join([str(int(stamps[row])), *(str(int(value)) for value in contact[row])]) + "\n")

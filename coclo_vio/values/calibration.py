@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is known of the sensors before a recording starts: IMUs (noise, mounting) and cameras (lenses, mounting)."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array, checked, frozen
+from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import CalibrationMissing
+
+Triple = tuple[float, float, float]
+Row = tuple[float, float, float, float]
+Matrix4 = tuple[Row, Row, Row, Row]
+Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
+
+
+class ImuCalibration(StageConfig):
+    """Mounting and noise of an IMU. The defaults are those of a cheap MEMS part (Bosch BMI055 class).
+
+    The filter uses the rotation, the gyroscope's noise and the bias walks; the lever arm and the accelerometer's noise
+    serve the IMU-centric baseline: the filter asks the accelerometer for gravity only, while the robot stands.
+    """
+
+    position_body_m: Annotated[Triple, Field(description="origin of the imu frame, body frame, m")] = (0.0, 0.0, 0.0)
+    rotation_body_imu_rpy_rad: Annotated[
+        tuple[Angle, Angle, Angle], Field(description="roll, pitch, yaw of R_body_imu (URDF order: R = Rz Ry Rx), rad")
+    ] = (0.0, 0.0, 0.0)
+    gyroscope_noise_density: Annotated[float, Field(gt=0, description="white noise, rad/s/sqrt(Hz)")] = 2e-4
+    gyroscope_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, rad/s^2/sqrt(Hz)")] = 2e-5
+    accelerometer_noise_density: Annotated[float, Field(gt=0, description="white noise, m/s^2/sqrt(Hz)")] = 2e-3
+    accelerometer_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, m/s^3/sqrt(Hz)")] = 3e-4
+
+    @property
+    def T_body_imu(self) -> Array:  # noqa: N802
+        """Maps imu coordinates to body, (4, 4)."""
+        roll, pitch, yaw = self.rotation_body_imu_rpy_rad
+        rotation = so3.about_z(yaw) @ so3.exp(np.array([0.0, pitch, 0.0])) @ so3.exp(np.array([roll, 0.0, 0.0]))
+        return se3.transform(rotation, np.array(self.position_body_m))
+
+
+_SAME_PX = 1e-3
+_PARALLEL_RAD = 1e-5
+_DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5, 8), "equidistant": (4,)}
+
+
+class CameraCalibration(StageConfig):
+    """The lens of one camera: a pinhole, and what bends the rays before it.
+
+    ``radtan`` is OpenCV's model k1 k2 p1 p2 [k3 [k4 k5 k6]], ``equidistant`` its fisheye model k1 k2 k3 k4 (Kannala and
+    Brandt 2006). Pixel (0, 0) is the centre of the upper left pixel.
+    """
+
+    width_px: Annotated[int, Field(gt=0, description="image width, px")]
+    height_px: Annotated[int, Field(gt=0, description="image height, px")]
+    focal_px: Annotated[tuple[float, float], Field(description="focal lengths fx, fy, px")]
+    principal_point_px: Annotated[tuple[float, float], Field(description="principal point cx, cy, px")]
+    distortion: Annotated[Literal["none", "radtan", "equidistant"], Field(description="model of the lens")] = "none"
+    distortion_coefficients: Annotated[tuple[float, ...], Field(description="coefficients of that model")] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_fit_the_model(self) -> Self:
+        allowed = _DISTORTION_COEFFICIENTS[self.distortion]
+        if len(self.distortion_coefficients) not in allowed:
+            raise ValueError(
+                f"{self.distortion} distortion takes {' or '.join(map(str, allowed))} coefficients, "
+                f"got {len(self.distortion_coefficients)}"
+            )
+        if min(self.focal_px) <= 0.0:
+            raise ValueError(f"focal_px = {self.focal_px} must be positive")
+        return self
+
+    @property
+    def camera_matrix(self) -> Array:
+        """The pinhole's matrix K (3, 3), px."""
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+class StereoCalibration(StageConfig):
+    """A pair of cameras on the robot. Camera frames are x right, y down, z forward (REP 103's optical frames)."""
+
+    left: Annotated[CameraCalibration, Field(description="lens of the left camera")]
+    right: Annotated[CameraCalibration, Field(description="lens of the right camera")]
+    body_left_camera: Annotated[Matrix4, Field(description="T_body_left_camera, rows of a 4 x 4 matrix")]
+    body_right_camera: Annotated[Matrix4, Field(description="T_body_right_camera, rows of a 4 x 4 matrix")]
+    time_offset_s: Annotated[
+        float, Field(ge=-1, le=1, description="stamp of an image plus this is the clock of the body's IMU, s")
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _mountings_are_rigid(self) -> Self:
+        for side in ("left", "right"):
+            T = np.array(getattr(self, f"body_{side}_camera"))
+            is_rotation = np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0
+            if not is_rotation or not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+                raise ValueError(f"body_{side}_camera is no rigid transform: its rotation or its last row is wrong")
+        return self
+
+    @property
+    def T_body_left_camera(self) -> Array:  # noqa: N802
+        """Maps left camera coordinates to body, (4, 4)."""
+        return np.array(self.body_left_camera)
+
+    @property
+    def T_body_right_camera(self) -> Array:  # noqa: N802
+        """Maps right camera coordinates to body, (4, 4)."""
+        return np.array(self.body_right_camera)
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance of the two cameras, m."""
+        return float(np.linalg.norm(self.T_body_right_camera[:3, 3] - self.T_body_left_camera[:3, 3]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedStereo:
+    """Two cameras whose images have been rectified: parallel axes, one pinhole, and a baseline along x.
+
+    A point (x, y, z) of the left camera's frame is seen at column ``fx x / z + cx`` and row ``fy y / z + cy`` of the
+    left image and at column ``fx (x - baseline) / z + cx`` of the right one.
+
+    Attributes:
+        focal_px: fx, fy, px.
+        principal_point_px: cx, cy, px.
+        baseline_m: distance of the cameras, m.
+        T_body_camera: maps coordinates of the rectified left camera to body, (4, 4).
+
+    Raises:
+        ValueError: a length that is not positive, or a wrong shape.
+    """
+
+    focal_px: tuple[float, float]
+    principal_point_px: tuple[float, float]
+    baseline_m: float
+    T_body_camera: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "T_body_camera", checked("RectifiedStereo.T_body_camera", self.T_body_camera, (4, 4)))
+        if min(*self.focal_px, self.baseline_m) <= 0.0:
+            raise ValueError(f"focal_px = {self.focal_px} and baseline_m = {self.baseline_m} must be positive")
+
+    @classmethod
+    def of(cls, stereo: StereoCalibration) -> Self:
+        """The pair of a calibration whose images, or tracks, are rectified already.
+
+        Raises:
+            CalibrationMissing: they are not: the cameras differ, their axes are not parallel, or a lens bends the rays.
+        """
+        T_left_right = np.linalg.solve(stereo.T_body_left_camera, stereo.T_body_right_camera)
+        baseline_m = float(T_left_right[0, 3])
+        wrong = [
+            what
+            for what, is_wrong in (
+                (
+                    "a lens that bends the rays",
+                    any(stereo.left.distortion_coefficients + stereo.right.distortion_coefficients),
+                ),
+                (
+                    "cameras that differ",
+                    np.abs(stereo.left.camera_matrix - stereo.right.camera_matrix).max() > _SAME_PX,
+                ),
+                ("axes that are not parallel", np.abs(T_left_right[:3, :3] - np.eye(3)).max() > _PARALLEL_RAD),
+                ("a baseline not along x", np.abs(T_left_right[1:3, 3]).max() > _PARALLEL_RAD * baseline_m),
+            )
+            if is_wrong
+        ]
+        if wrong:
+            raise CalibrationMissing(
+                f"these cameras are not rectified, they have {', '.join(wrong)}; tracks need the calibration of "
+                "rectified images: one pinhole for both, no distortion, the right camera along the left one's x axis"
+            )
+        return cls(stereo.left.focal_px, stereo.left.principal_point_px, baseline_m, stereo.T_body_left_camera)
+
+    def points(self, left_px: Array, disparity_px: Array) -> Array:
+        """Points (N, 3), m, in the left camera's frame, of columns and rows (N, 2) and disparities (N,)."""
+        depth = self.focal_px[0] * self.baseline_m / disparity_px
+        sides = (left_px - np.array(self.principal_point_px)) / np.array(self.focal_px)
+        return np.column_stack((sides * depth[:, None], depth))
+
+    def pixels(self, points: Array) -> tuple[Array, Array]:
+        """Columns and rows (N, 2) in the left image, and disparities (N,), of points (N, 3) in front of it."""
+        left_px = points[:, :2] / points[:, 2:] * np.array(self.focal_px) + np.array(self.principal_point_px)
+        return left_px, self.focal_px[0] * self.baseline_m / points[:, 2]
+
+
+def matrix4(T: Array) -> Matrix4:
+    """A transform (4, 4) as the nested rows that a calibration holds."""
+    return tuple(tuple(row) for row in T.tolist())  # type: ignore[return-value]

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The base of every stage's configuration, and YAML in and out.
+
+Each stage's configuration stands beside the stage; presets hold only differences; a key that does not exist is an
+error that names those that do.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from coclo_vio.values.errors import ConfigError, listing
+
+
+class StageConfig(BaseModel):
+    """A frozen set of parameters: unknown keys refused, bounds checked, every field with a usable default."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def parse(cls, values: Mapping[str, Any], source: str) -> Self:
+        """Check ``values`` against the fields.
+
+        Raises:
+            ConfigError: a key that does not exist, or a value out of bounds; names ``source`` and the choices.
+        """
+        try:
+            return cls.model_validate(dict(values))
+        except ValidationError as error:
+            raise ConfigError(f"{source}: {_first_problem(cls, error)}") from error
+
+
+def _first_problem(model: type[BaseModel], error: ValidationError) -> str:
+    problem = error.errors()[0]
+    where = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        choices = listing(_model_at(model, problem["loc"][:-1]).model_fields)
+        return f"there is no {where}; the keys there are: {choices}"
+    message = problem["msg"].removeprefix("Value error, ")
+    if isinstance(problem["input"], Mapping | BaseModel):  # of a whole part, not of one value
+        return f"{where}: {message}" if where else message
+    return f"{where} = {problem['input']!r}: {message}"
+
+
+def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:
+    """The configuration that stands at a location such as ``("legs", 0)`` below ``model``."""
+    for part in location:
+        if isinstance(part, str) and part in model.model_fields:
+            model = _first_model(model.model_fields[part].annotation) or model
+    return model
+
+
+def _first_model(annotation: Any) -> type[BaseModel] | None:
+    """The first model inside an annotation: ``Leg`` of ``tuple[Leg, ...]`` or of ``Leg | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((model for inner in get_args(annotation) if (model := _first_model(inner)) is not None), None)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        ConfigError: no such file, not YAML, or not a mapping.
+    """
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path} must hold a mapping of keys to values, it holds a {type(values).__name__}")
+    return values
+
+
+def write_yaml(config: BaseModel, path: Path) -> None:
+    """Write every field with its value, defaults included, so that a run can be repeated from the file."""
+    path.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """``base`` with ``changes`` laid over it, mapping by mapping."""
+    result = dict(base)
+    for key, value in changes.items():
+        below = result.get(key)
+        both = isinstance(below, Mapping) and isinstance(value, Mapping)
+        result[key] = merged(below, value) if both else value  # type: ignore[arg-type]
+    return result
+
+
+def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
+    """The nested mapping of ``a.b=value`` strings; values are read as YAML.
+
+    Raises:
+        ConfigError: a setting without ``=``, or a value that is not YAML.
+    """
+    result: dict[str, Any] = {}
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        if not equals or not path:
+            raise ConfigError(f"--set takes key.subkey=value, got {setting!r}")
+        try:
+            value: Any = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"--set {path}: {text!r} is not a YAML value") from error
+        for key in reversed(path.split(".")):
+            value = {key: value}
+        result = merged(result, value)
+    return result

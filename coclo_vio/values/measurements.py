@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the sensors say: frozen values, one class a sensor, stamped in integer nanoseconds.
+
+Readers make them, filter, front end and smoother take them. Arrays are checked once, here, and are read-only from then
+on.
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+
+from coclo_vio.values.arrays import Array, ByteImage, IntArray, checked, frozen, read_only
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InertialReading:
+    """One reading of an inertial measurement unit, in the frame of that unit.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        angular_velocity: gyroscope, rad/s, (3,).
+        specific_force: accelerometer, m/s^2, (3,); at rest it points up with 9.81.
+
+    Raises:
+        ValueError: a wrong shape, or a reading that is not finite.
+    """
+
+    stamp_ns: int
+    angular_velocity: Array
+    specific_force: Array
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        frozen(self, "angular_velocity", checked(f"{name}.angular_velocity", self.angular_velocity, (3,)))
+        frozen(self, "specific_force", checked(f"{name}.specific_force", self.specific_force, (3,)))
+
+
+class ImuSample(InertialReading):
+    """A reading of the body's IMU, in the imu frame."""
+
+    __slots__ = ()
+
+
+class CameraImuSample(InertialReading):
+    """A reading of the IMU inside the camera, in its own frame; it shakes with the camera, not with the body's IMU."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointSample:
+    """One reading of all leg joints, in the order of ``RobotModel.joint_names``.
+
+    NaN means "this joint said nothing"; the legs it belongs to are left out, the others used.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        position: rad, (joints,).
+        velocity: rad/s, (joints,).
+        effort: Nm, (joints,), as measured: the torque the motor puts on the joint; all NaN where a robot measures none.
+
+    Raises:
+        ValueError: arrays of different length, or an infinite reading.
+    """
+
+    stamp_ns: int
+    position: Array
+    velocity: Array
+    effort: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "position", checked("JointSample.position", self.position, (None,), allow_nan=True))
+        shape = (len(self.position),)
+        frozen(self, "velocity", checked("JointSample.velocity", self.velocity, shape, allow_nan=True))
+        frozen(self, "effort", checked("JointSample.effort", self.effort, shape, allow_nan=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootForceSample:
+    """One reading of the foot sensors, in the order of the robot's legs.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        force: normal force, (legs,), in the unit of the robot's contact thresholds (N, or raw counts);
+            NaN where a sensor said nothing.
+
+    Raises:
+        ValueError: not a vector, or an infinite reading.
+    """
+
+    stamp_ns: int
+    force: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "force", checked("FootForceSample.force", self.force, (None,), allow_nan=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoFrame:
+    """Two images taken at the same time, grey.
+
+    Attributes:
+        stamp_ns: time of the middle of the exposure, in nanoseconds.
+        left: of the left camera, (rows, columns), uint8.
+        right: of the right camera, the same shape, uint8.
+
+    Raises:
+        ValueError: an image is not a grey 8-bit one, or the two differ in size.
+    """
+
+    stamp_ns: int
+    left: ByteImage
+    right: ByteImage
+
+    def __post_init__(self) -> None:
+        for side in ("left", "right"):
+            image = getattr(self, side)
+            if image.ndim != 2 or image.dtype != np.uint8:
+                raise ValueError(
+                    f"StereoFrame.{side} must be (rows, columns) of uint8, got {image.shape} {image.dtype}"
+                )
+            frozen(self, side, read_only(image))
+        if self.left.shape != self.right.shape:
+            raise ValueError(f"the left image is {self.left.shape}, the right one {self.right.shape}; they must agree")
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedStereoFrame:
+    """A stereo frame as it is stored: two compressed image files.
+
+    Attributes:
+        stamp_ns: time of the middle of the exposure, in nanoseconds.
+        left: the file of the left image, grey.
+        right: the file of the right image.
+        encoding: what kind of file.
+    """
+
+    stamp_ns: int
+    left: bytes
+    right: bytes
+    encoding: Literal["png", "jpeg"]
+
+
+class Sight(Enum):
+    """How well the cameras see."""
+
+    HEALTHY = "healthy"
+    DEGRADED = "degraded"
+    BLIND = "blind"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoTracks:
+    """Where the same points are seen in both images of a frame, and that they are the ones of earlier frames.
+
+    Pixels are those of rectified images: rows agree, and left column less right column is the disparity.
+
+    Attributes:
+        stamp_ns: time of the frame, in nanoseconds.
+        track_ids: one a point, the same in every frame that sees it, never used again, (N,), int64.
+        left_px: columns and rows in the left image, (N, 2).
+        right_px: the same in the right image, (N, 2); NaN where the right camera did not find the point.
+        ages: frames so far that see the point, this one included, (N,), int64; ones if not given.
+        sight: how well the cameras see.
+        reason: why sight is not healthy; empty where it is.
+
+    Raises:
+        ValueError: a wrong shape, an identity twice, or a pixel that is not finite.
+    """
+
+    stamp_ns: int
+    track_ids: IntArray
+    left_px: Array
+    right_px: Array
+    ages: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    sight: Sight = Sight.HEALTHY
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        frozen(self, "left_px", checked("StereoTracks.left_px", self.left_px, (None, 2)))
+        count = len(self.left_px)
+        frozen(self, "right_px", checked("StereoTracks.right_px", self.right_px, (count, 2), allow_nan=True))
+        for name in ("track_ids", "ages"):
+            values = np.array(getattr(self, name), dtype=np.int64)
+            if name == "ages" and not len(values):
+                values = np.ones(count, dtype=np.int64)
+            if values.shape != (count,):
+                raise ValueError(f"StereoTracks.{name} must have shape {(count,)}, got {values.shape}")
+            values.flags.writeable = False
+            frozen(self, name, values)
+        if len(np.unique(self.track_ids)) != count:
+            raise ValueError(f"StereoTracks.track_ids names a point twice at {self.stamp_ns} ns")
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyTwistSample:
+    """How fast the body moves, as something outside this package measured it: wheels, a flow sensor, a controller.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        angular_velocity: rad/s, body frame, (3,).
+        velocity: of the body origin, m/s, body frame, (3,).
+
+    Raises:
+        ValueError: a wrong shape, or a reading that is not finite.
+    """
+
+    stamp_ns: int
+    angular_velocity: Array
+    velocity: Array
+
+    def __post_init__(self) -> None:
+        for name in ("angular_velocity", "velocity"):
+            frozen(self, name, checked(f"BodyTwistSample.{name}", getattr(self, name), (3,)))
+
+
+Measurement = ImuSample | CameraImuSample | JointSample | FootForceSample | StereoFrame | StereoTracks | BodyTwistSample
+
+LEG_SENSORS: frozenset[type] = frozenset({ImuSample, JointSample, FootForceSample})
+VISION_SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame, StereoTracks, BodyTwistSample})
+ALL_SENSORS = LEG_SENSORS | VISION_SENSORS

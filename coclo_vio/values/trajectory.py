@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A trajectory: stamped poses, with velocity and covariance where an estimator gives them; TUM in and out."""
+
+from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array, BoolArray, IntArray, checked, frozen
+from coclo_vio.values.errors import DatasetError, EvaluationError, TimestampError
+from coclo_vio.values.units import NS_PER_S
+
+_MOST_DIGITS = 30  # of a number of seconds; keeps 1e999999999 from being written out
+_STAMP_LIMIT_NS = 2**63
+_SHORTEST_QUATERNION = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Poses of the body over time; stamps strictly increase.
+
+    Attributes:
+        stamps_ns: nanoseconds, (N,), int64.
+        T_world_body: (N, 4, 4).
+        velocity_world: m/s, world frame, (N, 3), or None.
+        covariance: of the right/local pose error [rotation rad, position m], (N, 6, 6), or None.
+
+    Raises:
+        ValueError: a wrong shape or a value that is not finite.
+        TimestampError: no pose at all, stamps that are no integers, or that do not strictly increase.
+    """
+
+    stamps_ns: IntArray
+    T_world_body: Array
+    velocity_world: Array | None = None
+    covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.stamps_ns)
+        if given.size and given.dtype.kind not in "iu":
+            raise TimestampError(f"stamps must be integer nanoseconds, got {given.dtype}; round seconds * 1e9 yourself")
+        stamps_ns = np.array(given, dtype=np.int64)
+        if stamps_ns.ndim != 1 or len(stamps_ns) == 0:
+            raise TimestampError(f"a trajectory needs at least one stamp, got shape {stamps_ns.shape}")
+        backwards = np.flatnonzero(np.diff(stamps_ns) <= 0)
+        if len(backwards):
+            row = int(backwards[0])
+            raise TimestampError(
+                f"stamps must strictly increase: pose {row + 1} at {stamps_ns[row + 1]} ns follows "
+                f"{stamps_ns[row]} ns; sort the poses and drop repeats first"
+            )
+        stamps_ns.flags.writeable = False
+        count = len(stamps_ns)
+        frozen(self, "stamps_ns", stamps_ns)
+        frozen(self, "T_world_body", checked("Trajectory.T_world_body", self.T_world_body, (count, 4, 4)))
+        if self.velocity_world is not None:
+            velocity = checked("Trajectory.velocity_world", self.velocity_world, (count, 3))
+            frozen(self, "velocity_world", velocity)
+        if self.covariance is not None:
+            frozen(self, "covariance", checked("Trajectory.covariance", self.covariance, (count, 6, 6)))
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def positions(self) -> Array:
+        """Body origins in the world, m, (N, 3)."""
+        return self.T_world_body[:, :3, 3]
+
+    @property
+    def rotations(self) -> Array:
+        """``R_world_body``, (N, 3, 3)."""
+        return self.T_world_body[:, :3, :3]
+
+    @property
+    def times_s(self) -> Array:
+        """Seconds since the first pose, (N,)."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[0]) / NS_PER_S)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first pose to the last."""
+        return float(self.times_s[-1])
+
+    def path_length_m(self) -> float:
+        """Sum of the distances between successive poses, m (grows with noise: resample noisy data first)."""
+        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+
+    def select(self, keep: BoolArray | IntArray) -> "Trajectory":
+        """The poses at a mask or at increasing indices."""
+        return Trajectory(
+            self.stamps_ns[keep],
+            self.T_world_body[keep],
+            None if self.velocity_world is None else self.velocity_world[keep],
+            None if self.covariance is None else self.covariance[keep],
+        )
+
+    def between(self, start_ns: int, end_ns: int) -> "Trajectory":
+        """The poses with ``start_ns <= stamp <= end_ns``.
+
+        Raises:
+            EvaluationError: there is none.
+        """
+        keep = (self.stamps_ns >= start_ns) & (self.stamps_ns <= end_ns)
+        if not keep.any():
+            raise EvaluationError(
+                f"no pose between {start_ns} and {end_ns} ns: the trajectory spans "
+                f"{self.stamps_ns[0]} to {self.stamps_ns[-1]} ns"
+            )
+        return self.select(keep)
+
+    def restamped(self, stamps_ns: IntArray) -> "Trajectory":
+        """The same poses at other times, (N,) ns."""
+        return replace(self, stamps_ns=stamps_ns)
+
+    def moved(self, T_new_world: Array) -> "Trajectory":
+        """The same motion seen from another world frame: ``T_new_body = T_new_world @ T_world_body``.
+
+        The covariance is local to the body and stays as it is.
+        """
+        velocity = self.velocity_world
+        if velocity is not None:
+            velocity = velocity @ T_new_world[:3, :3].T
+        return replace(self, T_world_body=T_new_world @ self.T_world_body, velocity_world=velocity)
+
+    def interpolated(self, stamps_ns: IntArray) -> "Trajectory":
+        """Poses at ``stamps_ns`` (M,), linear in position and great-circle in rotation; no extrapolation.
+
+        Velocity is interpolated too; covariance is taken from the nearest pose.
+
+        Raises:
+            EvaluationError: a stamp lies outside the trajectory.
+        """
+        first, last = int(self.stamps_ns[0]), int(self.stamps_ns[-1])
+        if len(stamps_ns) and (stamps_ns.min() < first or stamps_ns.max() > last):
+            raise EvaluationError(
+                f"cannot interpolate at {int(stamps_ns.min())}..{int(stamps_ns.max())} ns: the trajectory "
+                f"spans {first}..{last} ns; cut the stamps to it first"
+            )
+        own_s = self.times_s
+        at_s = (stamps_ns - first) / NS_PER_S
+        if len(self) == 1:
+            return self.select(np.zeros(len(stamps_ns), dtype=np.int64)).restamped(stamps_ns)
+        rotation = Slerp(own_s, Rotation.from_matrix(self.rotations))(at_s).as_matrix()
+        position = _interpolate_columns(at_s, own_s, self.positions)
+        velocity = self.velocity_world
+        if velocity is not None:
+            velocity = _interpolate_columns(at_s, own_s, velocity)
+        covariance = self.covariance
+        if covariance is not None:
+            right = np.clip(np.searchsorted(own_s, at_s), 1, len(self) - 1)
+            is_left_nearer = at_s - own_s[right - 1] < own_s[right] - at_s
+            covariance = covariance[right - is_left_nearer]
+        return Trajectory(stamps_ns, se3.transform(rotation, position), velocity, covariance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundTruth:
+    """A reference trajectory and how far its clock can be trusted.
+
+    Attributes:
+        trajectory: the poses of the tracked body, in the tracker's own world.
+        has_stamps: False where the recording holds no stamps: then only the order of the poses means anything,
+            they are numbered evenly, and offset and rate of their clock have to be estimated.
+        source: the file or topic it came from, for reports.
+    """
+
+    trajectory: Trajectory
+    has_stamps: bool
+    source: str
+
+
+def _interpolate_columns(at_s: Array, own_s: Array, columns: Array) -> Array:
+    return np.stack([np.interp(at_s, own_s, column) for column in columns.T], axis=1)
+
+
+def tum_line(stamp_ns: int, T_world_body: Array) -> str:
+    """One line ``t x y z qx qy qz qw``: seconds with all nine decimals, from integer nanoseconds."""
+    return _tum_line(stamp_ns, T_world_body[:3, 3], so3.to_quat_xyzw(T_world_body[:3, :3]))
+
+
+def _tum_line(stamp_ns: int, position: Array, quat_xyzw: Array) -> str:
+    sign = "-" if stamp_ns < 0 else ""
+    seconds, nanoseconds = divmod(abs(int(stamp_ns)), NS_PER_S)
+    values = " ".join(f"{value:.12g}" for value in (*position, *quat_xyzw))
+    return f"{sign}{seconds}.{nanoseconds:09d} {values}\n"
+
+
+def write_tum(trajectory: Trajectory, path: Path) -> None:
+    """Write the poses as ``tum_line`` does."""
+    quat_xyzw = so3.to_quat_xyzw(trajectory.rotations)
+    rows = zip(trajectory.stamps_ns, trajectory.positions, quat_xyzw, strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as out:
+        out.writelines(_tum_line(*row) for row in rows)
+
+
+def seconds_to_ns(text: str) -> int:
+    """Integer nanoseconds of a decimal number of seconds, exact where a float would round.
+
+    Raises:
+        ValueError: not a finite number.
+    """
+    try:
+        seconds = Decimal(text)
+    except InvalidOperation as error:
+        raise ValueError(f"{text.strip()!r} is not a number of seconds") from error
+    if not seconds.is_finite() or seconds.adjusted() > _MOST_DIGITS:
+        raise ValueError(f"{text.strip()!r} is no time in seconds")
+    return int((seconds * NS_PER_S).to_integral_value())
+
+
+def _stamp_field(text: str) -> int:
+    stamp_ns = seconds_to_ns(text)
+    if abs(stamp_ns) >= _STAMP_LIMIT_NS:
+        raise ValueError(f"the stamp {text} is beyond 64-bit nanoseconds: is it in nanoseconds, not seconds?")
+    return stamp_ns
+
+
+def _pose_fields(fields: list[str]) -> list[float]:
+    values = [float(field) for field in fields]
+    if not np.isfinite(values).all():
+        raise ValueError("a value is not finite")
+    if np.linalg.norm(values[3:]) < _SHORTEST_QUATERNION:
+        raise ValueError("the quaternion is zero")
+    return values
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read ``t x y z qx qy qz qw`` lines; ``#`` starts a comment; stamps to the nanosecond.
+
+    Raises:
+        DatasetError: no such file, or a line that is not eight finite numbers with a quaternion.
+        TimestampError: no pose, or stamps that do not strictly increase.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DatasetError(f"cannot read the trajectory {path}: {error}") from error
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        fields = line.partition("#")[0].split()
+        if not fields:
+            continue
+        try:
+            if len(fields) != 8:
+                raise ValueError(f"{len(fields)} fields")
+            stamps.append(_stamp_field(fields[0]))
+            rows.append(_pose_fields(fields[1:]))
+        except ValueError as error:
+            raise DatasetError(
+                f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({error}); mend or drop it"
+            ) from error
+    if not rows:
+        raise TimestampError(f"{path} holds no pose; a TUM file has lines of t x y z qx qy qz qw")
+    values = np.array(rows)
+    transforms = se3.transform(so3.from_quat_xyzw(values[:, 3:]), values[:, :3])
+    return Trajectory(np.array(stamps, dtype=np.int64), transforms)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The benchmark measures what it says: our filter and filterpy's on the same readings, with the same answer."""
+
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from coclo_vio.experiments import benchmark
+from coclo_vio.experiments.filterpy_rival import FilterpyRival
+from coclo_vio.filter.config import InitialConfig, RobustConfig
+from coclo_vio.filter.initialisation import initial_filter
+from coclo_vio.filter.robust import RobustProfile
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, LEG_GIVE, POSITION, RATE, ROTATION
+from coclo_vio.robot.description import load_robot
+from coclo_vio.robot.model import RobotModel
+
+
+def test_figures_have_the_names_that_the_command_line_promises() -> None:
+    figures = benchmark.run_benchmark(walk_s=2.0, rounds=1, sight_s=1.0)
+    assert {"filter_cycles_per_s", "filter_vs_filterpy", "realtime_factor", "peak_rss_mb"} <= set(figures)
+    assert {"frontend_ms_median", "smoother_ms_p95", "vision_ms_per_frame"} <= set(figures)
+    ours, ratio = figures["filter_cycles_per_s"], figures["filter_vs_filterpy"]
+    assert ours is not None
+    assert ours > 100.0
+    assert ratio is None or ratio > 1.5
+
+
+def test_filterpy_runs_the_same_models() -> None:
+    """Both filters end in the same place, as sure of it, where the start is sure enough for a plain state."""
+    pytest.importorskip("filterpy")
+    robot = RobotModel(load_robot("daisy"))
+    readings = benchmark.moving_readings(robot, benchmark.benchmark_trial(robot, walk_s=2.0).measurements)
+    density = robot.description.imu.gyroscope_noise_density
+    profile = RobustProfile(robot, RobustConfig(), Counter())
+    core = initial_filter(
+        profile.layout,
+        InitialConfig(moving_tilt_rad=0.01, moving_velocity_mps=0.1),
+        readings[0],
+        None,
+        moving_force=readings[0].specific_force,
+        unsure=profile.unsure_feet(readings[0]),
+        is_wide=profile.is_wide,
+    )
+    profile.start(readings[0])
+    rival = FilterpyRival(robot, RobustConfig(), core.mean, core.factor)
+    rival.run(readings, density)
+    for before, reading in pairwise(readings):
+        dt_s = (reading.stamp_ns - before.stamp_ns) * 1e-9
+        profile.step(core, reading, dt_s, density / np.sqrt(dt_s), is_gap=False)
+    assert np.linalg.norm(core.mean.vector[POSITION]) > 0.1
+    ours, theirs = np.linalg.norm(core.factor, axis=1), np.sqrt(np.diag(rival.ukf.P))
+    assert ours[LEG_GIVE] < 0.1 * RobustConfig().leg_give_sigma_m, "the walk shows how far legs give"
+    assert (ours[ACCELEROMETER_BIAS] < 0.999 * InitialConfig().accelerometer_bias_mps2).all(), "gravity was seen"
+    seen = slice(RATE.start, POSITION.stop)
+    np.testing.assert_allclose((rival.ukf.x - core.mean.vector)[seen] / ours[seen], 0.0, atol=0.1)
+    level = np.r_[ROTATION, seen.start : seen.stop - 1]  # of the height a plain state is less sure
+    np.testing.assert_allclose(theirs[level], ours[level], rtol=0.02)
+
+
+def test_memory_is_flat() -> None:
+    held = benchmark.filter_resident_mb(cycles=900, samples=3)
+    assert len(held) == 4
+    assert held[-1] - held[1] < 8.0

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run folder is given it gives back; what was spoilt in it is told in a sentence."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coclo_vio.geometry import se3, so3
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.run_folder import StateWriter
+from coclo_vio.values.errors import CocloError, DatasetError
+from coclo_vio.values.estimates import FootState, NavState, StateEstimate
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
+
+LEGS = ("FL", "FR", "RL", "RR")
+START_NS = 1_700_000_000_123_456_789  # no float of seconds or nanoseconds holds it
+
+
+def _estimates(count: int = 20, *, has_feet: bool = True) -> list[StateEstimate]:
+    rng = np.random.default_rng(8)
+    estimates = []
+    for number in range(count):
+        vectors = rng.normal(0.0, 0.3, (4, 3))
+        pose = se3.transform(so3.exp(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 50.0, 3))
+        root = rng.normal(0.0, 0.01, (9, 9))
+        feet = FootState(rng.normal(size=(4, 3)), rng.uniform(size=4), rng.uniform(size=4) > 0.5)
+        nav = NavState(pose, *vectors)
+        estimates.append(StateEstimate(START_NS + 2_500_003 * number, nav, root @ root.T, feet if has_feet else None))
+    return estimates
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> list[StateEstimate]:
+    estimates = _estimates()
+    with StateWriter(tmp_path, "coclo", LEGS) as writer:
+        for estimate in estimates:
+            writer.write(estimate)
+    return estimates
+
+
+def test_a_run_is_read_back_as_it_was_written(written: list[StateEstimate], tmp_path: Path) -> None:
+    run = run_folder.read_estimates(tmp_path, "coclo")
+    got = run.trajectory
+    assert run.name == "coclo"
+    assert run.leg_names == LEGS
+    assert got.stamps_ns.tolist() == [estimate.stamp_ns for estimate in written]
+    poses = np.array([estimate.nav.T_world_body for estimate in written])
+    np.testing.assert_allclose(got.T_world_body, poses, rtol=1e-10, atol=1e-11)
+    velocity = np.array([estimate.nav.velocity_world for estimate in written])
+    np.testing.assert_allclose(got.velocity_world, velocity, rtol=1e-8)
+    covariance = np.array([estimate.covariance[:6, :6] for estimate in written])
+    np.testing.assert_allclose(got.covariance, covariance, rtol=1e-8)
+    probability = np.array([estimate.feet.contact_probability for estimate in written if estimate.feet])
+    np.testing.assert_allclose(run.contact_probability, probability, rtol=1e-8)
+
+
+def test_the_trajectory_has_every_nanosecond(written: list[StateEstimate], tmp_path: Path) -> None:
+    first, second = (tmp_path / "coclo.tum").read_text(encoding="ascii").splitlines()[:2]
+    assert first.split()[0] == "1700000000.123456789"
+    assert second.split()[0] == "1700000000.125956792"
+
+
+def test_the_state_file_has_biases_rates_and_stance(written: list[StateEstimate], tmp_path: Path) -> None:
+    header, first = (tmp_path / "coclo_state.csv").read_text(encoding="utf-8").splitlines()[:2]
+    cells = dict(zip(header.split(","), first.split(","), strict=True))
+    nav, feet = written[0].nav, written[0].feet
+    assert feet is not None
+    assert cells["stamp_ns"] == str(START_NS)
+    assert float(cells["angular_velocity_body_z"]) == pytest.approx(nav.angular_velocity_body[2], rel=1e-8)
+    assert float(cells["gyroscope_bias_y"]) == pytest.approx(nav.gyroscope_bias[1], rel=1e-8)
+    assert float(cells["accelerometer_bias_x"]) == pytest.approx(nav.accelerometer_bias[0], rel=1e-8)
+    assert [bool(float(cells[f"{leg}.is_stance"])) for leg in LEGS] == feet.is_stance.tolist()
+
+
+def test_an_estimator_without_feet_has_no_contact_columns(tmp_path: Path) -> None:
+    with StateWriter(tmp_path, "vins", ()) as writer:
+        for estimate in _estimates(3, has_feet=False):
+            writer.write(estimate)
+    run = run_folder.read_estimates(tmp_path, "vins")
+    assert run.leg_names == ()
+    assert run.contact_probability.shape == (3, 0)
+
+
+def test_without_a_state_file_the_poses_stand_alone(written: list[StateEstimate], tmp_path: Path) -> None:
+    (tmp_path / "coclo_state.csv").unlink()
+    run = run_folder.read_estimates(tmp_path, "coclo")
+    assert len(run.trajectory) == len(written)
+    assert run.trajectory.velocity_world is None
+    assert run.trajectory.covariance is None
+
+
+def test_a_writer_that_is_interrupted_leaves_whole_lines(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with StateWriter(tmp_path, "coclo", LEGS) as writer:
+            for estimate in _estimates(5):
+                writer.write(estimate)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert len(run_folder.read_estimates(tmp_path, "coclo").trajectory) == 5
+
+
+def _cell(column: str, text: str) -> Callable[[str], str]:
+    """Replaces a cell in the third line."""
+
+    def spoil(content: str) -> str:
+        lines = content.split("\n")
+        cells = lines[2].split(",")
+        cells[lines[0].split(",").index(column)] = text
+        lines[2] = ",".join(cells)
+        return "\n".join(lines)
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda content: content[:-40], r"line 21: \d+ cells under a header of 42 columns"),
+        (lambda content: "".join(content.splitlines(keepends=True)[:-3]), "17 rows for the 20 poses"),
+        (lambda content: "", "lacks the columns"),
+        (lambda content: content.splitlines()[0], "0 rows for the 20 poses"),
+        (lambda content: content.replace("pose_covariance_34", "pose"), "lacks the columns pose_covariance_34"),
+        (_cell("velocity_world_y", "nan"), "line 3: velocity_world_y is nan, not finite"),
+        (_cell("pose_covariance_00", "inf"), "line 3: pose_covariance_00 is inf"),
+        (_cell("velocity_world_x", "fast"), "could not convert string to float: 'fast'"),
+        (_cell("stamp_ns", "17"), "other stamps than the poses"),
+    ],
+)
+def test_a_spoilt_state_file_is_told(
+    spoil: Callable[[str], str], words: str, written: list[StateEstimate], tmp_path: Path
+) -> None:
+    path = tmp_path / "coclo_state.csv"
+    path.write_text(spoil(path.read_text(encoding="utf-8")), encoding="utf-8")
+    with pytest.raises(DatasetError, match=rf"coclo_state\.csv.*({words}).*run again"):
+        run_folder.read_estimates(tmp_path, "coclo")
+
+
+def test_a_missing_trajectory_is_told(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"coclo\.tum"):
+        run_folder.read_estimates(tmp_path, "coclo")
+
+
+@pytest.mark.parametrize("has_stamps", [True, False])
+def test_ground_truth_comes_back_with_the_trust_in_its_clock(has_stamps: bool, tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    poses = se3.transform(so3.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
+    truth = GroundTruth(Trajectory(START_NS + np.arange(4), poses), has_stamps, "mocap.csv")
+    run_folder.write_ground_truth(tmp_path, truth)
+    told = {"ground_truth": {"has_stamps": has_stamps, "source": "mocap.csv"}}
+    back = run_folder.read_ground_truth(tmp_path, told)
+    assert back is not None
+    assert (back.has_stamps, back.source) == (has_stamps, "mocap.csv")
+    assert (back.trajectory.stamps_ns == truth.trajectory.stamps_ns).all()
+    np.testing.assert_allclose(back.trajectory.T_world_body, poses, atol=1e-11)
+    assert run_folder.read_ground_truth(tmp_path, {"ground_truth": None}) is None
+
+
+def test_run_json_comes_back(tmp_path: Path) -> None:
+    values = {"estimators": {"coclo": {"failure": None}}, "recording_ns": [1, 2], "ground_truth": None}
+    run_folder.write_json(tmp_path / "run.json", values)
+    assert run_folder.read_run_json(tmp_path) == values
+
+
+def test_json_never_holds_what_is_not_json(tmp_path: Path) -> None:
+    with pytest.raises(ValueError):
+        run_folder.write_json(tmp_path / "run.json", {"ate_m": float("nan")})
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b'{"estimators": {"coclo": {', "is not JSON"),
+        (b"\xff\xfe\x00", "is not JSON"),
+        (b"[]", "its object"),
+        (b"{}", "estimators"),
+        (b'{"estimators": ["coclo"]}', "estimators"),
+        (b'{"estimators": {"coclo": 3}}', "estimators"),
+        (b'{"estimators": {}, "recording_ns": [1]}', "recording_ns"),
+        (b'{"estimators": {}, "recording_ns": ["a", "b"]}', "recording_ns"),
+        (b'{"estimators": {}, "ground_truth": {"source": "x"}}', "ground_truth"),
+    ],
+)
+def test_a_spoilt_run_json_is_told(content: bytes, words: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_bytes(content)
+    with pytest.raises(DatasetError, match=rf"run\.json.*{words}.*run again"):
+        run_folder.read_run_json(tmp_path)
+
+
+def test_a_folder_without_run_json_is_no_run_folder(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"no run folder: it has no run\.json; give the folder"):
+        run_folder.read_run_json(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="ascii")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(DatasetError, match=r"cannot make the folder .*file.* choose another with -o"):
+            run_folder.prepare(folder)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a device that is always full")
+def test_a_full_disk_is_told(tmp_path: Path) -> None:
+    (tmp_path / "run.json").symlink_to("/dev/full")
+    with pytest.raises(CocloError, match="No space left"), run_folder.writing(tmp_path):
+        run_folder.write_json(tmp_path / "run.json", {})
