@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.values.arrays import Array, IntArray
-from coclo_vio.values.measurements import Sight, StereoTracks
+from coclo_vio.values.measurements import StereoTracks, TrackingQuality
 
 _NOTHING_SEEN = "the recording has no track in this frame"
 
@@ -68,6 +68,6 @@ class Sightings:
                 self.pixels[mine, :2],
                 self.pixels[mine, 2:],
                 ages[ids],
-                Sight.BLIND if is_blind else Sight.HEALTHY,
+                TrackingQuality.LOST if is_blind else TrackingQuality.HEALTHY,
                 _NOTHING_SEEN if is_blind else "",
             )

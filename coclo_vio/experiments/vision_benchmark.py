@@ -21,8 +21,10 @@ from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.estimates import Event, KeyframeHealth, OdometryDelta, StateEstimate
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.measurements import CameraImuSample, InertialReading, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.outputs import Event, KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
 
 _SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame})

@@ -14,7 +14,7 @@ from coclo_vio.filter.square_root import Correction, correct
 from coclo_vio.filter.state import POSITION, ROTATION, State
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.estimates import OdometryDelta, PoseEvidence, PosePair
+from coclo_vio.values.keyframes import OdometryDelta, PoseEvidence, PosePair
 
 
 def _clone_pose(mean: State) -> Array:

@@ -29,11 +29,11 @@ class InitialConfig(StageConfig):
     rest_rate_noise_radps: Annotated[
         float, Field(gt=0, description="mean angular velocity at rest, beyond its bias, rad/s")
     ] = 0.003
-    eyes_turn_rad: Annotated[
+    camera_rotation_sigma_rad: Annotated[
         float,
         Field(ge=0, lt=0.2, description="error of the cameras' mounting, each axis, where there are cameras, rad"),
     ] = 0.004
-    eyes_stretch: Annotated[
+    stereo_scale_sigma: Annotated[
         float, Field(ge=0, lt=0.2, description="relative error of what stereo says of lengths, where there are cameras")
     ] = 0.01
 
@@ -76,13 +76,13 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, lt=0.5, description="relative error of the effective leg length at the start")
     ] = 0.05
     leg_scale_walk: Annotated[float, Field(ge=0, description="its random walk, 1/sqrt(s)")] = 0.001
-    estimates_leg_give: Annotated[
+    estimates_leg_compliance: Annotated[
         bool, Field(description="whether it is estimated how far a leg gives under load, from legs against each other")
     ] = True
-    leg_give_sigma_m: Annotated[
+    leg_compliance_sigma_m: Annotated[
         float, Field(gt=0, lt=0.1, description="how far a leg may give under the load from which it stands, m")
     ] = 0.002
-    leg_give_walk_m: Annotated[float, Field(ge=0, description="its random walk, m/sqrt(s)")] = 1e-5
+    leg_compliance_walk_m: Annotated[float, Field(ge=0, description="its random walk, m/sqrt(s)")] = 1e-5
     slip_share: Annotated[
         float, Field(ge=0, lt=1, description="speed at which all standing feet seem to slip, as a share of the body's")
     ] = 0.015

@@ -18,7 +18,7 @@ from coclo_vio.filter.cloning import weigh
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.square_root import Correction
 from coclo_vio.values.config import StageConfig
-from coclo_vio.values.estimates import PoseEvidence
+from coclo_vio.values.keyframes import PoseEvidence
 
 
 class GateConfig(StageConfig):

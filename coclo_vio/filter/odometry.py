@@ -21,7 +21,8 @@ from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.errors import FilterError
-from coclo_vio.values.estimates import FootState, NavState, OdometryDelta, PoseEvidence, PosePair, StateEstimate
+from coclo_vio.values.estimates import FootState, NavState, StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta, PoseEvidence, PosePair
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.units import NS_PER_S
 

@@ -128,7 +128,7 @@ def noise_rows(
     rows[6:9, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * root * identity
     rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
     rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
-    rows[13, LEG_GIVE] = config.leg_give_walk_m * root * config.estimates_leg_give
+    rows[13, LEG_GIVE] = config.leg_compliance_walk_m * root * config.estimates_leg_compliance
     slip = root * np.sqrt(2.0 / config.slip_memory_s)
     rows[14:17, SLIP_TURN] = config.slip_turn_per_m * slip * identity
     rows[17:20, SLIP] = config.slip_share * slip * identity

@@ -48,7 +48,7 @@ class RobustProfile:
         return UnsureFeet(
             noise_m=float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
             scale=config.leg_scale_sigma * config.estimates_leg_scale,
-            give_m=config.leg_give_sigma_m * config.estimates_leg_give,
+            give_m=config.leg_compliance_sigma_m * config.estimates_leg_compliance,
             slip=config.slip_share,
             slip_turn=config.slip_turn_per_m,
             press=press_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),

@@ -147,7 +147,7 @@ class MotionCheckConfig(StageConfig):
 class SightConfig(StageConfig):
     """When the cameras see well, badly, or not at all."""
 
-    blind_tracks: Annotated[int, Field(ge=0, description="blind with fewer stereo tracks than this")] = 8
+    lost_tracks: Annotated[int, Field(ge=0, description="blind with fewer stereo tracks than this")] = 8
     degraded_tracks: Annotated[int, Field(ge=0, description="degraded with fewer stereo tracks than this")] = 40
     dark_level: Annotated[
         float, Field(ge=0, le=255, description="mean brightness below which it is too dark, grey levels")

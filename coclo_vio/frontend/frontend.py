@@ -17,7 +17,7 @@ from coclo_vio.frontend.stereo_matching import StereoMatcher
 from coclo_vio.frontend.tracks import LiveTracks
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo, StereoCalibration
-from coclo_vio.values.measurements import Sight, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import StereoFrame, StereoTracks, TrackingQuality
 
 _TAIL_FRAMES = 10
 
@@ -89,7 +89,7 @@ class StereoFrontend:
         live = self._matcher.match(pair, smooth, followed.joined(fresh))
         self._counts["unmatched"] += int((~live.has_right).sum())
         state, reason = sight.judged(live, len(followed), len(before), verdict, light, self._config.sight)
-        if state is Sight.BLIND:
+        if state is TrackingQuality.LOST:
             return self._blind(frame.stamp_ns, pair, reason)
         self._reference, self._live, self._blind_frames = pair, live, 0
         self._motion.settle(verdict.T_previous_current)
@@ -131,13 +131,15 @@ class StereoFrontend:
         if self._blind_frames > self._config.sight.patience_frames:
             self._reference, self._live = None, self._nothing
             self._motion.forget()
-        return self._told(stamp_ns, pair, self._nothing, Sight.BLIND, reason)
+        return self._told(stamp_ns, pair, self._nothing, TrackingQuality.LOST, reason)
 
-    def _told(self, stamp_ns: int, pair: RectifiedPair, live: LiveTracks, state: Sight, reason: str) -> StereoTracks:
+    def _told(
+        self, stamp_ns: int, pair: RectifiedPair, live: LiveTracks, state: TrackingQuality, reason: str
+    ) -> StereoTracks:
         tracks = StereoTracks(stamp_ns, live.ids, live.left_px, live.right_px, live.ages, state, reason)
-        if state is Sight.DEGRADED:
+        if state is TrackingQuality.DEGRADED:
             self._counts["degraded"] += 1
-        if state is not Sight.BLIND:
+        if state is not TrackingQuality.LOST:
             self._tails.append(tracks)
         self._shown = (pair, tracks)
         return tracks

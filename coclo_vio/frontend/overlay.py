@@ -8,11 +8,15 @@ import numpy as np
 
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.values.arrays import Array, ByteImage
-from coclo_vio.values.measurements import Sight, StereoTracks
+from coclo_vio.values.measurements import StereoTracks, TrackingQuality
 
 _OLD_FRAMES = 30
 _TEXT_SCALE = 0.45
-_COLOURS = {Sight.HEALTHY: (80, 220, 80), Sight.DEGRADED: (40, 180, 255), Sight.BLIND: (60, 60, 255)}
+_COLOURS = {
+    TrackingQuality.HEALTHY: (80, 220, 80),
+    TrackingQuality.DEGRADED: (40, 180, 255),
+    TrackingQuality.LOST: (60, 60, 255),
+}
 _LONE = (60, 60, 255)
 
 
@@ -46,9 +50,9 @@ def drawn(pair: RectifiedPair, tracks: StereoTracks, recent: Iterable[StereoTrac
         if is_matched:
             cv2.circle(picture, _place(right + np.array([columns, 0.0])), 3, colour, 1, cv2.LINE_AA)
     matched = int(np.isfinite(tracks.right_px[:, 0]).sum())
-    _write(picture, f"{tracks.sight.value}: {len(tracks)} tracks, {matched} in both", 0, _COLOURS[tracks.sight])
+    _write(picture, f"{tracks.quality.value}: {len(tracks)} tracks, {matched} in both", 0, _COLOURS[tracks.quality])
     if tracks.reason:
-        _write(picture, tracks.reason, 1, _COLOURS[tracks.sight])
+        _write(picture, tracks.reason, 1, _COLOURS[tracks.quality])
     return picture
 
 

@@ -12,7 +12,7 @@ from coclo_vio.frontend.motion_check import MotionVerdict
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.frontend.tracks import LiveTracks
 from coclo_vio.values.arrays import ByteImage
-from coclo_vio.values.measurements import Sight
+from coclo_vio.values.measurements import TrackingQuality
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Light:
 
 def judged(
     tracks: LiveTracks, followed: int, before: int, verdict: MotionVerdict, light: Light, config: SightConfig
-) -> tuple[Sight, str]:
+) -> tuple[TrackingQuality, str]:
     """The state of sight and why it is not healthy, of a frame in whose left image something could be seen.
 
     Args:
@@ -58,17 +58,20 @@ def judged(
     """
     matched = int(tracks.has_right.sum())
     few = f"only {matched} of {len(tracks)} points were found in both images ({light})"
-    if matched < config.blind_tracks and followed < config.degraded_tracks:
-        return Sight.BLIND, few
+    if matched < config.lost_tracks and followed < config.degraded_tracks:
+        return TrackingQuality.LOST, few
     if matched < config.degraded_tracks:
-        return Sight.DEGRADED, few
+        return TrackingQuality.DEGRADED, few
     if before and followed < config.kept_share * before:
-        return Sight.DEGRADED, f"only {followed} of {before} points were followed from the last frame ({light})"
+        return (
+            TrackingQuality.DEGRADED,
+            f"only {followed} of {before} points were followed from the last frame ({light})",
+        )
     if verdict.judged and verdict.T_previous_current is None:
-        return Sight.DEGRADED, (
+        return TrackingQuality.DEGRADED, (
             f"no motion explains the points: the best one {verdict.agreeing} of {verdict.judged}; all are kept"
         )
-    return Sight.HEALTHY, ""
+    return TrackingQuality.HEALTHY, ""
 
 
 def _measured(image: ByteImage, side: str, config: SightConfig) -> tuple[float, str]:

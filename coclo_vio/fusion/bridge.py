@@ -17,7 +17,7 @@ from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.estimates import PoseBelief, PoseEvidence, PosePair
+from coclo_vio.values.keyframes import PoseEvidence, PoseMarginal, PosePair
 
 Policy = Annotated[
     Literal["off", "paper", "ci", "decorrelated"],
@@ -39,7 +39,7 @@ class BridgeConfig(StageConfig):
     vision_latency_s: Annotated[
         float, Field(ge=0, le=5, description="a frame's result reaches the filter this long after its stamp, s")
     ] = 0.05
-    least_news: Annotated[
+    min_novel_share: Annotated[
         float,
         Field(ge=0, lt=0.5, description="directions in which a smaller share of a belief is new count as nothing new"),
     ] = 1e-4
@@ -78,7 +78,7 @@ def news(information: Array, vector: Array, known: Array, known_vector: Array, l
     return (into * shares[kept]) @ into.T, into @ difference
 
 
-def legs_evidence(pair: PosePair, known: PoseBelief | None, config: BridgeConfig) -> PoseEvidence:
+def legs_evidence(pair: PosePair, known: PoseMarginal | None, config: BridgeConfig) -> PoseEvidence:
     """What the filter knows of two keyframes beyond what is known of the earlier one.
 
     Args:
@@ -93,10 +93,10 @@ def legs_evidence(pair: PosePair, known: PoseBelief | None, config: BridgeConfig
     believed = PoseEvidence(
         pair.start_ns, pair.end_ns, pair.T_world_start, pair.T_world_end, _symmetric(information), np.zeros(12)
     )
-    return evidence_beyond(believed, known, config.least_news)
+    return evidence_beyond(believed, known, config.min_novel_share)
 
 
-def evidence_beyond(believed: PoseEvidence, known: PoseBelief | None, least: float) -> PoseEvidence:
+def evidence_beyond(believed: PoseEvidence, known: PoseMarginal | None, least: float) -> PoseEvidence:
     """A belief of two keyframes without what is known of the earlier one."""
     if known is None:
         return believed
@@ -111,7 +111,7 @@ def evidence_beyond(believed: PoseEvidence, known: PoseBelief | None, least: flo
     )
 
 
-def of_end(start: PoseBelief, end: PoseBelief, share: float = 1.0) -> PoseEvidence:
+def of_end(start: PoseMarginal, end: PoseMarginal, share: float = 1.0) -> PoseEvidence:
     """A belief of the later pose alone as evidence; nothing is said of the earlier one.
 
     Args:

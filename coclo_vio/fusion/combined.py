@@ -25,15 +25,8 @@ from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import StereoCalibration
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.estimates import (
-    Event,
-    KeyframeHealth,
-    OdometryDelta,
-    PoseBelief,
-    PoseEvidence,
-    PosePair,
-    StateEstimate,
-)
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta, PoseEvidence, PoseMarginal, PosePair
 from coclo_vio.values.measurements import (
     FootForceSample,
     ImuSample,
@@ -42,6 +35,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
+from coclo_vio.values.outputs import Event, KeyframeHealth
 from coclo_vio.values.units import NS_PER_S
 
 BY_LEGS, BY_EYES = "combined_coclo", "combined_vins"
@@ -55,7 +49,7 @@ class TiedSmoother(Protocol):
         """Stamp of the last keyframe."""
 
     @property
-    def belief(self) -> PoseBelief | None:
+    def marginal(self) -> PoseMarginal | None:
         """What is known of the last keyframe."""
 
     @property
@@ -66,7 +60,7 @@ class TiedSmoother(Protocol):
     def counts(self) -> Mapping[str, int]:
         """How often each thing happened."""
 
-    def start_from(self, belief: PoseBelief) -> None:
+    def start_from(self, belief: PoseMarginal) -> None:
         """Start with the frame of this stamp."""
 
     def push_tracks(
@@ -133,8 +127,8 @@ class CombinedOdometry:
         self.config = config or BridgeConfig()
         self._clock = ImageClock(time_offset_s, waits=True)
         self._latency_ns = round(self.config.vision_latency_s * NS_PER_S)
-        self._known_by_eyes: PoseBelief | None = None  # of the last keyframe, when it was one
-        self._known_by_legs: PoseBelief | None = None  # the same, once the eyes had told what they know
+        self._known_by_eyes: PoseMarginal | None = None  # of the last keyframe, when it was one
+        self._known_by_legs: PoseMarginal | None = None  # the same, once the eyes had told what they know
         self._seen: tuple[int, Array] | None = None  # stamp and pose of the last frame, by the filter
         self._due: _Due | None = None
         self._felt: StateEstimate | None = None  # the filter's last estimate
@@ -238,11 +232,11 @@ class CombinedOdometry:
 
     def _begin(self, tracks: StereoTracks) -> None:
         """The smoother's first keyframe: the anchor, from which both count."""
-        self._smoother.start_from(PoseBelief(tracks.stamp_ns, np.eye(4), np.zeros((6, 6))))
+        self._smoother.start_from(PoseMarginal(tracks.stamp_ns, np.eye(4), np.zeros((6, 6))))
         estimate = self._smoother.push_tracks(tracks)
         self._legs.anchor_frame()
         self._answer(estimate)
-        self._known_by_eyes = self._known_by_legs = self._smoother.belief
+        self._known_by_eyes = self._known_by_legs = self._smoother.marginal
 
     def _answer(self, estimate: StateEstimate | None) -> None:
         """Put an estimate of the smoother into the filter's world; rate, velocity and biases are the filter's own."""
@@ -255,12 +249,12 @@ class CombinedOdometry:
         nav = replace(self._felt.nav, T_world_body=T_world_body)
         self._others.append((BY_EYES, replace(estimate, nav=nav, covariance=covariance)))
 
-    def _tie(self, tracks: StereoTracks, known: PoseBelief) -> None:
+    def _tie(self, tracks: StereoTracks, known: PoseMarginal) -> None:
         """A frame after a keyframe: the filter's motion since then goes along."""
         pair = self._legs.frame_pair()
         told = self._told(pair) if self._exchanges else None
         self._answer(self._smoother.push_tracks(tracks, _motion(pair, self.config.floor_m), told))
-        believed = self._smoother.belief
+        believed = self._smoother.marginal
         if believed is None or believed.stamp_ns != tracks.stamp_ns:
             return
         try:
@@ -282,15 +276,15 @@ class CombinedOdometry:
     def _exchanges(self) -> bool:
         return self.config.feedback == "decorrelated"
 
-    def _result(self, pair: PosePair, known: PoseBelief, believed: PoseBelief) -> _Due:
+    def _result(self, pair: PosePair, known: PoseMarginal, believed: PoseMarginal) -> _Due:
         """What the filter is told of a new keyframe, and when."""
         at_ns = believed.stamp_ns + self._latency_ns
         seen = self._smoother.evidence
         if self.config.feedback == "off" or seen is None:
             return _Due(at_ns, None)
-        start = PoseBelief(pair.start_ns, pair.T_world_start, pair.covariance[:6, :6])
+        start = PoseMarginal(pair.start_ns, pair.T_world_start, pair.covariance[:6, :6])
         if self.config.feedback == "decorrelated":
-            news = bridge.evidence_beyond(seen, known, self.config.least_news)
+            news = bridge.evidence_beyond(seen, known, self.config.min_novel_share)
             return _Due(at_ns, news, whole=bridge.of_end(start, believed))
         if self.config.feedback == "paper":
             return _Due(at_ns, bridge.of_end(start, believed))

@@ -17,7 +17,8 @@ from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo, StereoCalibration
-from coclo_vio.values.estimates import Event, KeyframeHealth, OdometryDelta, StateEstimate
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.measurements import (
     BodyTwistSample,
     InertialReading,
@@ -25,6 +26,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
+from coclo_vio.values.outputs import Event, KeyframeHealth
 
 
 class Frontend(Protocol):

@@ -9,7 +9,6 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import ConfigError, listing
-from coclo_vio.values.estimates import Estimator
 from coclo_vio.values.measurements import (
     LEG_SENSORS,
     BodyTwistSample,
@@ -19,6 +18,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
+from coclo_vio.values.outputs import Estimator
 
 _EYES: frozenset[type] = frozenset({StereoFrame, StereoTracks})
 _IMUS: frozenset[type] = frozenset({ImuSample, CameraImuSample})

@@ -14,7 +14,14 @@ from pydantic import BeforeValidator, Field
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import ConfigError, listing
-from coclo_vio.values.measurements import ALL_SENSORS, JointSample, Measurement, Sight, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import (
+    ALL_SENSORS,
+    JointSample,
+    Measurement,
+    StereoFrame,
+    StereoTracks,
+    TrackingQuality,
+)
 from coclo_vio.values.units import NS_PER_S
 
 _LONGEST_S = 1e9  # thirty years
@@ -178,7 +185,7 @@ class _Eyes:
             self._shift, self._frames = self._next_id, 0
             nothing = np.zeros((0, 2))
             none = np.zeros(0, dtype=np.int64)
-            return StereoTracks(sight.stamp_ns, none, nothing, nothing, sight=Sight.BLIND, reason="blackout")
+            return StereoTracks(sight.stamp_ns, none, nothing, nothing, quality=TrackingQuality.LOST, reason="blackout")
         told = sight
         if self._frames is not None:
             self._frames += 1

@@ -14,7 +14,7 @@ import numpy as np
 from coclo_vio.datasets.images import encoded
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.errors import DatasetError, listing
-from coclo_vio.values.estimates import KeyframeHealth
+from coclo_vio.values.outputs import KeyframeHealth
 from coclo_vio.values.units import MS_PER_S
 
 _COLUMNS = tuple(field.name for field in fields(KeyframeHealth))

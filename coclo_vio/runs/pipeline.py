@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from coclo_vio.values.errors import CocloError
-from coclo_vio.values.estimates import Estimator, Event, KeyframeHealth, SelfReporting, Several, StateEstimate
+from coclo_vio.values.estimates import SelfReporting, Several, StateEstimate
 from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.outputs import Estimator, Event, KeyframeHealth
 from coclo_vio.values.units import NS_PER_S
 
 

@@ -19,8 +19,9 @@ from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_folder import StateWriter
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
-from coclo_vio.values.estimates import Estimator, Several
+from coclo_vio.values.estimates import Several
 from coclo_vio.values.measurements import StereoFrame, StereoTracks
+from coclo_vio.values.outputs import Estimator
 from coclo_vio.values.units import NS_PER_S
 
 _EYES = (STREAM_NAMES[StereoFrame], STREAM_NAMES[StereoTracks])

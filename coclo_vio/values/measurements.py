@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the sensors say: frozen values, one class a sensor, stamped in integer nanoseconds.
+"""What the sensors measure: frozen values, one class a sensor, stamped in integer nanoseconds.
 
 Readers make them, filter, front end and smoother take them. Arrays are checked once, here, and are read-only from then
 on.
@@ -44,7 +44,7 @@ class ImuSample(InertialReading):
 
 
 class CameraImuSample(InertialReading):
-    """A reading of the IMU inside the camera, in its own frame; it shakes with the camera, not with the body's IMU."""
+    """A reading of the IMU inside the camera, in its own frame; its vibration is the camera's, not the body's."""
 
     __slots__ = ()
 
@@ -53,7 +53,7 @@ class CameraImuSample(InertialReading):
 class JointSample:
     """One reading of all leg joints, in the order of ``RobotModel.joint_names``.
 
-    NaN means "this joint said nothing"; the legs it belongs to are left out, the others used.
+    NaN marks a joint without a reading; the legs it belongs to are left out, the others used.
 
     Attributes:
         stamp_ns: time in nanoseconds.
@@ -84,7 +84,7 @@ class FootForceSample:
     Attributes:
         stamp_ns: time in nanoseconds.
         force: normal force, (legs,), in the unit of the robot's contact thresholds (N, or raw counts);
-            NaN where a sensor said nothing.
+            NaN where a sensor has no reading.
 
     Raises:
         ValueError: not a vector, or an infinite reading.
@@ -143,12 +143,12 @@ class EncodedStereoFrame:
     encoding: Literal["png", "jpeg"]
 
 
-class Sight(Enum):
-    """How well the cameras see."""
+class TrackingQuality(Enum):
+    """How well a frame's points could be tracked."""
 
     HEALTHY = "healthy"
     DEGRADED = "degraded"
-    BLIND = "blind"
+    LOST = "lost"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,8 +163,8 @@ class StereoTracks:
         left_px: columns and rows in the left image, (N, 2).
         right_px: the same in the right image, (N, 2); NaN where the right camera did not find the point.
         ages: frames so far that see the point, this one included, (N,), int64; ones if not given.
-        sight: how well the cameras see.
-        reason: why sight is not healthy; empty where it is.
+        quality: how well points could be tracked.
+        reason: why the quality is not healthy; empty where it is.
 
     Raises:
         ValueError: a wrong shape, an identity twice, or a pixel that is not finite.
@@ -175,7 +175,7 @@ class StereoTracks:
     left_px: Array
     right_px: Array
     ages: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    sight: Sight = Sight.HEALTHY
+    quality: TrackingQuality = TrackingQuality.HEALTHY
     reason: str = ""
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from console import Coclo, is_one_sentence
 
-from coclo_vio.cli import results
+from coclo_vio.cli import printing as results
 from coclo_vio.datasets.writer import write_leg_log
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation

@@ -10,7 +10,7 @@ from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError
-from coclo_vio.values.measurements import ALL_SENSORS, BodyTwistSample, Sight, StereoTracks
+from coclo_vio.values.measurements import ALL_SENSORS, BodyTwistSample, StereoTracks, TrackingQuality
 
 FRAMES, POINTS = 8, 12
 START_S = 506.5
@@ -110,7 +110,7 @@ def test_tracks_twist_and_truth_come_back(write):
         np.testing.assert_array_equal(tracks.left_px, wanted[:2, frame].T)
         np.testing.assert_array_equal(tracks.right_px, wanted[2:, frame].T)
         np.testing.assert_array_equal(tracks.ages, np.full(POINTS, frame + 1))
-        assert (tracks.sight, tracks.reason) == (Sight.HEALTHY, "")
+        assert (tracks.quality, tracks.reason) == (TrackingQuality.HEALTHY, "")
         np.testing.assert_array_equal(twist.velocity, VELOCITY)
         np.testing.assert_array_equal(twist.angular_velocity, RATE)
     truth = dataset.ground_truth()
@@ -164,7 +164,7 @@ def test_what_a_camera_does_not_see_is_left_out_and_ages_begin_anew(write):
     assert [frame.ages[frame.track_ids == 4].tolist() for frame in frames[2:6]] == [[3], [], [1], [2]]
     assert np.isnan(frames[2].right_px[5]).all()
     np.testing.assert_array_equal(frames[2].left_px[5], y[:2, 2, 5])
-    assert (frames[6].sight, frames[6].reason) == (Sight.BLIND, "the recording has no track in this frame")
+    assert (frames[6].quality, frames[6].reason) == (TrackingQuality.LOST, "the recording has no track in this frame")
     np.testing.assert_array_equal(frames[7].ages, np.ones(POINTS))
     assert frames[7].left_px[8, 1] == 0.0
 

@@ -51,7 +51,7 @@ def test_filterpy_runs_the_same_models() -> None:
         profile.step(core, reading, dt_s, density / np.sqrt(dt_s), is_gap=False)
     assert np.linalg.norm(core.mean.vector[POSITION]) > 0.1
     ours, theirs = np.linalg.norm(core.factor, axis=1), np.sqrt(np.diag(rival.ukf.P))
-    assert ours[LEG_GIVE] < 0.1 * RobustConfig().leg_give_sigma_m, "the walk shows how far legs give"
+    assert ours[LEG_GIVE] < 0.1 * RobustConfig().leg_compliance_sigma_m, "the walk shows how far legs give"
     assert (ours[ACCELEROMETER_BIAS] < 0.999 * InitialConfig().accelerometer_bias_mps2).all(), "gravity was seen"
     seen = slice(RATE.start, POSITION.stop)
     np.testing.assert_allclose((rival.ukf.x - core.mean.vector)[seen] / ours[seen], 0.0, atol=0.1)

@@ -17,7 +17,7 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
-from coclo_vio.values.estimates import PoseEvidence
+from coclo_vio.values.keyframes import PoseEvidence
 
 LAYOUT = StateLayout(2, has_contacts=False, has_frame=True)
 STEP = 1e-6

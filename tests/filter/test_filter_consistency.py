@@ -23,7 +23,7 @@ BODY = BodyMotionConfig(rest_s=0.6, walk_s=4.4, stop_s=0.0, ramp_s=0.6, speed_mp
 MATCHED = FilterConfig(
     robust=RobustConfig(
         estimates_leg_scale=False,
-        estimates_leg_give=False,
+        estimates_leg_compliance=False,
         slip_share=0.0,
         slip_turn_per_m=0.0,
         foothold_creep=2e-5,

@@ -24,7 +24,7 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.measurements import FootForceSample, JointSample, Measurement
 
 GIVE_M = 0.0016
-RIGID = FilterConfig(robust=RobustConfig(estimates_leg_give=False))
+RIGID = FilterConfig(robust=RobustConfig(estimates_leg_compliance=False))
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_a_robot_that_only_stands_learns_nothing(daisy: RobotModel) -> None:
     trial = generate(AnalyticTrialConfig(body=body, sensors=sensors), daisy, seed=1)
     found, sigma_m = run(with_foot_sensors(daisy), trial.measurements, FilterConfig())
     assert found.vector[LEG_GIVE][0] == pytest.approx(0.0, abs=1e-6)
-    assert sigma_m == pytest.approx(RobustConfig().leg_give_sigma_m, rel=1e-3)
+    assert sigma_m == pytest.approx(RobustConfig().leg_compliance_sigma_m, rel=1e-3)
 
 
 def pressed(daisy: RobotModel, walk: AnalyticTrial, *loads: np.ndarray) -> FootMotion:

@@ -17,7 +17,7 @@ from coclo_vio.values.errors import FilterError, RobotModelError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
-NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_give=False)
+NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_compliance=False)
 PROFILES = [FilterConfig(robust=NOMINAL), FilterConfig(profile="paper")]
 TICK_NS = 10_000_000
 

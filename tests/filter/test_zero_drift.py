@@ -26,7 +26,7 @@ CERTAIN = FilterConfig(
         gate_probability=1.0 - 1e-16,
         gravity_noise_mps2=1e6,
         estimates_leg_scale=False,
-        estimates_leg_give=False,
+        estimates_leg_compliance=False,
         slip_share=0.0,
         slip_turn_per_m=0.0,
     ),

@@ -10,7 +10,7 @@ from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.geometry import se3
 from coclo_vio.values.errors import DatasetError
-from coclo_vio.values.measurements import Sight, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import StereoFrame, StereoTracks, TrackingQuality
 
 Walk = tuple[list[StereoFrame], np.ndarray]
 CENTRE = np.array([239.5, 179.5])
@@ -62,7 +62,7 @@ def told(walked: Walk) -> list[StereoTracks]:
 
 def test_a_walk_is_followed_without_creeping(room: Room, walked: Walk, told: list[StereoTracks]) -> None:
     assert all(len(tracks) > 140 for tracks in told)
-    assert all(tracks.sight is Sight.HEALTHY and tracks.reason == "" for tracks in told)
+    assert all(tracks.quality is TrackingQuality.HEALTHY and tracks.reason == "" for tracks in told)
     assert (told[-1].ages == len(told)).mean() > 0.6
     drift = drift_px(room, walked[1], told)
     assert len(drift) > 100
@@ -139,20 +139,20 @@ def test_an_even_image_is_blind_and_says_why(walked: Walk, level: int, words: st
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
     tracks = frontend.track(even(level))
-    assert tracks.sight is Sight.BLIND
+    assert tracks.quality is TrackingQuality.LOST
     assert len(tracks) == 0
     assert words in tracks.reason
 
 
 def test_the_first_image_may_be_black() -> None:
-    assert StereoFrontend(rig()).track(even(0)).sight is Sight.BLIND
+    assert StereoFrontend(rig()).track(even(0)).quality is TrackingQuality.LOST
 
 
 def test_noise_alone_is_blind(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
     for stamp_ns in (1, 2, 3):
-        assert frontend.track(noise(stamp_ns)).sight is Sight.BLIND
+        assert frontend.track(noise(stamp_ns)).quality is TrackingQuality.LOST
 
 
 def test_points_are_found_again_after_a_blackout(walked: Walk) -> None:
@@ -160,9 +160,9 @@ def test_points_are_found_again_after_a_blackout(walked: Walk) -> None:
     for frame in walked[0][:3]:
         before = frontend.track(frame)
     for number in (3, 4):
-        assert frontend.track(even(0, number * PERIOD_NS)).sight is Sight.BLIND
+        assert frontend.track(even(0, number * PERIOD_NS)).quality is TrackingQuality.LOST
     after = frontend.track(walked[0][5])
-    assert after.sight is Sight.HEALTHY
+    assert after.quality is TrackingQuality.HEALTHY
     assert len(np.intersect1d(before.track_ids, after.track_ids)) > 90
 
 
@@ -172,7 +172,7 @@ def test_after_a_long_blackout_all_points_are_new(walked: Walk) -> None:
     for number in range(1, 9):
         frontend.track(even(0, number))
     after = frontend.track(walked[0][9])
-    assert after.sight is Sight.HEALTHY
+    assert after.quality is TrackingQuality.HEALTHY
     assert after.track_ids.min() > before.track_ids.max()
 
 
@@ -189,9 +189,9 @@ def test_a_camera_that_hangs_is_blind_not_at_rest(walked: Walk) -> None:
     frontend.track(walked[0][0])
     stuck = StereoFrame(PERIOD_NS, walked[0][0].left, walked[0][0].right)
     tracks = frontend.track(stuck)
-    assert tracks.sight is Sight.BLIND
+    assert tracks.quality is TrackingQuality.LOST
     assert "the camera hangs" in tracks.reason
-    assert frontend.track(walked[0][1]).sight is Sight.HEALTHY
+    assert frontend.track(walked[0][1]).quality is TrackingQuality.HEALTHY
 
 
 def test_at_rest_points_stay_where_they_are(room: Room) -> None:
@@ -207,7 +207,7 @@ def test_light_that_changes_at_once_loses_few_points(walked: Walk, gain: float, 
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
     tracks = frontend.track(changed(walked[0][1], gain, offset))
-    assert tracks.sight is Sight.HEALTHY
+    assert tracks.quality is TrackingQuality.HEALTHY
     assert (tracks.ages == 2).sum() > 100
     assert matched(tracks).sum() > 120
 
@@ -217,12 +217,12 @@ def test_a_covered_right_camera_leaves_the_left_tracks(walked: Walk) -> None:
     frontend.track(walked[0][0])
     covered = changed(walked[0][1], 0.0, 0.0, sides="right")
     tracks = frontend.track(covered)
-    assert tracks.sight is Sight.DEGRADED
+    assert tracks.quality is TrackingQuality.DEGRADED
     assert "the right image is dark" in tracks.reason
     assert (tracks.ages == 2).sum() > 110
     assert not matched(tracks).any()
     after = frontend.track(walked[0][2])
-    assert after.sight is Sight.HEALTHY
+    assert after.quality is TrackingQuality.HEALTHY
     assert (after.ages == 3).sum() > 90
 
 
@@ -237,7 +237,7 @@ def test_images_of_a_few_pixels_are_no_trouble() -> None:
     frontend = StereoFrontend(rig().model_copy(update={"left": tiny, "right": tiny}))
     for stamp_ns in (1, 2):
         image = np.random.default_rng(stamp_ns).integers(0, 256, (20, 24), dtype=np.uint8)
-        assert frontend.track(StereoFrame(stamp_ns, image, image)).sight is Sight.BLIND
+        assert frontend.track(StereoFrame(stamp_ns, image, image)).quality is TrackingQuality.LOST
 
 
 def test_the_picture_shows_both_images_with_points_and_state(walked: Walk) -> None:

@@ -11,7 +11,7 @@ from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.frontend.rectification import Rectifier
 from coclo_vio.geometry import se3
-from coclo_vio.values.measurements import Sight, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import StereoFrame, StereoTracks, TrackingQuality
 
 PERIOD_S = 0.05
 
@@ -62,7 +62,7 @@ def test_a_drone_at_rest_keeps_its_tracks(at_rest: list[StereoTracks]) -> None:
     assert len(at_rest) == 95
     assert np.mean([len(tracks) for tracks in at_rest]) >= 120
     assert np.mean([matched(tracks).sum() for tracks in at_rest]) > 85
-    assert all(tracks.sight is Sight.HEALTHY for tracks in at_rest)
+    assert all(tracks.quality is TrackingQuality.HEALTHY for tracks in at_rest)
     assert np.median(at_rest[-1].ages) > 60
 
 
@@ -133,7 +133,7 @@ def test_a_car_is_followed_without_any_prediction_from_outside(shared_data: Path
     cameras = truth.trajectory.T_world_body @ frontend.rig.T_body_camera
     told = [frontend.track(frame) for frame in frames_of(path)]
     assert len(told) == len(cameras) == 51
-    assert all(tracks.sight is Sight.HEALTHY for tracks in told)
+    assert all(tracks.quality is TrackingQuality.HEALTHY for tracks in told)
     assert min(matched(tracks).sum() for tracks in told) > 45
     followed, pixels = [], []
     for number in range(1, 51):

@@ -8,7 +8,7 @@ from coclo_vio.frontend.patches import PatchAligner
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.frontend.sight import Light, judged
 from coclo_vio.frontend.tracks import LiveTracks
-from coclo_vio.values.measurements import Sight
+from coclo_vio.values.measurements import TrackingQuality
 
 CONFIG = SightConfig()
 BRIGHT = Light(110.0, 105.0, "", "")
@@ -43,21 +43,21 @@ def test_an_image_with_contrast_has_no_fault() -> None:
 
 
 def test_enough_points_that_agree_are_healthy() -> None:
-    assert judged(tracks(150, 120), 140, 150, AGREED, BRIGHT, CONFIG) == (Sight.HEALTHY, "")
+    assert judged(tracks(150, 120), 140, 150, AGREED, BRIGHT, CONFIG) == (TrackingQuality.HEALTHY, "")
 
 
 @pytest.mark.parametrize(
     ("total", "matched", "followed", "before", "state", "words"),
     [
-        (150, 20, 140, 150, Sight.DEGRADED, "only 20 of 150 points were found in both images"),
-        (150, 120, 10, 150, Sight.DEGRADED, "only 10 of 150 points were followed"),
-        (10, 3, 0, 0, Sight.BLIND, "only 3 of 10 points"),
-        (150, 0, 0, 150, Sight.BLIND, "only 0 of 150 points"),
-        (150, 0, 120, 150, Sight.DEGRADED, "only 0 of 150 points"),
+        (150, 20, 140, 150, TrackingQuality.DEGRADED, "only 20 of 150 points were found in both images"),
+        (150, 120, 10, 150, TrackingQuality.DEGRADED, "only 10 of 150 points were followed"),
+        (10, 3, 0, 0, TrackingQuality.LOST, "only 3 of 10 points"),
+        (150, 0, 0, 150, TrackingQuality.LOST, "only 0 of 150 points"),
+        (150, 0, 120, 150, TrackingQuality.DEGRADED, "only 0 of 150 points"),
     ],
 )
 def test_few_points_are_told_with_their_numbers(
-    total: int, matched: int, followed: int, before: int, state: Sight, words: str
+    total: int, matched: int, followed: int, before: int, state: TrackingQuality, words: str
 ) -> None:
     verdict = MotionVerdict(np.eye(4), np.ones(0, dtype=bool), matched, matched)
     found, reason = judged(tracks(total, matched), followed, before, verdict, BRIGHT, CONFIG)
@@ -74,10 +74,10 @@ def test_a_covered_right_camera_is_the_reason() -> None:
 def test_points_that_no_motion_explains_degrade() -> None:
     verdict = MotionVerdict(None, np.ones(0, dtype=bool), 100, 20)
     state, reason = judged(tracks(150, 120), 120, 150, verdict, BRIGHT, CONFIG)
-    assert state is Sight.DEGRADED
+    assert state is TrackingQuality.DEGRADED
     assert "20 of 100" in reason
 
 
 def test_the_first_frame_has_nothing_to_follow() -> None:
     nothing = MotionVerdict(None, np.ones(0, dtype=bool), 0, 0)
-    assert judged(tracks(150, 120), 0, 0, nothing, BRIGHT, CONFIG) == (Sight.HEALTHY, "")
+    assert judged(tracks(150, 120), 0, 0, nothing, BRIGHT, CONFIG) == (TrackingQuality.HEALTHY, "")

@@ -10,7 +10,7 @@ from coclo_vio.fusion.bridge import BridgeConfig, evidence_beyond, intersection_
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import ConfigError, SmootherError
-from coclo_vio.values.estimates import PoseBelief, PoseEvidence, PosePair
+from coclo_vio.values.keyframes import PoseEvidence, PoseMarginal, PosePair
 
 SIZE = 2  # of a pose on the line world below: two independent coordinates with coupled noise
 KEYFRAMES = 12
@@ -268,8 +268,8 @@ def random_pair(seed: int) -> PosePair:
 
 def test_what_is_known_and_the_evidence_make_the_belief_again() -> None:
     pair = random_pair(1)
-    known = PoseBelief(5, pair.T_world_start @ se3.exp(1e-9 * np.ones(6)), 2.0 * pair.covariance[:6, :6])
-    told = legs_evidence(pair, known, BridgeConfig(floor_m=1e-9, least_news=0.0))
+    known = PoseMarginal(5, pair.T_world_start @ se3.exp(1e-9 * np.ones(6)), 2.0 * pair.covariance[:6, :6])
+    told = legs_evidence(pair, known, BridgeConfig(floor_m=1e-9, min_novel_share=0.0))
     total = np.array(told.information)
     total[:6, :6] += np.linalg.inv(known.covariance)
     np.testing.assert_allclose(np.linalg.inv(total), pair.covariance, rtol=1e-5, atol=1e-10)
@@ -279,8 +279,8 @@ def test_a_mean_that_moved_is_news() -> None:
     """The earlier pose is believed elsewhere than was known: evidence and knowledge together say where."""
     pair = random_pair(2)
     away = 1e-4 * np.arange(1.0, 7.0)
-    known = PoseBelief(5, pair.T_world_start @ se3.exp(away), 3.0 * pair.covariance[:6, :6])
-    told = legs_evidence(pair, known, BridgeConfig(floor_m=1e-9, least_news=0.0))
+    known = PoseMarginal(5, pair.T_world_start @ se3.exp(away), 3.0 * pair.covariance[:6, :6])
+    told = legs_evidence(pair, known, BridgeConfig(floor_m=1e-9, min_novel_share=0.0))
     total, vector = np.array(told.information), np.array(told.vector)
     total[:6, :6] += np.linalg.inv(known.covariance)
     vector[:6] += np.linalg.inv(known.covariance) @ away
@@ -300,7 +300,7 @@ def test_without_knowledge_a_belief_is_evidence_as_it_is() -> None:
 
 def test_a_belief_of_the_end_says_nothing_of_the_start() -> None:
     pair = random_pair(4)
-    start = PoseBelief(5, pair.T_world_start, np.eye(6))
+    start = PoseMarginal(5, pair.T_world_start, np.eye(6))
     told = of_end(start, pair.end, 0.25)
     assert not told.information[:6].any()
     np.testing.assert_allclose(4.0 * told.information[6:, 6:] @ pair.end.covariance, np.eye(6), atol=1e-6)
@@ -325,6 +325,6 @@ def test_a_plain_off_of_yaml_is_understood() -> None:
 def test_a_belief_that_is_none_is_a_sentence() -> None:
     with pytest.raises(SmootherError, match="not positive definite"):
         news(-np.eye(12), np.zeros(12), np.eye(12), np.zeros(12), 1e-4)
-    singular = PoseBelief(0, np.eye(4), np.zeros((6, 6)))
+    singular = PoseMarginal(0, np.eye(4), np.zeros((6, 6)))
     with pytest.raises(SmootherError, match="singular"):
         of_end(singular, singular)

@@ -11,7 +11,8 @@ from coclo_vio.fusion.visual_odometry import VisualOdometry
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.estimates import Event, KeyframeHealth, NavState, OdometryDelta, SelfReporting, StateEstimate
+from coclo_vio.values.estimates import NavState, SelfReporting, StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.measurements import (
     BodyTwistSample,
     CameraImuSample,
@@ -21,6 +22,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
+from coclo_vio.values.outputs import Event, KeyframeHealth
 
 MS = 1_000_000
 T_BODY_CAMERA = se3.transform(so3.exp(np.array([0.3, -0.2, 0.5])), np.array([0.2, 0.0, 0.1]))

@@ -27,8 +27,9 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.arrays import ByteImage
 from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.values.errors import ConfigError, DatasetError, EvaluationError, FilterError, TopicNotFound
-from coclo_vio.values.estimates import Estimator, Event, KeyframeHealth, NavState, StateEstimate
+from coclo_vio.values.estimates import NavState, StateEstimate
 from coclo_vio.values.measurements import LEG_SENSORS, EncodedStereoFrame, ImuSample, Measurement, StereoFrame
+from coclo_vio.values.outputs import Estimator, Event, KeyframeHealth
 from coclo_vio.values.trajectory import GroundTruth, Trajectory, write_tum
 
 CONFIG = resolve("daisy")

@@ -26,9 +26,9 @@ from coclo_vio.values.measurements import (
     ImuSample,
     JointSample,
     Measurement,
-    Sight,
     StereoFrame,
     StereoTracks,
+    TrackingQuality,
 )
 from coclo_vio.values.trajectory import GroundTruth
 
@@ -105,7 +105,7 @@ def test_points_are_lost_in_the_dark_and_are_others_afterwards() -> None:
     told = of_kind(with_faults(recorded(), blackouts=["1:0.5", "3:0.2"]), StereoTracks)
     dark = [one for one in told if len(one) == 0]
     assert steps_of(dark) == {10, 11, 12, 13, 14, 30, 31}
-    assert {one.sight for one in dark} == {Sight.BLIND}
+    assert {one.quality for one in dark} == {TrackingQuality.LOST}
     ids = {step: set(told[step - 1].track_ids.tolist()) for step in (9, 15, 29, 32, 40)}
     assert ids[9] == {3, 5, 9}
     assert ids[15] == ids[29]

@@ -10,7 +10,7 @@ import pytest
 from coclo_vio.datasets.images import decoded
 from coclo_vio.runs.keyframe_log import KeyframeWriter, PictureWriter, keyframes_path, read_keyframes
 from coclo_vio.values.errors import DatasetError
-from coclo_vio.values.estimates import KeyframeHealth
+from coclo_vio.values.outputs import KeyframeHealth
 
 START_NS = 1_700_000_000_123_456_789
 

@@ -6,8 +6,9 @@ import pytest
 
 from coclo_vio.runs import pipeline
 from coclo_vio.values.errors import DatasetError, FilterError
-from coclo_vio.values.estimates import Event, KeyframeHealth, NavState, StateEstimate
+from coclo_vio.values.estimates import NavState, StateEstimate
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.outputs import Event, KeyframeHealth
 
 
 class Counting:

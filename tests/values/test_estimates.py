@@ -2,7 +2,8 @@
 import numpy as np
 import pytest
 
-from coclo_vio.values.estimates import FootState, NavState, OdometryDelta, StateEstimate
+from coclo_vio.values.estimates import FootState, NavState, StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta
 
 
 def _nav(**changes: object) -> NavState:

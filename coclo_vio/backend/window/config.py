@@ -133,7 +133,7 @@ class FailureConfig(StageConfig):
     fewest_inliers: Annotated[
         int, Field(ge=1, description="a frame with fewer tracks that fit the landmarks is blind")
     ] = 3
-    longest_blind_s: Annotated[
+    max_lost_s: Annotated[
         float, Field(gt=0, description="blind for longer, the IMU's velocity is given up and the window starts anew, s")
     ] = 5.0
     blind_speed_mps: Annotated[float, Field(gt=0, description="one sigma of the speed that is believed then, m/s")] = (

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from coclo_vio.backend.window.window import Solution
-from coclo_vio.values.estimates import Event, KeyframeHealth
 from coclo_vio.values.measurements import StereoTracks
+from coclo_vio.values.outputs import Event, KeyframeHealth
 
 _SMALLEST = 1e-300  # keeps a quotient finite
 

@@ -18,7 +18,7 @@ from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.estimates import OdometryDelta, PoseBelief, PoseEvidence
+from coclo_vio.values.keyframes import OdometryDelta, PoseEvidence, PoseMarginal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,13 +39,13 @@ class Exchange:
     """Where the window was told to start, and what it has to say of its newest keyframes."""
 
     def __init__(self) -> None:
-        self.given: PoseBelief | None = None
+        self.given: PoseMarginal | None = None
         self._evidence: PoseEvidence | None = None
-        self._belief: PoseBelief | None = None
+        self._belief: PoseMarginal | None = None
 
-    def start_from(self, belief: PoseBelief) -> None:
+    def start_from(self, belief: PoseMarginal) -> None:
         """Note where to start; a start without any uncertainty could not be solved for."""
-        self.given = PoseBelief(belief.stamp_ns, belief.T_world_body, belief.covariance + np.eye(6) * HELD_SIGMA**2)
+        self.given = PoseMarginal(belief.stamp_ns, belief.T_world_body, belief.covariance + np.eye(6) * HELD_SIGMA**2)
 
     def note_evidence(self, window: Window, ties: Sequence[factors.Term]) -> None:
         """Work out what is known of the newest keyframes, for whoever gave these ties.
@@ -56,7 +56,7 @@ class Exchange:
         self._evidence = None
         self._evidence = newest_pair(window, ties)
 
-    def note_belief(self, window: Window) -> None:
+    def note_marginal(self, window: Window) -> None:
         """Work out what is known of the newest keyframe, once the window has forgotten what it does not keep.
 
         Raises:
@@ -64,9 +64,9 @@ class Exchange:
         """
         self._belief = None
         if self._evidence is not None:
-            self._belief = newest_belief(window)
+            self._belief = newest_marginal(window)
 
-    def belief(self, stamp_ns: int) -> PoseBelief | None:
+    def marginal(self, stamp_ns: int) -> PoseMarginal | None:
         """What is known of the keyframe of this stamp, if it is the one that was noted."""
         return self._belief if self._belief is not None and self._belief.stamp_ns == stamp_ns else None
 
@@ -87,7 +87,7 @@ def newest_pair(window: Window, without: Sequence[factors.Term]) -> PoseEvidence
     return PoseEvidence(before.stamp_ns, newest.stamp_ns, T_before, T_newest, information, vector)
 
 
-def newest_belief(window: Window) -> PoseBelief:
+def newest_marginal(window: Window) -> PoseMarginal:
     """What is known of the last keyframe.
 
     Raises:
@@ -100,7 +100,7 @@ def newest_belief(window: Window) -> PoseBelief:
     except np.linalg.LinAlgError as error:
         raise SmootherError("the newest keyframe is not determined") from error
     T_world_body = window.pose(newest.number) @ se3.exp(covariance @ vector)
-    return PoseBelief(newest.stamp_ns, T_world_body, covariance)
+    return PoseMarginal(newest.stamp_ns, T_world_body, covariance)
 
 
 def _evidence_of(window: Window, numbers: Sequence[int], without: Sequence[factors.Term]) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from coclo_vio.backend.window.start import HELD_SIGMA
 from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.estimates import OdometryDelta
+from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _CARRIED_BIAS = (0.05, 0.005)  # m/s^2 and rad/s: how well biases are known across a silence of the IMU

@@ -10,7 +10,7 @@ import numpy as np
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.estimates import PoseEvidence
+from coclo_vio.values.keyframes import PoseEvidence
 
 _UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, of which a standstill says nothing by itself
 _LANDMARK = gtsam.symbol("l", 0)

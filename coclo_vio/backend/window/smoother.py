@@ -30,16 +30,10 @@ from coclo_vio.backend.window.window import Keyframe, Solution, Window
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.estimates import (
-    Event,
-    KeyframeHealth,
-    NavState,
-    OdometryDelta,
-    PoseBelief,
-    PoseEvidence,
-    StateEstimate,
-)
+from coclo_vio.values.estimates import NavState, StateEstimate
+from coclo_vio.values.keyframes import OdometryDelta, PoseEvidence, PoseMarginal
 from coclo_vio.values.measurements import InertialReading, StereoTracks
+from coclo_vio.values.outputs import Event, KeyframeHealth
 from coclo_vio.values.units import NS_PER_S
 
 _REST_TIE_NS = 500_000_000  # of a rest are part of the motion after it: they tell tilt and bias together
@@ -75,7 +69,7 @@ class SlidingWindowSmoother:
         self._starter = Starter(self.config.start, self._imu_calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
         self._exchange = Exchange()
         self._silent_until_ns = 0
-        self._longest_blind_s = self.config.failure.longest_blind_s
+        self._longest_blind_s = self.config.failure.max_lost_s
         self._seen_ns = 0  # last time that the eyes saw anything
         density = self._imu_calibration.gyroscope_noise_density
         self._standstill = Standstill(max(density, self.config.inertial.gyroscope_noise_density))
@@ -97,13 +91,13 @@ class SlidingWindowSmoother:
         return None if self._window is None else self._window.newest.stamp_ns
 
     @property
-    def belief(self) -> PoseBelief | None:
+    def marginal(self) -> PoseMarginal | None:
         """What is known of the last keyframe; None before the start."""
         if self._window is None:
             return None
         newest = self._window.newest
         covariance = self._keyframe_covariance[:6, :6]
-        return self._exchange.belief(newest.stamp_ns) or PoseBelief(
+        return self._exchange.marginal(newest.stamp_ns) or PoseMarginal(
             newest.stamp_ns, self._window.pose(newest.number), covariance
         )
 
@@ -115,7 +109,7 @@ class SlidingWindowSmoother:
         """
         return self._exchange.evidence(self.keyframe_ns)
 
-    def start_from(self, belief: PoseBelief) -> None:
+    def start_from(self, belief: PoseMarginal) -> None:
         """Start, or start anew, with the frame of this stamp and in the world of this belief.
 
         A start of its own is not sought any more, and from then on the window keeps what it knows of that world.
@@ -212,7 +206,7 @@ class SlidingWindowSmoother:
         self._last = self._begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._answer() if tracks.stamp_ns >= self._silent_until_ns else None
 
-    def _start_as_given(self, tracks: StereoTracks, given: PoseBelief) -> StateEstimate:
+    def _start_as_given(self, tracks: StereoTracks, given: PoseMarginal) -> StateEstimate:
         if self._window is not None:
             self._diary.tell(tracks.stamp_ns, "restart", "the window starts anew where it was told to")
         covariance = np.zeros((9, 9))
@@ -317,7 +311,7 @@ class SlidingWindowSmoother:
         if len(window.keyframes) > self.config.keyframes:
             self._drop_oldest(window, stamp_ns)
         if told.odometry is not None:
-            self._say(stamp_ns, lambda: self._exchange.note_belief(window))
+            self._say(stamp_ns, lambda: self._exchange.note_marginal(window))
         if self._imu is not None:
             self._imu.restart(stamp_ns, self._bias)
         used, compute_s = int(np.count_nonzero(~seen.is_wrong)), time.process_time() - began_s

@@ -6,7 +6,7 @@ import numpy as np
 from coclo_vio.backend.window.config import TwistConfig
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.estimates import OdometryDelta
+from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.measurements import BodyTwistSample
 from coclo_vio.values.units import NS_PER_S
 

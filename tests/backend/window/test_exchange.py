@@ -7,33 +7,33 @@ import pytest
 import worlds
 
 from coclo_vio.backend.window import factors
-from coclo_vio.backend.window.exchange import newest_belief, newest_pair
+from coclo_vio.backend.window.exchange import newest_marginal, newest_pair
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import se3
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.estimates import OdometryDelta, PoseBelief
+from coclo_vio.values.keyframes import OdometryDelta, PoseMarginal
 
 WALK = BodyMotionConfig(rest_s=0.0, walk_s=12.0, stop_s=0.0, speed_mps=0.4, curvature_per_m=0.2)
 ODOMETRY = np.diag([2e-3] * 3 + [4e-3] * 3) ** 2
-START = PoseBelief(100_000_000, worlds.pose_at(WALK, 100_000_000), np.zeros((6, 6)))
+START = PoseMarginal(100_000_000, worlds.pose_at(WALK, 100_000_000), np.zeros((6, 6)))
 
 
-def walked(seconds: float, *, is_told: bool = True) -> tuple[SlidingWindowSmoother, list[PoseBelief]]:
+def walked(seconds: float, *, is_told: bool = True) -> tuple[SlidingWindowSmoother, list[PoseMarginal]]:
     """A smoother after a walk of exact odometry and noisy sight, and what it said of each keyframe."""
     smoother = SlidingWindowSmoother(worlds.RIG, uses_imu=False)
     if is_told:
         smoother.start_from(START)
-    said: list[PoseBelief] = []
+    said: list[PoseMarginal] = []
     for stamp_ns in worlds.stamps_ns(0.1, seconds, worlds.FRAME_NS):
         before_ns = smoother.keyframe_ns
         tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
         smoother.push_tracks(tracks, None if before_ns is None else odometry(before_ns, stamp_ns))
         if smoother.keyframe_ns != before_ns:
-            assert smoother.belief is not None
-            said.append(smoother.belief)
+            assert smoother.marginal is not None
+            said.append(smoother.marginal)
     return smoother, said
 
 
@@ -67,7 +67,7 @@ def test_evidence_leaves_out_the_ties_and_nothing_else() -> None:
 def test_the_belief_of_a_keyframe_is_what_the_pair_says_of_it() -> None:
     window = window_of(walked(2.5)[0])
     pair = newest_pair(window, ())
-    np.testing.assert_allclose(newest_belief(window).covariance, marginal_of_end(pair.information), rtol=1e-6)
+    np.testing.assert_allclose(newest_marginal(window).covariance, marginal_of_end(pair.information), rtol=1e-6)
 
 
 def test_what_is_said_is_of_the_last_keyframe_and_the_one_before() -> None:
@@ -101,7 +101,7 @@ def test_a_window_that_was_told_nothing_has_nothing_to_say_until_there_is_odomet
     for stamp_ns in worlds.stamps_ns(0.1, 2.0, worlds.FRAME_NS):
         smoother.push_tracks(worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns)))
     assert smoother.evidence is None
-    assert smoother.belief is not None
+    assert smoother.marginal is not None
 
 
 @pytest.mark.parametrize("is_told", [True, False])
@@ -133,7 +133,7 @@ def test_a_restart_is_as_unsure_as_the_last_keyframe_and_the_motion_since(monkey
         if smoother.keyframe_ns != before_ns:
             break
     assert [event.kind for event in smoother.take_events()] == ["solver_failed", "restart"]
-    belief = smoother.belief
+    belief = smoother.marginal
     assert belief is not None
     assert smoother.evidence is None
     own, motion = np.trace(said[-1].covariance[3:, 3:]), np.trace(ODOMETRY[3:, 3:])

@@ -13,7 +13,7 @@ from coclo_vio.backend.window.motion import Motion, SteadyMotion
 from coclo_vio.backend.window.window import Keyframe, Window
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.estimates import OdometryDelta
+from coclo_vio.values.keyframes import OdometryDelta
 
 CONFIG = SmootherConfig()
 START_NS, END_NS, STEP_NS = 3 * NS_PER_S, 3_300_000_000, 5_000_000

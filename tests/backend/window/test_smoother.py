@@ -28,7 +28,8 @@ from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.values.estimates import OdometryDelta, SelfReporting
+from coclo_vio.values.estimates import SelfReporting
+from coclo_vio.values.keyframes import OdometryDelta
 
 IMU_NS = 5_000_000
 SHARP = SmootherConfig(  # sharper than the belief that motion goes on, which no exact motion quite follows

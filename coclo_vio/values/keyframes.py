@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What leg odometry and the sliding window exchange about keyframes: relative motion, marginals, evidence."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.values.arrays import Array, checked, frozen
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.outputs import Event, KeyframeHealth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryDelta:
+    """Relative motion between two times, what ties two keyframes together.
+
+    Attributes:
+        start_ns: time of the earlier pose in nanoseconds.
+        end_ns: time of the later pose in nanoseconds.
+        T_start_end: maps end coordinates to start, (4, 4).
+        covariance: of the right/local error ``T = T_mean exp([rotation rad, translation m])``, (6, 6).
+
+    Raises:
+        ValueError: a wrong shape, or an end before the start.
+    """
+
+    start_ns: int
+    end_ns: int
+    T_start_end: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        if self.end_ns < self.start_ns:
+            raise ValueError(f"OdometryDelta ends at {self.end_ns} ns before it starts at {self.start_ns} ns")
+        frozen(self, "T_start_end", checked("OdometryDelta.T_start_end", self.T_start_end, (4, 4)))
+        frozen(self, "covariance", checked("OdometryDelta.covariance", self.covariance, (6, 6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseMarginal:
+    """Where the body was at one time, as somebody believes.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        T_world_body: the mean, (4, 4).
+        covariance: of the right/local error [rotation rad, position m], (6, 6).
+    """
+
+    stamp_ns: int
+    T_world_body: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        frozen(self, "T_world_body", checked("PoseMarginal.T_world_body", self.T_world_body, (4, 4)))
+        frozen(self, "covariance", checked("PoseMarginal.covariance", self.covariance, (6, 6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosePair:
+    """Where the body was at two times, as somebody believes, and how the two errors hang together.
+
+    Attributes:
+        start_ns: time of the earlier pose in nanoseconds.
+        end_ns: time of the later pose in nanoseconds.
+        T_world_start: mean of the earlier pose, (4, 4).
+        T_world_end: mean of the later pose, (4, 4).
+        covariance: of both right/local errors, the earlier one first, each [rotation rad, position m], (12, 12).
+    """
+
+    start_ns: int
+    end_ns: int
+    T_world_start: Array
+    T_world_end: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        for name in ("T_world_start", "T_world_end"):
+            frozen(self, name, checked(f"PosePair.{name}", getattr(self, name), (4, 4)))
+        frozen(self, "covariance", checked("PosePair.covariance", self.covariance, (12, 12)))
+
+    @property
+    def end(self) -> PoseMarginal:
+        """The later pose alone."""
+        return PoseMarginal(self.end_ns, self.T_world_end, self.covariance[6:, 6:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEvidence:
+    """What something says of the poses at two times, as a log-likelihood that may leave directions open.
+
+    ``-x^T information x / 2 + vector^T x`` of the right/local errors ``x`` (12,) of both poses about the given ones,
+    the earlier one first. Evidence of independent things adds up.
+
+    Attributes:
+        start_ns: time of the earlier pose in nanoseconds.
+        end_ns: time of the later pose in nanoseconds.
+        T_world_start: where the errors of the earlier pose are counted from, (4, 4).
+        T_world_end: the same of the later pose, (4, 4).
+        information: positive semi-definite, (12, 12).
+        vector: (12,).
+    """
+
+    start_ns: int
+    end_ns: int
+    T_world_start: Array
+    T_world_end: Array
+    information: Array
+    vector: Array
+
+    def __post_init__(self) -> None:
+        for name in ("T_world_start", "T_world_end"):
+            frozen(self, name, checked(f"PoseEvidence.{name}", getattr(self, name), (4, 4)))
+        frozen(self, "information", checked("PoseEvidence.information", self.information, (12, 12)))
+        frozen(self, "vector", checked("PoseEvidence.vector", self.vector, (12,)))
+
+    def rows(self, least: float = 1e-9) -> tuple[Array, Array]:
+        """The same as independent measurements of unit noise: ``H x = z + N(0, 1)``, (r, 12) and (r,).
+
+        Directions of which less than ``least`` of the strongest information is known are left out.
+        """
+        values, axes = np.linalg.eigh(0.5 * (self.information + self.information.T))
+        kept = values > least * max(float(values[-1]), 0.0)
+        root = np.sqrt(values[kept])
+        return root[:, None] * axes[:, kept].T, (axes[:, kept].T @ self.vector) / root
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyframeResult:
+    """What the window knows once a frame has become a keyframe.
+
+    Attributes:
+        marginal: of the keyframe's pose, everything included.
+        evidence: of this keyframe and the one before it from landmarks and the window alone, without the relative
+            motion that tied the two; None where the keyframe is the first of its window, or the two are not determined.
+    """
+
+    marginal: PoseMarginal
+    evidence: PoseEvidence | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameResult:
+    """What a smoother makes of one frame.
+
+    Attributes:
+        estimate: of the frame; None before the start.
+        keyframe: None where the frame is no keyframe, or nobody asked for what a keyframe knows.
+        events: what happened since the last frame.
+        health: of the window, where it was solved.
+    """
+
+    estimate: StateEstimate | None = None
+    keyframe: KeyframeResult | None = None
+    events: tuple[Event, ...] = ()
+    health: tuple[KeyframeHealth, ...] = ()

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, pictures."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from coclo_vio.values.arrays import Array, ByteImage, checked, frozen, read_only
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import Measurement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """A state estimate of one of an estimator's trajectories.
+
+    Attributes:
+        name: of the trajectory, such as ``combined_coclo``.
+        state: pose, velocity, biases and covariance at one time.
+    """
+
+    name: str
+    state: StateEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something out of the ordinary that happened in an estimator.
+
+    Attributes:
+        stamp_ns: when, in nanoseconds.
+        kind: its sort in one word, such as ``vision_lost`` or ``window_restart``.
+        detail: a sentence: what was observed, and what the estimator did.
+    """
+
+    stamp_ns: int
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeHealth:
+    """How the smoother fared at one keyframe.
+
+    Attributes:
+        stamp_ns: of the keyframe, in nanoseconds.
+        keyframes: in the window.
+        tracks: points of the frame that were matched to landmarks.
+        landmarks: in the window.
+        factors: of the whole problem.
+        reprojection_px: root mean square of what is left of the window's stereo residuals, px.
+        iterations: of the solver.
+        compute_s: processor time of this keyframe, s.
+        condition: of the newest keyframe's pose covariance: longest by shortest axis, in the solver's units.
+    """
+
+    stamp_ns: int
+    keyframes: int
+    tracks: int
+    landmarks: int
+    factors: int
+    reprojection_px: float
+    iterations: int
+    compute_s: float
+    condition: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What an estimator has learnt of the cameras, beside what the recording says.
+
+    Attributes:
+        stamp_ns: the estimate is of this time, in nanoseconds.
+        rotation_body: turn of the cameras against their recorded mounting, rotation vector, rad, body frame, (3,).
+        rotation_sigma: one sigma of it by axis, rad, (3,).
+        stereo_scale: factor on distances measured by stereo; 1 where the baseline is as recorded.
+        stereo_scale_sigma: one sigma of it.
+    """
+
+    stamp_ns: int
+    rotation_body: Array
+    rotation_sigma: Array
+    stereo_scale: float
+    stereo_scale_sigma: float
+
+    def __post_init__(self) -> None:
+        for name in ("rotation_body", "rotation_sigma"):
+            frozen(self, name, checked(f"Calibration.{name}", getattr(self, name), (3,)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """An image of a frame with its tracks drawn on it.
+
+    Attributes:
+        stamp_ns: of the frame, in nanoseconds.
+        image: (rows, columns, 3), blue, green, red, uint8.
+    """
+
+    stamp_ns: int
+    image: ByteImage
+
+    def __post_init__(self) -> None:
+        frozen(self, "image", read_only(self.image))
+
+
+Output = Estimate | Event | KeyframeHealth | Calibration | Picture
+
+
+class Estimator(Protocol):
+    """Anything that turns measurements into outputs, one at a time, online.
+
+    Every call to ``push`` and ``finish`` has to be consumed: the work is done while its outputs are taken.
+    """
+
+    def push(self, measurement: Measurement) -> Iterable[Output]:
+        """Take one measurement; the outputs that it leads to, in order.
+
+        Raises:
+            CocloError: the estimator cannot go on.
+        """
+
+    def finish(self) -> Iterable[Output]:
+        """The outputs of what is still held back, once no measurement comes any more.
+
+        Raises:
+            CocloError: the estimator cannot go on.
+        """
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """How often each unusual thing happened: samples refused, legs left out, gaps, rejections, standstills."""
