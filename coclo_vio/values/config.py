@@ -30,10 +30,11 @@ class StageConfig(BaseModel):
         try:
             return cls.model_validate(dict(values))
         except ValidationError as error:
-            raise ConfigError(f"{source}: {_first_problem(cls, error)}") from error
+            raise ConfigError(f"{source}: {first_problem(cls, error)}") from error
 
 
-def _first_problem(model: type[BaseModel], error: ValidationError) -> str:
+def first_problem(model: type[BaseModel], error: ValidationError) -> str:
+    """The first thing wrong with the values of a model, in a sentence: key, value, and the limit or the choices."""
     problem = error.errors()[0]
     where = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
