@@ -28,7 +28,7 @@ from coclo_vio.cli.printing import (
 from coclo_vio.cli.terminal import give, say
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.sample import DURATION_S, sample_path
-from coclo_vio.evaluation.canvas import NO_FIGURES, can_draw
+from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import comparison
 from coclo_vio.runs.equipment import compared_modes

@@ -16,7 +16,7 @@ from coclo_vio.cli.terminal import err, out, say
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.notes import merged_notes
-from coclo_vio.evaluation.paper_figures import PAPER_COLUMNS, PAPER_MARK
+from coclo_vio.evaluation.paper_table import PAPER_COLUMNS, PAPER_MARK
 from coclo_vio.evaluation.ranking import claims, what_can_be_told
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import comparison

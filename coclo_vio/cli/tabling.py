@@ -24,9 +24,9 @@ from coclo_vio.values.config import parse_settings, read_yaml
 from coclo_vio.values.errors import DatasetError
 
 if TYPE_CHECKING:
-    from coclo_vio.experiments.table.grids import Grid
+    from coclo_vio.experiments.table.text_tables import Grid
     from coclo_vio.experiments.table.plan import TablePlan
-    from coclo_vio.experiments.table.work import News
+    from coclo_vio.experiments.table.work_unit import News
 
 SeedsOption = Annotated[int, typer.Option(min=1, help="How many seeds of each trial.")]
 FirstSeedOption = Annotated[int, typer.Option(min=0, help="The first of the seeds; the others follow.")]
@@ -80,7 +80,7 @@ def table(
     from coclo_vio.experiments.table import build  # noqa: PLC0415
     from coclo_vio.experiments.table import plan as planning  # noqa: PLC0415
     from coclo_vio.experiments.table.recordings import Recordings  # noqa: PLC0415
-    from coclo_vio.experiments.table.store import JobStore  # noqa: PLC0415
+    from coclo_vio.experiments.table.job_store import JobStore  # noqa: PLC0415
     from coclo_vio.simulation.simulated_recording import SIMULATED_ROBOT  # noqa: PLC0415 -- an extra
 
     plan = planning.TablePlan(
@@ -126,7 +126,7 @@ def _command(plan: "TablePlan", settings: list[str], config: Path | None) -> str
 
 
 def _show(made: Mapping[str, Any], notes: list[str], output: Path, *, as_json: bool) -> None:
-    from coclo_vio.experiments.table.grids import grids, sentences  # noqa: PLC0415 -- an extra
+    from coclo_vio.experiments.table.text_tables import grids, sentences  # noqa: PLC0415 -- an extra
     from coclo_vio.experiments.table.table_page import failures  # noqa: PLC0415
 
     for line in (*failures(made), *notes):

@@ -72,7 +72,7 @@ def evaluate(
     *,
     recording_ns: tuple[int, int] | None = None,
     realtime_factor: float | None = None,
-    knows_up: bool = True,
+    is_gravity_aligned: bool = True,
 ) -> Evaluation:
     """Measure an estimate against ground truth.
 
@@ -83,7 +83,7 @@ def evaluate(
         recording_ns: first and last stamp of the sensor data, ns: ground truth outside of it is not asked for in
             ``coverage``. The whole ground truth is, where None.
         realtime_factor: what the run reported; passed through.
-        knows_up: whether the estimate's world is level. Where nothing told it, its whole attitude is tied at the start,
+        is_gravity_aligned: whether the estimate's world is level. Where nothing told it, its whole attitude is tied at the start,
             and an alignment by yaw becomes one by SE(3).
 
     Raises:
@@ -94,7 +94,7 @@ def evaluate(
     clock = fit_clock(estimate, ground_truth, config.clock)
     reference = clock.apply(ground_truth.trajectory)
     pair = match(estimate, reference, config.max_ground_truth_gap_s)
-    if not knows_up:
+    if not is_gravity_aligned:
         pair = replace(
             pair, estimate=pair.estimate.moved(tie_attitude(pair.estimate, pair.reference, config.start_window_s))
         )
@@ -130,7 +130,7 @@ def evaluate(
         gaps=_gaps(estimate, reference, pair, config),
         notes=(
             *_clock_notes(ground_truth, clock),
-            *(() if knows_up else ("No IMU told the estimate where up is: its attitude was tied at the start.",)),
+            *(() if is_gravity_aligned else ("No IMU told the estimate where up is: its attitude was tied at the start.",)),
             *_notes(pair, paths, tilt_deg, config),
         ),
         estimate=tied,

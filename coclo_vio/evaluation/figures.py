@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from coclo_vio.evaluation.association import gaps_ns
-from coclo_vio.evaluation.canvas import COMBINED, REFERENCE, empty_figure, finish, mark_events, style_of
+from coclo_vio.evaluation.figure_style import COMBINED, REFERENCE, empty_figure, finish, mark_events, style_of
 from coclo_vio.evaluation.metrics import velocities
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import EvaluationError

@@ -13,7 +13,7 @@ import numpy as np
 
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.paper_figures import PAPER_COLUMNS
+from coclo_vio.evaluation.paper_table import PAPER_COLUMNS
 
 Verdict = Literal["yes", "no", "open"]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.paper_figures import PAPER_COLUMNS, PAPER_TABLE_I
+from coclo_vio.evaluation.paper_table import PAPER_COLUMNS, PAPER_TABLE_I
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from coclo_vio.evaluation.canvas import NO_FIGURES, can_draw
+from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.figures import write_figures
 from coclo_vio.evaluation.html_report import Lived, write_report
-from coclo_vio.evaluation.index_report import Entry, write_index
-from coclo_vio.evaluation.inner_figures import plot_contacts, plot_error_bands, plot_keyframes
+from coclo_vio.evaluation.html_index import Entry, write_index
+from coclo_vio.evaluation.diagnostic_figures import plot_contacts, plot_error_bands, plot_keyframes
 from coclo_vio.evaluation.ranking import claims, end_error_m, in_units, least_drift
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import run_folder

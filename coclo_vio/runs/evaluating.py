@@ -46,7 +46,7 @@ def evaluate_run(
                 config,
                 recording_ns=None if recording is None else (recording[0], recording[1]),
                 realtime_factor=told.get("realtime_factor"),
-                knows_up="sensors" not in told or any(sensor in _UP for sensor in told["sensors"]),
+                is_gravity_aligned="sensors" not in told or any(sensor in _UP for sensor in told["sensors"]),
             )
         except CocloError as error:
             failures[name] = told.get("failure") or str(error)

@@ -18,7 +18,7 @@ from coclo_vio import cli
 from coclo_vio.experiments.table import build, recordings
 from coclo_vio.experiments.table.job import failed
 from coclo_vio.experiments.table.trial_results import FIGURES
-from coclo_vio.experiments.table.work import Listener, News, WorkUnit
+from coclo_vio.experiments.table.work_unit import Listener, News, WorkUnit
 
 SMALL = ("table", "--seeds", 2, "--trials", "flat,ramp", "--policy-seeds", 1, "-o", "out")
 JOBS = 2 * 2 * 3 + 2 * 3

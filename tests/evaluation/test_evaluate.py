@@ -154,7 +154,7 @@ def test_an_estimate_that_knows_no_up_is_tied_in_attitude(walk):
     estimate = drifting(truth, 4)
     tilted = estimate.moved(se3.transform(so3.exp(np.array([0.8, -0.4, 1.0])), np.array([3.0, 1.0, 2.0])))
     level = evaluate(estimate, vicon(truth), IN_STEP)
-    free = evaluate(tilted, vicon(truth), IN_STEP, knows_up=False)
+    free = evaluate(tilted, vicon(truth), IN_STEP, is_gravity_aligned=False)
     assert evaluate(tilted, vicon(truth), IN_STEP).drift_percent > 10.0
     assert free.drift_percent == pytest.approx(level.drift_percent, abs=0.2)
     assert free.rpe_1m_percent == pytest.approx(level.rpe_1m_percent, abs=1e-6)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.evaluation.evaluate import evaluate
-from coclo_vio.evaluation.index_report import Entry, write_index
+from coclo_vio.evaluation.html_index import Entry, write_index
 from coclo_vio.evaluation.table_one import Cell, TableOne
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import GroundTruth

@@ -110,7 +110,7 @@ def _dead_reckoning(twists: list[BodyTwistSample], truth: GroundTruth) -> Row:
         delta = odometry.delta_until(twist.stamp_ns)
         poses.append(poses[-1] if delta is None else delta.T_start_end)
     path = Trajectory(np.array([each.stamp_ns for each in twists]), np.array(poses))
-    return _figures(evaluate(path, truth, _SAME_CLOCK, knows_up=False).to_json())
+    return _figures(evaluate(path, truth, _SAME_CLOCK, is_gravity_aligned=False).to_json())
 
 
 def _ends(estimate: Trajectory, truth: Trajectory) -> Row:

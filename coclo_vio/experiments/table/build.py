@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from coclo_vio import __version__
-from coclo_vio.evaluation.paper_figures import PAPER_TABLE_I
+from coclo_vio.evaluation.paper_table import PAPER_TABLE_I
 from coclo_vio.experiments.table.cluster import run_on_cluster
-from coclo_vio.experiments.table.pictures import draw
+from coclo_vio.experiments.table.table_figures import draw
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
 from coclo_vio.experiments.table.runner import run_here, run_in_processes
-from coclo_vio.experiments.table.store import JobStore, Row
+from coclo_vio.experiments.table.job_store import JobStore, Row
 from coclo_vio.experiments.table.summary import summarise
 from coclo_vio.experiments.table.table_page import html, markdown
-from coclo_vio.experiments.table.work import Listener, WorkUnit, units
+from coclo_vio.experiments.table.work_unit import Listener, WorkUnit, units
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import EvaluationError
 

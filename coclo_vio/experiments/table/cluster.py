@@ -8,7 +8,7 @@ installed; one thread a worker, and no nanny above those that simulate, which st
 from collections.abc import Sequence
 from threading import Lock
 
-from coclo_vio.experiments.table.work import Listener, News, WorkUnit, run_unit
+from coclo_vio.experiments.table.work_unit import Listener, News, WorkUnit, run_unit
 from coclo_vio.values.errors import ConfigError, DatasetError
 
 _TOPIC = "coclo-vio-table"

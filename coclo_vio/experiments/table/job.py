@@ -13,7 +13,7 @@ from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.experiments.table.plan import Job
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.store import JobStore, Row
+from coclo_vio.experiments.table.job_store import JobStore, Row
 from coclo_vio.runs import comparison, run_folder
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import CocloError

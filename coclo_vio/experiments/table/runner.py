@@ -18,7 +18,7 @@ from queue import Empty
 from threading import Thread
 from types import FrameType
 
-from coclo_vio.experiments.table.work import Listener, News, WorkUnit, run_unit
+from coclo_vio.experiments.table.work_unit import Listener, News, WorkUnit, run_unit
 from coclo_vio.simulation.process_environment import environment
 from coclo_vio.values.errors import DatasetError
 

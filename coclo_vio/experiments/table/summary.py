@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from coclo_vio.experiments.table.job import REFERENCES
-from coclo_vio.experiments.table.paper_claims import claims
+from coclo_vio.experiments.table.paper_comparison import claims
 from coclo_vio.experiments.table.plan import TablePlan
-from coclo_vio.experiments.table.store import Row
+from coclo_vio.experiments.table.job_store import Row
 from coclo_vio.experiments.table.trial_results import ERRORS, FIGURES, Result, Results
 
 PAIRS: Mapping[str, str] = {"combined_coclo": "coclo", "combined_vins": "vins"}  # combined, and the same alone

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from coclo_vio.experiments.table.grids import Grid, grids, sentences
+from coclo_vio.experiments.table.text_tables import Grid, grids, sentences
 
 TITLE = "Table I over simulated trials"
 _STYLE = """

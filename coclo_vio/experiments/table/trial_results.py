@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from coclo_vio.experiments.table.store import Row
+from coclo_vio.experiments.table.job_store import Row
 
 FIGURES = (
     "drift_percent",

@@ -9,7 +9,7 @@ from short_walk import MadePlan, plan_of, write_walk
 
 from coclo_vio.experiments.table.plan import TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.store import JobStore
+from coclo_vio.experiments.table.job_store import JobStore
 
 
 @pytest.fixture(scope="session")

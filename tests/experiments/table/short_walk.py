@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.experiments.table.plan import TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.store import JobStore
+from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.trial_results import FIGURES
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel

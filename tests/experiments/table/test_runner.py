@@ -18,7 +18,7 @@ from short_walk import MadePlan
 from coclo_vio.experiments.table import cluster
 from coclo_vio.experiments.table.build import do, missing, unfinished
 from coclo_vio.experiments.table.runner import run_in_processes
-from coclo_vio.experiments.table.work import News, WorkUnit
+from coclo_vio.experiments.table.work_unit import News, WorkUnit
 from coclo_vio.runs import comparison
 from coclo_vio.values.errors import ConfigError, DatasetError, FilterError
 

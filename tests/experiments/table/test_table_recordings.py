@@ -10,7 +10,7 @@ from short_walk import MadePlan, plan_of
 
 from coclo_vio.experiments.table import recordings as module
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.work import News, run_unit, units
+from coclo_vio.experiments.table.work_unit import News, run_unit, units
 from coclo_vio.values.errors import DatasetError, SimulationError
 
 Made = Callable[..., MadePlan]

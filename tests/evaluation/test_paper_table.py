@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The paper's Table I, copied once."""
 
-from coclo_vio.evaluation.paper_figures import PAPER_TABLE_I
+from coclo_vio.evaluation.paper_table import PAPER_TABLE_I
 
 
 def test_the_papers_legs_beat_its_eyes_on_every_trial_as_its_text_says() -> None:

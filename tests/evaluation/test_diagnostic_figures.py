@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.evaluation.inner_figures import error_and_sigma, plot_contacts, plot_error_bands, plot_keyframes
+from coclo_vio.evaluation.diagnostic_figures import error_and_sigma, plot_contacts, plot_error_bands, plot_keyframes
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.errors import EvaluationError
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An estimator looks the same in every figure, and unlike every other."""
 
-from coclo_vio.evaluation.canvas import COMBINED, style_of
+from coclo_vio.evaluation.figure_style import COMBINED, style_of
 from coclo_vio.runs.estimators import ESTIMATORS
 
 NAMES = [*(name for name in ESTIMATORS if name != "combined"), *COMBINED]

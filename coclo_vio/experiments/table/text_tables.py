@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from coclo_vio.evaluation.paper_figures import PAPER_MARK, PAPER_TABLE_I
-from coclo_vio.experiments.table.paper_claims import name_of
+from coclo_vio.evaluation.paper_table import PAPER_MARK, PAPER_TABLE_I
+from coclo_vio.experiments.table.paper_comparison import name_of
 from coclo_vio.experiments.table.summary import PAIRS, TOLERANCE
 
 _MAIN = "vicon"  # what the printed tables are measured against, as the paper's

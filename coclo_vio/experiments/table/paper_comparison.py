@@ -4,7 +4,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from coclo_vio.evaluation.paper_figures import PAPER_TABLE_I
+from coclo_vio.evaluation.paper_table import PAPER_TABLE_I
 from coclo_vio.experiments.table.trial_results import ERRORS
 
 NAMES: Mapping[str, str] = {

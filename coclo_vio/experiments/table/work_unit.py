@@ -9,7 +9,7 @@ from typing import Literal
 from coclo_vio.experiments.table.job import failed, run_job, sentence
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.store import JobStore, Row
+from coclo_vio.experiments.table.job_store import JobStore, Row
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from coclo_vio.evaluation.figures import plot_path, plot_positions, plot_velocities
 from coclo_vio.experiments.table.job import keeps_state
 from coclo_vio.experiments.table.plan import Job, TablePlan
-from coclo_vio.experiments.table.store import JobStore, Row
+from coclo_vio.experiments.table.job_store import JobStore, Row
 from coclo_vio.experiments.table.summary import representative_seed
 from coclo_vio.experiments.table.trial_results import Results
 from coclo_vio.runs import comparison, run_folder

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from coclo_vio.evaluation import html_page
 from coclo_vio.evaluation.html_report import claims_list
-from coclo_vio.evaluation.paper_figures import PAPER_MARK
+from coclo_vio.evaluation.paper_table import PAPER_MARK
 from coclo_vio.evaluation.ranking import Claim
 from coclo_vio.evaluation.table_one import TableOne
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from coclo_vio.evaluation.alignment import heading_error_rad
-from coclo_vio.evaluation.canvas import empty_figure, finish, mark_events, style_of
+from coclo_vio.evaluation.figure_style import empty_figure, finish, mark_events, style_of
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from short_walk import plan_of, row
 
-from coclo_vio.experiments.table.grids import grids
+from coclo_vio.experiments.table.text_tables import grids
 from coclo_vio.experiments.table.summary import summarise
 from coclo_vio.experiments.table.table_page import failures, html, markdown
 

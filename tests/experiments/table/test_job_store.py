@@ -7,7 +7,7 @@ import pytest
 from short_walk import plan_of, row
 
 from coclo_vio.experiments.table.plan import TablePlan
-from coclo_vio.experiments.table.store import JobStore
+from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.values.errors import DatasetError
