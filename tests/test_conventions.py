@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coclo_vio.filter.cloning import delta_from_clone
+from coclo_vio.filter.remembered_poses import delta_from_clone
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.observation import specific_force_at_rest
@@ -34,7 +34,7 @@ _SMALL = 1e-6
 def _state(seed: int) -> State:
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=_LAYOUT.dimension)
-    vector[ROTATION] = vector[_LAYOUT.clone_rotation] = 0.0
+    vector[ROTATION] = vector[_LAYOUT.keyframe_rotation] = 0.0
     return State(_LAYOUT, so3.exp(rng.normal(size=3)), vector, so3.exp(rng.normal(size=3)))
 
 
@@ -43,7 +43,7 @@ def _pose(state: State) -> Array:
 
 
 def _clone_pose(state: State) -> Array:
-    return se3.transform(state.clone_rotation, state.vector[_LAYOUT.clone_position])
+    return se3.transform(state.keyframe_rotation, state.vector[_LAYOUT.keyframe_position])
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
-from coclo_vio.filter.feedback import GateConfig
+from coclo_vio.filter.evidence_gate import GateConfig
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.standstill import StandstillConfig
 from coclo_vio.values.config import StageConfig, merged

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mean and square-root covariance together: predict, update, clone. Knows no robot and no sensor."""
+"""Mean and square-root covariance together: predict, update, remember poses. Independent of robot and sensors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -51,7 +51,7 @@ class SquareRootFilter:
         scaled, here and in the clones, with all their correlations: nothing is learned from it.
         """
         layout = self.mean.layout
-        for rows in (ROTATION, layout.clone_rotation, layout.frame_rotation, layout.anchor_rotation):
+        for rows in (ROTATION, layout.keyframe_rotation, layout.frame_rotation, layout.anchor_rotation):
             if rows.stop == rows.start:
                 continue
             sigmas = np.sqrt(self.variance(rows))
@@ -83,29 +83,21 @@ class SquareRootFilter:
         """Variances of some errors, (k,)."""
         return np.asarray(np.einsum("ij,ij->i", self.factor[errors], self.factor[errors]))
 
-    def widen_places(self, times: float) -> None:
-        """Multiply the sigmas of rotation and of all places but the anchor's, with all their correlations."""
+    def inflate_poses(self, inflation: float) -> None:
+        """Multiply the sigmas of rotation and of all positions but the anchor's, with all their correlations."""
         layout = self.mean.layout
-        for rows in (ROTATION, POSITION, layout.feet, layout.clone_rotation, layout.clone_position):
-            self.factor[rows] *= times
-        self.factor[layout.frame_rotation.start : layout.frame_position.stop] *= times
-
-    def clone(self) -> None:
-        """Remember the present pose as the cloned one, with all its correlations; the last clone is forgotten."""
-        layout = self.mean.layout
-        vector = self.mean.vector.copy()
-        vector[layout.clone_position] = vector[POSITION]
-        self._copy([(layout.clone_rotation, ROTATION), (layout.clone_position, POSITION)])
-        self.mean = replace(self.mean, vector=vector, clone_rotation=self.mean.rotation)
+        for rows in (ROTATION, POSITION, layout.feet, layout.keyframe_rotation, layout.keyframe_position):
+            self.factor[rows] *= inflation
+        self.factor[layout.frame_rotation.start : layout.frame_position.stop] *= inflation
 
     def mark_frame(self, dt_s: float, noise: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; the last one is forgotten.
+        """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; it replaces the last one.
 
-        The body is taken to go on as it does: ``R exp(w dt)``, ``r + v dt``. The errors of rate and velocity go along.
+        Rate and velocity are constant until then: ``R exp(w dt)``, ``r + v dt``; their errors are propagated.
 
         Args:
             dt_s: from the present to the frame, s.
-            noise: one sigma of what the body turns (rad) and moves (m) otherwise, each axis.
+            noise: one sigma of the rotation (rad) and motion (m) beyond that, each axis.
         """
         mean, layout = self.mean, self.mean.layout
         vector = mean.vector.copy()
@@ -117,28 +109,30 @@ class SquareRootFilter:
         along[VELOCITY, 3:] = np.eye(3) * dt_s
         self._copy([(layout.frame_rotation, ROTATION), (layout.frame_position, POSITION)], along)
         self.mean = replace(mean, vector=vector, frame_rotation=mean.rotation @ so3.exp(vector[RATE] * dt_s))
-        self._widen_frame(*noise)
+        self._add_frame_noise(*noise)
 
-    def _widen_frame(self, turn_rad: float, way_m: float) -> None:
-        """Independent noise on the frame's pose; what turns it leaves its place where it is."""
-        if turn_rad == 0.0 and way_m == 0.0:
+    def _add_frame_noise(self, rotation_rad: float, motion_m: float) -> None:
+        """Independent noise on the frame's pose; noise of the rotation leaves the position as it is."""
+        if rotation_rad == 0.0 and motion_m == 0.0:
             return
         layout = self.mean.layout
         rows = np.zeros((6, len(self.factor)))
-        rows[:3, layout.frame_rotation] = turn_rad * np.eye(3)
-        rows[:3, layout.frame_position] = turn_rad * so3.hat(self.mean.vector[layout.frame_position]).T
-        rows[3:, layout.frame_position] = way_m * np.eye(3)
+        rows[:3, layout.frame_rotation] = rotation_rad * np.eye(3)
+        rows[:3, layout.frame_position] = rotation_rad * so3.hat(self.mean.vector[layout.frame_position]).T
+        rows[3:, layout.frame_position] = motion_m * np.eye(3)
         self.factor = lower_factor(np.concatenate((self.factor.T, rows)))
 
     def keep_frame(self) -> None:
-        """The frame's pose becomes the cloned one."""
+        """The frame's pose becomes the keyframe's."""
         layout = self.mean.layout
         vector = self.mean.vector.copy()
-        vector[layout.clone_position] = vector[layout.frame_position]
-        self._copy([(layout.clone_rotation, layout.frame_rotation), (layout.clone_position, layout.frame_position)])
-        self.mean = replace(self.mean, vector=vector, clone_rotation=self.mean.frame_rotation)
+        vector[layout.keyframe_position] = vector[layout.frame_position]
+        self._copy(
+            [(layout.keyframe_rotation, layout.frame_rotation), (layout.keyframe_position, layout.frame_position)]
+        )
+        self.mean = replace(self.mean, vector=vector, keyframe_rotation=self.mean.frame_rotation)
 
-    def anchor(self) -> None:
+    def anchor_frame(self) -> None:
         """The frame's pose becomes the anchor."""
         layout = self.mean.layout
         vector = self.mean.vector.copy()
@@ -147,7 +141,7 @@ class SquareRootFilter:
         self.mean = replace(self.mean, vector=vector, anchor_rotation=self.mean.frame_rotation)
 
     def _copy(self, places: Sequence[tuple[slice, slice]], along: Array | None = None) -> None:
-        """Errors at the first places become those at the second ones, plus ``along.T`` (6, L) times all errors."""
+        """Errors at the first slices become those at the second, plus ``along.T`` (6, L) times all errors."""
         rows = self.factor.T.copy()
         added = np.zeros((len(rows), 6)) if along is None else self.factor.T @ along
         for part, (to, of) in enumerate(places):

@@ -108,7 +108,7 @@ def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, i
     sigmas[layout.feet] = unsure.noise_m
     sigmas[layout.contacts] = 0.5
     if layout.has_frame:
-        sigmas[layout.eyes] = (*[config.camera_rotation_sigma_rad] * 3, config.stereo_scale_sigma)
+        sigmas[layout.camera] = (*[config.camera_rotation_sigma_rad] * 3, config.stereo_scale_sigma)
     return sigmas
 
 

@@ -78,7 +78,7 @@ class PaperProfile:
     def _noise_rows(self, mean: State, dt_s: float) -> Array:
         """Diagonal Q, smaller for feet in certain stance (section III-E), in the errors of ``State``."""
         config, layout, imu = self._config, self.layout, self._imu
-        sigmas = np.zeros(layout.clone_rotation.start)
+        sigmas = np.zeros(layout.keyframe_rotation.start)
         sigmas[ROTATION], sigmas[RATE] = config.rotation_walk, config.rate_walk
         sigmas[GYROSCOPE_BIAS] = imu.gyroscope_bias_walk
         sigmas[ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk

@@ -70,19 +70,19 @@ class StateLayout:
         return slice(self.feet.stop, self.feet.stop + self.legs * self.has_contacts)
 
     @cached_property
-    def clone_rotation(self) -> slice:
+    def keyframe_rotation(self) -> slice:
         """Rotation error of the cloned keyframe pose, turning its position."""
         return slice(self.contacts.stop, self.contacts.stop + 3)
 
     @cached_property
-    def clone_position(self) -> slice:
+    def keyframe_position(self) -> slice:
         """Position of the cloned keyframe pose, world frame, m."""
         return slice(self.contacts.stop + 3, self.contacts.stop + 6)
 
     @cached_property
     def frame_rotation(self) -> slice:
         """Rotation error of the frame's pose; empty where no frame is remembered."""
-        start = self.clone_position.stop
+        start = self.keyframe_position.stop
         return slice(start, start + 3 * self.has_frame)
 
     @cached_property
@@ -104,7 +104,7 @@ class StateLayout:
         return slice(start, start + 3 * self.has_frame)
 
     @cached_property
-    def eyes(self) -> slice:
+    def camera(self) -> slice:
         """How eyes see the world wrongly: turn (3, rad) and stretch (1); empty where no frame is remembered."""
         start = self.anchor_position.stop
         return slice(start, start + 4 * self.has_frame)
@@ -112,7 +112,7 @@ class StateLayout:
     @cached_property
     def dimension(self) -> int:
         """Length of the error state."""
-        return int(self.eyes.stop)
+        return int(self.camera.stop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class State:
         layout: the order of ``vector``.
         rotation: ``R_world_body``, (..., 3, 3).
         vector: everything else, (..., L); the places of the rotations are zero and mean nothing.
-        clone_rotation: ``R_world_clone`` of the mean, (3, 3).
+        keyframe_rotation: ``R_world_keyframe`` of the mean, (3, 3).
         frame_rotation: ``R_world_frame`` of the mean, (3, 3).
         anchor_rotation: ``R_world_anchor`` of the mean, (3, 3).
     """
@@ -131,7 +131,7 @@ class State:
     layout: StateLayout
     rotation: Array
     vector: Array
-    clone_rotation: Array
+    keyframe_rotation: Array
     frame_rotation: Array = field(default_factory=lambda: np.eye(3))
     anchor_rotation: Array = field(default_factory=lambda: np.eye(3))
 
@@ -154,23 +154,23 @@ class State:
     def corrected(self, step: Array) -> "State":
         """This mean moved by one error vector (L,), the clones with it."""
         layout = self.layout
-        steps = [step[ROTATION], step[layout.clone_rotation]]
+        steps = [step[ROTATION], step[layout.keyframe_rotation]]
         if layout.has_frame:
             steps += [step[layout.frame_rotation], step[layout.anchor_rotation]]
         turn, *turns = so3.exp(np.stack(steps))
         moved = self._spread(step[None], turn[None])
         vector = moved.vector[0]
-        places = layout.clone_position, layout.frame_position, layout.anchor_position
+        places = layout.keyframe_position, layout.frame_position, layout.anchor_position
         for at, its_turn in zip(places, turns, strict=False):
             vector[at] = its_turn @ (self.vector[at] + step[at])
         self._clear_rotations(vector)
-        before = self.clone_rotation, self.frame_rotation, self.anchor_rotation
+        before = self.keyframe_rotation, self.frame_rotation, self.anchor_rotation
         rotations = [its_turn @ rotation for its_turn, rotation in zip(turns, before, strict=False)]
         return State(layout, moved.rotation[0], vector, *rotations)
 
     def _clear_rotations(self, vector: Array) -> None:
         layout = self.layout
-        for at in (ROTATION, layout.clone_rotation, layout.frame_rotation, layout.anchor_rotation):
+        for at in (ROTATION, layout.keyframe_rotation, layout.frame_rotation, layout.anchor_rotation):
             vector[at] = 0.0
 
     def errors_of(self, stack: "State") -> Array:
@@ -193,7 +193,7 @@ class State:
         self._clear_rotations(vector)
         centre = replace(self, rotation=self.rotation[0], vector=vector)
         shift = points.mean(centre.errors_of(self))
-        shift[layout.clone_rotation.start :] = 0.0
+        shift[layout.keyframe_rotation.start :] = 0.0
         mean = centre.corrected(shift)
         deviations = mean.errors_of(self)
         return mean, deviations

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, checked, frozen
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.outputs import Event, KeyframeHealth
@@ -82,6 +83,19 @@ class PosePair:
     def end(self) -> PoseMarginal:
         """The later pose alone."""
         return PoseMarginal(self.end_ns, self.T_world_end, self.covariance[6:, 6:])
+
+
+def relative_motion(pair: PosePair, floor_m: float) -> OdometryDelta:
+    """The motion between two poses with the covariance of its right/local error.
+
+    Args:
+        pair: the poses.
+        floor_m: one sigma of independent noise that is added, so that the covariance is positive definite, m and rad.
+    """
+    T_start_end = se3.inverse(pair.T_world_start) @ pair.T_world_end
+    jacobian = np.concatenate((-se3.adjoint(se3.inverse(T_start_end)), np.eye(6)), axis=1)
+    covariance = jacobian @ pair.covariance @ jacobian.T + np.eye(6) * floor_m**2
+    return OdometryDelta(pair.start_ns, pair.end_ns, T_start_end, covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

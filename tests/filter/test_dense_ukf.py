@@ -46,8 +46,8 @@ class DenseFilter:
         moved = process(self.mean.spread(errors))
         vector = moved.vector[0].copy()
         layout = self.mean.layout
-        vector[:3], vector[layout.clone_rotation] = 0.0, 0.0
-        centre = State(layout, moved.rotation[0], vector, self.mean.clone_rotation)
+        vector[:3], vector[layout.keyframe_rotation] = 0.0, 0.0
+        centre = State(layout, moved.rotation[0], vector, self.mean.keyframe_rotation)
         shift = weights @ centre.errors_of(moved)
         self.mean = centre.corrected(shift)
         deviations = self.mean.errors_of(moved)
@@ -94,7 +94,7 @@ def start(profile: RobustProfile | PaperProfile, reading: Reading, truth: Analyt
     vector[layout.feet] = (position + reading.feet.position_body @ rotation.T).ravel()
     if layout.has_contacts:
         vector[layout.contacts] = reading.contact.probability
-    vector[layout.clone_position] = position - 0.1
+    vector[layout.keyframe_position] = position - 0.1
     sigmas = random.uniform(0.01, 0.05, layout.dimension)
     sigmas[LEG_SCALE] = 0.02
     sigmas[LEG_GIVE] = 0.002
@@ -129,7 +129,7 @@ def compare(
         stack = replace(dense.mean, rotation=dense.mean.rotation[None], vector=dense.mean.vector[None])
         apart = ours.mean.errors_of(stack)[0] / deviation
         np.testing.assert_allclose(apart, 0.0, rtol=0, atol=tolerance)
-        np.testing.assert_allclose(dense.mean.clone_rotation, ours.mean.clone_rotation, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(dense.mean.keyframe_rotation, ours.mean.keyframe_rotation, rtol=0, atol=tolerance)
         covariance = ours.factor @ ours.factor.T / np.outer(deviation, deviation)
         dense_covariance = dense.covariance / np.outer(deviation, deviation)
         np.testing.assert_allclose(covariance, dense_covariance, rtol=0, atol=tolerance)

@@ -24,7 +24,7 @@ def random_state(random: np.random.Generator, layout: StateLayout) -> State:
     vector = random.normal(size=layout.dimension)
     vector[POSITION] *= 30.0
     vector[ROTATION] = 0.0
-    vector[layout.clone_rotation] = 0.0
+    vector[layout.keyframe_rotation] = 0.0
     return State(layout, so3.exp(random.normal(size=3)), vector, so3.exp(random.normal(size=3)))
 
 
@@ -77,12 +77,12 @@ def test_corrected_is_spread_and_moves_the_clone_likewise(seed: int) -> None:
     corrected = mean.corrected(step)
     here = slice(0, layout.contacts.stop)
     np.testing.assert_allclose(mean.errors_of(stack_of(corrected))[0, here], step[here], atol=1e-9)
-    clone_turn = corrected.clone_rotation @ mean.clone_rotation.T
-    np.testing.assert_allclose(so3.log(clone_turn), step[layout.clone_rotation], atol=1e-9)
-    shift = clone_turn.T @ corrected.vector[layout.clone_position] - mean.vector[layout.clone_position]
-    np.testing.assert_allclose(shift, step[layout.clone_position], atol=1e-9)
+    keyframe_turn = corrected.keyframe_rotation @ mean.keyframe_rotation.T
+    np.testing.assert_allclose(so3.log(keyframe_turn), step[layout.keyframe_rotation], atol=1e-9)
+    shift = keyframe_turn.T @ corrected.vector[layout.keyframe_position] - mean.vector[layout.keyframe_position]
+    np.testing.assert_allclose(shift, step[layout.keyframe_position], atol=1e-9)
     assert np.all(corrected.vector[ROTATION] == 0.0)
-    assert np.all(corrected.vector[layout.clone_rotation] == 0.0)
+    assert np.all(corrected.vector[layout.keyframe_rotation] == 0.0)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

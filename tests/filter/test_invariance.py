@@ -78,17 +78,17 @@ def moved(yaw: float, shift: np.ndarray) -> Callable[[SquareRootFilter], None]:
         turn = so3.about_z(yaw)
         vector = mean.vector.copy()
         vector[layout.world] = (vector[layout.world].reshape(-1, 3) @ turn.T).ravel()
-        places = [POSITION, layout.clone_position]
+        places = [POSITION, layout.keyframe_position]
         places += [slice(first, first + 3) for first in range(layout.feet.start, layout.feet.stop, 3)]
         map_errors = np.eye(layout.dimension)
-        vector[layout.clone_position] = turn @ vector[layout.clone_position]
-        for place in [ROTATION, VELOCITY, layout.clone_rotation, *places]:
+        vector[layout.keyframe_position] = turn @ vector[layout.keyframe_position]
+        for place in [ROTATION, VELOCITY, layout.keyframe_rotation, *places]:
             map_errors[place, place] = turn
         for place in places:
             vector[place] += shift
-            rotation = layout.clone_rotation if place == layout.clone_position else ROTATION
+            rotation = layout.keyframe_rotation if place == layout.keyframe_position else ROTATION
             map_errors[place, rotation] = so3.hat(shift) @ turn
-        core.mean = State(layout, turn @ mean.rotation, vector, turn @ mean.clone_rotation)
+        core.mean = State(layout, turn @ mean.rotation, vector, turn @ mean.keyframe_rotation)
         core.factor = lower_factor((map_errors @ core.factor).T)
 
     return change

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.filter.cloning import _as_seen, _pair, placed
+from coclo_vio.filter.remembered_poses import _as_seen, _pair, placed
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.feedback import EvidenceGate, GateConfig, Outcome
+from coclo_vio.filter.evidence_gate import EvidenceGate, GateConfig, Outcome
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.geometry import se3, so3
@@ -27,7 +27,7 @@ def random_filter(seed: int, sigma: float = 0.01) -> SquareRootFilter:
     """A filter whose errors all hang together; the cameras are turned and stretch a little."""
     random = np.random.default_rng(seed)
     vector = random.normal(size=LAYOUT.dimension)
-    vector[LAYOUT.eyes] = [0.01, -0.02, 0.015, 0.03]
+    vector[LAYOUT.camera] = [0.01, -0.02, 0.015, 0.03]
     rotations = [so3.exp(random.normal(size=3)) for _ in range(4)]
     mean = State(LAYOUT, rotations[0], vector, *rotations[1:])
     mean._clear_rotations(vector)
