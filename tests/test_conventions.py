@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coclo_vio.filter.remembered_poses import delta_from_clone
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.observation import specific_force_at_rest
+from coclo_vio.filter.measurement_model import specific_force_at_rest
 from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.remembered_poses import delta_from_clone
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot, robot_names

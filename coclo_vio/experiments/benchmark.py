@@ -19,12 +19,12 @@ from coclo_vio.experiments.filterpy_rival import FilterpyRival, has_filterpy
 from coclo_vio.experiments.resident_memory import peak_rss_mb, resident_mb
 from coclo_vio.experiments.vision_benchmark import vision_figures
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.initialisation import initial_filter
-from coclo_vio.filter.intake import Intake
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.filter.paper import PaperProfile
-from coclo_vio.filter.robust import RobustProfile
+from coclo_vio.filter.paper_profile import PaperProfile
+from coclo_vio.filter.reading_builder import ReadingBuilder
+from coclo_vio.filter.robust_profile import RobustProfile
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
@@ -80,7 +80,7 @@ def benchmark_trial(robot: RobotModel, walk_s: float, seed: int = 1) -> Analytic
 
 def moving_readings(robot: RobotModel, measurements: Iterable[Measurement]) -> list[Reading]:
     """What the filter's intake makes of the joint samples, from the last one at rest on."""
-    intake = Intake(robot, FilterConfig(), robot.description.contact, Counter())
+    intake = ReadingBuilder(robot, FilterConfig(), robot.description.contact, Counter())
     up_body = np.array([0.0, 0.0, 1.0])
     pushed = (intake.push(measurement, up_body) for measurement in measurements)
     readings = [reading for reading in pushed if reading is not None]
@@ -120,7 +120,7 @@ def _started(
         reading,
         None,
         moving_force=reading.specific_force,
-        unsure=steps.unsure_feet(reading),
+        foot_prior=steps.foot_prior(reading),
         is_wide=steps.is_wide,
     )
     steps.start(reading)

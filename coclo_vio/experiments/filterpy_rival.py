@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.filter import process
+from coclo_vio.filter import process_model
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.gravity import GravityReading, GravityWindow
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
-    LEG_GIVE,
+    LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -60,8 +60,8 @@ class _Inputs:
     legs: IntArray
     levers_cross: Array
     rolling: Array
-    giving: Array
-    given: Array
+    compliance_velocity: Array
+    compliance_axes: Array
     measured: Array
     noise: Array
     speed_mps: float
@@ -100,12 +100,12 @@ class FilterpyRival:
             started_s = process_time()
             self.ukf.predict(dt_s, inputs=inputs)
             self.ukf.update(inputs.measured, R=inputs.noise, inputs=inputs)
-            self._see_gravity(reading)
+            self._update_gravity(reading)
             taken_s += process_time() - started_s
         return taken_s
 
     def _move(self, x: Array, dt_s: float, inputs: _Inputs) -> Array:
-        """``process.predict`` for one state."""
+        """``process_model.predict`` for one state."""
         motion, moved = inputs.motion, x.copy()
         rotation = _rotation(x[ROTATION])
         turn = x[RATE] * dt_s
@@ -125,25 +125,25 @@ class FilterpyRival:
         legs = motion.position_body.copy()
         legs[:, :2] += x[LEG_SCALE] * (legs - self._hips)[:, :2]
         carried = position + legs @ rotated.T
-        carried[:, 2] += x[LEG_GIVE] * motion.press
+        carried[:, 2] += x[LEG_COMPLIANCE] * motion.load_ratio
         moved[self._mean.layout.feet] = np.where(motion.holds[:, None], rolled, carried).ravel()
         return moved
 
     def _observe(self, x: Array, inputs: _Inputs) -> Array:
-        """The blocks of ``observation`` for one state."""
+        """The blocks of ``measurement_model`` for one state."""
         rotation = _rotation(x[ROTATION])
-        scale, give, legs = x[LEG_SCALE], x[LEG_GIVE], inputs.legs
+        scale, give, legs = x[LEG_SCALE], x[LEG_COMPLIANCE], inputs.legs
         slip = inputs.speed_mps * np.stack((x[SLIP], x[SLIP_TURN]))
         velocity = x[VELOCITY] @ rotation - slip[0] + (x[RATE] - slip[1]) @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
-        velocity += inputs.giving
+        velocity += inputs.compliance_velocity
         held = legs[inputs.motion.holds[legs]]
         position = (x[self._mean.layout.feet].reshape(-1, 3)[held] - x[POSITION]) @ rotation
         position[:, :2] -= scale * (inputs.motion.position_body - self._hips)[held, :2]
-        position -= give * inputs.given
+        position -= give * inputs.compliance_axes
         return np.concatenate((x[RATE] + x[GYROSCOPE_BIAS], velocity.ravel(), position.ravel()))
 
-    def _see_gravity(self, reading: Reading) -> None:
+    def _update_gravity(self, reading: Reading) -> None:
         """The windows of ``RobustProfile``; the sigma points are drawn anew, as filterpy does in ``predict`` only."""
         x, force = self.ukf.x, reading.specific_force
         gravity: GravityReading | None
@@ -188,17 +188,17 @@ class FilterpyRival:
             legs,
             so3.hat((feet.position_body - arms)[legs]),
             rolling,
-            self.ukf.x[LEG_GIVE] * motion.press_rate[legs, None] * up_body,
-            motion.press[held, None] * up_body,
+            self.ukf.x[LEG_COMPLIANCE] * motion.load_ratio_rate[legs, None] * up_body,
+            motion.load_ratio[held, None] * up_body,
             np.concatenate(measured),
             noise,
             float(np.linalg.norm(self.ukf.x[VELOCITY])),
         )
 
     def _process_noise(self, inputs: _Inputs) -> Array:
-        """Q of ``process.noise_rows``."""
+        """Q of ``process_model.noise_rows``."""
         mean = replace(self._mean, rotation=_rotation(self.ukf.x[ROTATION]), vector=self.ukf.x)
-        rows = process.noise_rows(
+        rows = process_model.noise_rows(
             mean,
             inputs.dt_s,
             inputs.motion,
@@ -220,7 +220,7 @@ def _plain(mean: State, rows: Array) -> Array:
 
 
 def _gravity_seen(x: Array) -> Array:
-    """``observation.specific_force_at_rest`` for one state."""
+    """``measurement_model.specific_force_at_rest`` for one state."""
     force: Array = GRAVITY_MPS2 * _rotation(x[ROTATION])[2] + x[ACCELEROMETER_BIAS]
     return force
 

@@ -14,9 +14,9 @@ from typing import Annotated
 from pydantic import Field
 from scipy.stats import chi2
 
-from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.remembered_poses import Innovation, correction_by
-from coclo_vio.filter.square_root import Correction
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.unscented_transform import Correction
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.keyframes import PoseEvidence
 

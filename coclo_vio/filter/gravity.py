@@ -12,7 +12,7 @@ import numpy as np
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
-_SILENCE_NS = 100_000_000  # an accelerometer that said nothing for so long has missed what happened
+_TIMEOUT_NS = 100_000_000  # an accelerometer that said nothing for so long has missed what happened
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ class GravityWindow:
             force_world: specific force since the last sample, m/s^2, world, (3,).
             velocity_world: of the accelerometer, m/s, (3,).
         """
-        if self._opened_ns is not None and stamp_ns - self._last_ns > _SILENCE_NS:
+        if self._opened_ns is not None and stamp_ns - self._last_ns > _TIMEOUT_NS:
             self._clear()
         if self._stood_since_ns is None:
             self._stood_since_ns = stamp_ns

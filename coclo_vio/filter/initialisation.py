@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.filter import observation
+from coclo_vio.filter import measurement_model
 from coclo_vio.filter.config import InitialConfig
-from coclo_vio.filter.core import SquareRootFilter
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
-    LEG_GIVE,
+    LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -28,29 +28,29 @@ from coclo_vio.robot.standstill import Rest
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
 
-_WEIGHTLESS_MPS2 = 1.0  # a mean specific force smaller than this shows no direction: the body is taken as level
-_TIED = 1e-9  # sigma of what is zero by definition: position and yaw at the start
+_MIN_FORCE_MPS2 = 1.0  # a mean specific force smaller than this shows no direction: the body is taken as level
+_ZERO_SIGMA = 1e-9  # sigma of what is zero by definition: position and yaw at the start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UnsureFeet:
+class FootPrior:
     """What is not known of where the feet are at the start; a sigma is 0 where its error is not estimated.
 
     Attributes:
         noise_m: one sigma of a foot position in the body frame by itself, m.
         scale: one sigma of the relative error of the effective leg length.
-        give_m: one sigma of how far a leg gives under the load from which it stands, m.
+        compliance_m: one sigma of how far a leg gives under the load from which it stands, m.
         slip: one sigma of how all feet slip together, as a share of the speed.
         slip_turn: one sigma of how far they turn the body on the way, rad/m.
-        press: load on each foot, in loads from which a foot stands, (n,).
+        load_ratio: load on each foot, in loads from which a foot stands, (n,).
     """
 
     noise_m: float
     scale: float
-    give_m: float
+    compliance_m: float
     slip: float
     slip_turn: float
-    press: Array
+    load_ratio: Array
 
 
 def initial_filter(
@@ -60,7 +60,7 @@ def initial_filter(
     rest: Rest | None,
     *,
     moving_force: Array | None,
-    unsure: UnsureFeet,
+    foot_prior: FootPrior,
     is_wide: bool,
 ) -> SquareRootFilter:
     """The filter at its first reading: position and yaw zero, level by gravity, gyroscope bias from rest.
@@ -75,8 +75,8 @@ def initial_filter(
         is_wide: see ``SquareRootFilter``.
     """
     force = moving_force if rest is None else rest.specific_force
-    is_blind = force is None or float(np.linalg.norm(force)) < _WEIGHTLESS_MPS2
-    rotation = np.eye(3) if force is None or is_blind else so3.from_gravity(force)
+    is_level = force is None or float(np.linalg.norm(force)) < _MIN_FORCE_MPS2
+    rotation = np.eye(3) if force is None or is_level else so3.from_gravity(force)
     vector = np.zeros(layout.dimension)
     vector[layout.feet] = (np.nan_to_num(reading.feet.position_body) @ rotation.T).ravel()
     if layout.has_contacts:
@@ -84,50 +84,54 @@ def initial_filter(
     if rest is not None:
         vector[GYROSCOPE_BIAS] = rest.angular_velocity
     mean = State(layout, rotation, vector, np.eye(3))
-    core = SquareRootFilter(mean, _sigmas(layout, config, unsure, is_moving=rest is None), is_wide=is_wide)
-    _tie_feet(core, unsure)
+    core = SquareRootFilter(mean, _sigmas(layout, config, foot_prior, is_moving=rest is None), is_wide=is_wide)
+    _correlate_feet(core, foot_prior)
     if rest is not None:
-        _see_rest(core, config, rest)
+        _update_at_rest(core, config, rest)
     return core
 
 
-def _sigmas(layout: StateLayout, config: InitialConfig, unsure: UnsureFeet, *, is_moving: bool) -> Array:
+def _sigmas(layout: StateLayout, config: InitialConfig, foot_prior: FootPrior, *, is_moving: bool) -> Array:
     """Sigmas (L,) of the errors; tilt and yaw are errors about world axes, as all rotation errors are."""
     tilt = config.moving_tilt_rad if is_moving else config.tilt_rad
-    sigmas = np.full(layout.dimension, _TIED)
-    sigmas[ROTATION] = (tilt, tilt, _TIED)
-    sigmas[LEG_SCALE] = unsure.scale
-    sigmas[LEG_GIVE] = unsure.give_m
-    sigmas[SLIP_TURN] = unsure.slip_turn
-    sigmas[SLIP] = unsure.slip
+    sigmas = np.full(layout.dimension, _ZERO_SIGMA)
+    sigmas[ROTATION] = (tilt, tilt, _ZERO_SIGMA)
+    sigmas[LEG_SCALE] = foot_prior.scale
+    sigmas[LEG_COMPLIANCE] = foot_prior.compliance_m
+    sigmas[SLIP_TURN] = foot_prior.slip_turn
+    sigmas[SLIP] = foot_prior.slip
     sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
     sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
     sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2
     sigmas[VELOCITY] = config.moving_velocity_mps if is_moving else config.velocity_mps
-    sigmas[POSITION] = _TIED
-    sigmas[layout.feet] = unsure.noise_m
+    sigmas[POSITION] = _ZERO_SIGMA
+    sigmas[layout.feet] = foot_prior.noise_m
     sigmas[layout.contacts] = 0.5
     if layout.has_frame:
         sigmas[layout.camera] = (*[config.camera_rotation_sigma_rad] * 3, config.stereo_scale_sigma)
     return sigmas
 
 
-def _tie_feet(core: SquareRootFilter, unsure: UnsureFeet) -> None:
+def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
     """The feet are where legs that do not give would have them: they share the error of that.
 
     Without it the first footholds, seen from the very same joint angles, would say that no leg gives.
     """
     feet = core.mean.layout.feet
-    core.factor[feet.start + 2 : feet.stop : 3, LEG_GIVE] = unsure.give_m * unsure.press[:, None]
+    core.factor[feet.start + 2 : feet.stop : 3, LEG_COMPLIANCE] = (
+        foot_prior.compliance_m * foot_prior.load_ratio[:, None]
+    )
 
 
-def _see_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:
+def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:
     """One update with gravity (tilt and accelerometer bias become correlated) and with the rate of rest."""
 
     def model(stack: State) -> Array:
-        return np.concatenate((observation.specific_force_at_rest(stack), observation.gyroscope(stack)), axis=1)
+        return np.concatenate(
+            (measurement_model.specific_force_at_rest(stack), measurement_model.gyroscope(stack)), axis=1
+        )
 
-    predicted, rows = core.observe(model, observation.CURVED_COLUMNS)
+    predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
     measured = np.concatenate((rest.specific_force, rest.angular_velocity))
     measured[:3] *= GRAVITY_MPS2 / max(float(np.linalg.norm(rest.specific_force)), 1e-6)
     noise = np.repeat((config.rest_force_noise_mps2, config.rest_rate_noise_radps), 3)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.intake import Intake
+from coclo_vio.filter.reading_builder import ReadingBuilder
 from coclo_vio.filter.stance import Reading
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
@@ -35,7 +35,7 @@ class NaiveLegOdometry:
 
     def __init__(self, robot: RobotModel, config: FilterConfig, *, rolls_feet: bool, weighs_load: bool) -> None:
         self._counts: Counter[str] = Counter()
-        self._intake = Intake(robot, config, robot.description.contact, self._counts)
+        self._readings = ReadingBuilder(robot, config, robot.description.contact, self._counts)
         self._rest_timeout_ns = round(config.rest_timeout_s * NS_PER_S)
         self._radii_m = robot.foot_radii_m * rolls_feet
         self._weighs_load = weighs_load
@@ -51,19 +51,19 @@ class NaiveLegOdometry:
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened."""
-        counts = {**self._counts, **self._intake.counts}
+        counts = {**self._counts, **self._readings.counts}
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate after the start."""
-        reading = self._intake.push(measurement, None if self._stamp_ns is None else self._rotation[2])
+        reading = self._readings.push(measurement, None if self._stamp_ns is None else self._rotation[2])
         if reading is None or not self._has_started(reading):
             return None
         self._advance(reading)
         return self._estimate(reading)
 
     def _has_started(self, reading: Reading) -> bool:
-        rest = self._intake.rest
+        rest = self._readings.rest
         if rest is not None:
             self._bias = rest.angular_velocity
         if self._stamp_ns is not None:

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
-from coclo_vio.filter.intake import Intake
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
-from coclo_vio.filter.paper import PaperProfile
-from coclo_vio.filter.robust import RobustProfile
+from coclo_vio.filter.paper_profile import PaperProfile
+from coclo_vio.filter.reading_builder import ReadingBuilder
+from coclo_vio.filter.robust_profile import RobustProfile
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
 from coclo_vio.geometry import se3
@@ -65,7 +65,7 @@ class LegOdometryFilter:
             self._profile = PaperProfile(robot, self.config.paper, self._counts, has_frame=remembers_frames)
         else:
             self._profile = RobustProfile(robot, self.config.robust, self._counts, has_frame=remembers_frames)
-        self._intake = Intake(robot, self.config, contact, self._counts)
+        self._readings = ReadingBuilder(robot, self.config, contact, self._counts)
         self._core: SquareRootFilter | None = None
         self._first_ns: int | None = None
         self._stamp_ns = 0
@@ -74,8 +74,8 @@ class LegOdometryFilter:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """How often each unusual thing happened, by name; see ``Intake`` and the profiles."""
-        counts = {**self._counts, **self._intake.counts, **self._gate.counts}
+        """How often each unusual thing happened, by name; see ``ReadingBuilder`` and the profiles."""
+        counts = {**self._counts, **self._readings.counts, **self._gate.counts}
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
@@ -86,7 +86,7 @@ class LegOdometryFilter:
             RobotModelError: another number of legs than the robot's.
         """
         up_body = None if self._core is None else self._core.mean.rotation[2]
-        reading = self._intake.push(measurement, up_body)
+        reading = self._readings.push(measurement, up_body)
         if reading is None:
             return None
         if self._core is None:
@@ -171,7 +171,7 @@ class LegOdometryFilter:
         return float(self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s))
 
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
-        rest = self._intake.rest
+        rest = self._readings.rest
         if self._first_ns is None:
             self._first_ns = reading.stamp_ns
         waited_s = (reading.stamp_ns - self._first_ns) / NS_PER_S
@@ -184,8 +184,8 @@ class LegOdometryFilter:
             self.config.initial,
             reading,
             rest,
-            moving_force=self._intake.mean_force,
-            unsure=profile.unsure_feet(reading),
+            moving_force=self._readings.mean_force,
+            foot_prior=profile.foot_prior(reading),
             is_wide=profile.is_wide,
         )
         profile.start(reading)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.square_root import Correction, correct
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import State
+from coclo_vio.filter.unscented_transform import Correction, correct
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.keyframes import PoseEvidence, PosePair

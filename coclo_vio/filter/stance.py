@@ -11,7 +11,7 @@ from coclo_vio.robot.model import FeetKinematics
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.units import NS_PER_S
 
-_MOST_PRESS = 20.0  # beyond it a load is a fault of its sensor
+_MAX_LOAD_RATIO = 20.0  # beyond it a load is a fault of its sensor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,22 +57,23 @@ class FootMotion:
         turn_body: rotation of the foot link relative to the body, as a rotation vector in the body axes of the
             earlier time, (n, 3): ``exp(turn) = R_body_foot(now) R_body_foot(before)^T``.
         is_known: legs whose kinematics are known now, (n,).
-        press: load on each foot, in loads from which a foot stands, (n,); where unknown the last known one, 0 before.
-        press_rate: its rate of change, 1/s, (n,); 0 where unknown.
+        load_ratio: load on each foot as a multiple of the load from which a foot stands, (n,); where unknown the last
+            known one, 0 before.
+        load_ratio_rate: its rate of change, 1/s, (n,); 0 where unknown.
     """
 
     holds: BoolArray
     position_body: Array
     turn_body: Array
     is_known: BoolArray
-    press: Array
-    press_rate: Array
+    load_ratio: Array
+    load_ratio_rate: Array
 
 
-def press_of(reading: Reading, standing_load: float, before: Array) -> Array:
+def load_ratio_of(reading: Reading, standing_load: float, before: Array) -> Array:
     """Load on each foot in loads from which a foot stands, (n,): unit-free; ``before`` (n,) where it is unknown."""
     load = reading.contact.load
-    return np.where(np.isfinite(load), np.clip(load / standing_load, 0.0, _MOST_PRESS), before)
+    return np.where(np.isfinite(load), np.clip(load / standing_load, 0.0, _MAX_LOAD_RATIO), before)
 
 
 class Footholds:
@@ -85,7 +86,7 @@ class Footholds:
         """Args: the first reading, and the load (N or counts) from which a foot stands."""
         self._standing_load = standing_load
         self._stamp_ns = reading.stamp_ns
-        self._press = press_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
+        self._load_ratio = load_ratio_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
         self._is_loaded = np.isfinite(reading.contact.load)
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = np.nan_to_num(reading.feet.rotation_body_foot)
@@ -101,17 +102,17 @@ class Footholds:
         self._is_anchored = reading.is_stance
         self._rotation_body_foot = rotation
         self._position_body = position
-        press = press_of(reading, self._standing_load, before=self._press)
+        load_ratio = load_ratio_of(reading, self._standing_load, before=self._load_ratio)
         is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
-        press_rate = np.where(is_loaded & self._is_loaded, press - self._press, 0.0) / dt_s
-        self._press, self._is_loaded, self._stamp_ns = press, is_loaded, reading.stamp_ns
-        return FootMotion(holds, position, so3.log_below_pi(relative), is_known, press, press_rate)
+        load_ratio_rate = np.where(is_loaded & self._is_loaded, load_ratio - self._load_ratio, 0.0) / dt_s
+        self._load_ratio, self._is_loaded, self._stamp_ns = load_ratio, is_loaded, reading.stamp_ns
+        return FootMotion(holds, position, so3.log_below_pi(relative), is_known, load_ratio, load_ratio_rate)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from where they were last known, while the joints say nothing."""
         legs = len(self._is_anchored)
         nothing = np.zeros(legs, dtype=np.bool_)
-        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing, self._press, np.zeros(legs))
+        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing, self._load_ratio, np.zeros(legs))
 
     def release(self, legs: BoolArray) -> None:
         """Stop trusting the footholds of these legs (n,): they slipped."""

@@ -6,7 +6,7 @@ contacts. It counts 46 states and 32 measurements for six legs; the members it l
 here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
 ``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
 Four kinds of states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), how far a leg
-gives under the load from which it stands (``LEG_GIVE``, m), and how all standing feet seem to slip together
+gives under the load from which it stands (``LEG_COMPLIANCE``, m), and how all standing feet seem to slip together
 (``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, both in body axes) stay zero and certain where they
 are not estimated; what is wrong with the cameras is there where frames are remembered, in either profile.
 
@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from coclo_vio.filter.square_root import SigmaSpread
+from coclo_vio.filter.unscented_transform import SigmaSpread
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
@@ -31,7 +31,7 @@ LEG_SCALE = slice(3, 4)
 RATE = slice(4, 7)
 GYROSCOPE_BIAS = slice(7, 10)
 ACCELEROMETER_BIAS = slice(10, 13)
-LEG_GIVE = slice(13, 14)
+LEG_COMPLIANCE = slice(13, 14)
 SLIP_TURN = slice(14, 17)
 SLIP = slice(17, 20)
 VELOCITY = slice(20, 23)

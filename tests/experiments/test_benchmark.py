@@ -11,8 +11,8 @@ from coclo_vio.experiments import benchmark
 from coclo_vio.experiments.filterpy_rival import FilterpyRival
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.initialisation import initial_filter
-from coclo_vio.filter.robust import RobustProfile
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, LEG_GIVE, POSITION, RATE, ROTATION
+from coclo_vio.filter.robust_profile import RobustProfile
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, LEG_COMPLIANCE, POSITION, RATE, ROTATION
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 
@@ -40,7 +40,7 @@ def test_filterpy_runs_the_same_models() -> None:
         readings[0],
         None,
         moving_force=readings[0].specific_force,
-        unsure=profile.unsure_feet(readings[0]),
+        foot_prior=profile.foot_prior(readings[0]),
         is_wide=profile.is_wide,
     )
     profile.start(readings[0])
@@ -51,7 +51,7 @@ def test_filterpy_runs_the_same_models() -> None:
         profile.step(core, reading, dt_s, density / np.sqrt(dt_s), is_gap=False)
     assert np.linalg.norm(core.mean.vector[POSITION]) > 0.1
     ours, theirs = np.linalg.norm(core.factor, axis=1), np.sqrt(np.diag(rival.ukf.P))
-    assert ours[LEG_GIVE] < 0.1 * RobustConfig().leg_compliance_sigma_m, "the walk shows how far legs give"
+    assert ours[LEG_COMPLIANCE] < 0.1 * RobustConfig().leg_compliance_sigma_m, "the walk shows how far legs give"
     assert (ours[ACCELEROMETER_BIAS] < 0.999 * InitialConfig().accelerometer_bias_mps2).all(), "gravity was seen"
     seen = slice(RATE.start, POSITION.stop)
     np.testing.assert_allclose((rival.ukf.x - core.mean.vector)[seen] / ours[seen], 0.0, atol=0.1)

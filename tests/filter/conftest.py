@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.intake import Intake
+from coclo_vio.filter.reading_builder import ReadingBuilder
 from coclo_vio.filter.stance import Reading
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
@@ -40,7 +40,7 @@ def readings_of(daisy: RobotModel) -> Callable[[Iterable[Measurement]], list[Rea
     """What the intake makes of measurements, with the true upward direction left at the body's z axis."""
 
     def read(measurements: Iterable[Measurement]) -> list[Reading]:
-        intake = Intake(daisy, FilterConfig(), daisy.description.contact, Counter())
+        intake = ReadingBuilder(daisy, FilterConfig(), daisy.description.contact, Counter())
         pushed = (intake.push(measurement, np.array([0.0, 0.0, 1.0])) for measurement in measurements)
         return [reading for reading in pushed if reading is not None]
 

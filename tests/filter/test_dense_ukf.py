@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from coclo_vio.filter.config import PaperConfig, RobustConfig
-from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.paper import PaperProfile
-from coclo_vio.filter.robust import RobustProfile
+from coclo_vio.filter.paper_profile import PaperProfile
+from coclo_vio.filter.robust_profile import RobustProfile
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
-from coclo_vio.filter.state import LEG_GIVE, LEG_SCALE, POSITION, VELOCITY, State
+from coclo_vio.filter.state import LEG_COMPLIANCE, LEG_SCALE, POSITION, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
@@ -97,7 +97,7 @@ def start(profile: RobustProfile | PaperProfile, reading: Reading, truth: Analyt
     vector[layout.keyframe_position] = position - 0.1
     sigmas = random.uniform(0.01, 0.05, layout.dimension)
     sigmas[LEG_SCALE] = 0.02
-    sigmas[LEG_GIVE] = 0.002
+    sigmas[LEG_COMPLIANCE] = 0.002
     return State(layout, rotation, vector, so3.exp(random.normal(size=3))), sigmas
 
 

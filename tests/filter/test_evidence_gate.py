@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.filter.remembered_poses import _as_seen, _pair, placed
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateConfig, Outcome
 from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.remembered_poses import _as_seen, _pair, placed
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.filter import process
+from coclo_vio.filter import process_model
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.square_root import SigmaSpread
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import LEG_SCALE, POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
+from coclo_vio.filter.unscented_transform import SigmaSpread
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.calibration import ImuCalibration
 
@@ -163,7 +163,7 @@ def test_noise_rows_against_finite_differences() -> None:
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
     config, imu = RobustConfig(estimates_leg_scale=True), ImuCalibration()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
-    rows = process.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config, imu=imu)
+    rows = process_model.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config, imu=imu)
     density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0), np.array([0.0, 0.0, 1.0])
     for axis in range(3):
         turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, seen in the world
@@ -193,7 +193,7 @@ def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None
     held = np.array([True])
     motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1))
     config, dt_s = RobustConfig(), 0.02
-    rows = process.noise_rows(
+    rows = process_model.noise_rows(
         mean, dt_s, motion, radii_m=np.zeros(1), foot_noise=np.zeros((1, 3, 3)), config=config, imu=ImuCalibration()
     )
     Q = rows.T @ rows

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from coclo_vio.filter.config import InitialConfig, PaperConfig, RobustConfig
-from coclo_vio.filter.core import MOST_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.filter.paper import PaperProfile
-from coclo_vio.filter.robust import RobustProfile
-from coclo_vio.filter.square_root import lower_factor
+from coclo_vio.filter.paper_profile import PaperProfile
+from coclo_vio.filter.robust_profile import RobustProfile
+from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import POSITION, ROTATION, VELOCITY, State
+from coclo_vio.filter.unscented_transform import lower_factor
 from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
@@ -51,7 +51,7 @@ def started(profile: RobustProfile | PaperProfile, reading: Reading) -> SquareRo
         reading,
         None,
         moving_force=reading.specific_force,
-        unsure=profile.unsure_feet(reading),
+        foot_prior=profile.foot_prior(reading),
         is_wide=profile.is_wide,
     )
 
@@ -170,6 +170,6 @@ def test_a_yaw_that_nobody_ever_saw_does_not_break_the_filter(daisy: RobotModel)
             estimate = odometry.push(replace(sample, stamp_ns=sample.stamp_ns + shift_ns))
         shift_ns += trial.measurements[-1].stamp_ns + 10_000_000_000
     assert estimate is not None
-    assert np.sqrt(estimate.covariance[2, 2]) <= 1.01 * MOST_ROTATION_SIGMA_RAD
+    assert np.sqrt(estimate.covariance[2, 2]) <= 1.01 * MAX_ROTATION_SIGMA_RAD
     speed = np.linalg.norm(estimate.nav.velocity_world)
     assert speed == pytest.approx(np.linalg.norm(trial.truth.velocity_world[-1]), abs=0.05)

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.filter.square_root import Correction, SigmaSpread, correct, lower_factor
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
+from coclo_vio.filter.unscented_transform import Correction, SigmaSpread, correct, lower_factor
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
-MOST_ROTATION_SIGMA_RAD = 0.6
+MAX_ROTATION_SIGMA_RAD = 0.6
 """Larger uncertainties of a rotation are reported as this; narrow sigma points stand up to sqrt(7) times as far."""
 
 
@@ -45,7 +45,7 @@ class SquareRootFilter:
         self._bound_rotation()
 
     def _bound_rotation(self) -> None:
-        """Keep the rotation sigmas below ``MOST_ROTATION_SIGMA_RAD``, so that no sigma point passes half a turn.
+        """Keep the rotation sigmas below ``MAX_ROTATION_SIGMA_RAD``, so that no sigma point passes half a turn.
 
         Yaw is never observed and its uncertainty grows without end, which a rotation cannot follow. Its errors are
         scaled, here and in the clones, with all their correlations: nothing is learned from it.
@@ -55,8 +55,8 @@ class SquareRootFilter:
             if rows.stop == rows.start:
                 continue
             sigmas = np.sqrt(self.variance(rows))
-            if sigmas.max() > MOST_ROTATION_SIGMA_RAD:
-                self.factor[rows] *= np.minimum(1.0, MOST_ROTATION_SIGMA_RAD / sigmas)[:, None]
+            if sigmas.max() > MAX_ROTATION_SIGMA_RAD:
+                self.factor[rows] *= np.minimum(1.0, MAX_ROTATION_SIGMA_RAD / sigmas)[:, None]
 
     def observe(self, model: Callable[[State], Array], curved: int) -> tuple[Array, Array]:
         """Mean (M,) and square-root rows (L + extra, M) of a predicted measurement."""

@@ -19,10 +19,10 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
-_MOST_FORCES = 200  # accelerometer readings that are kept while no joint sample comes
+_MAX_FORCES = 200  # accelerometer readings that are kept while no joint sample comes
 
 
-class Intake:
+class ReadingBuilder:
     """Collects measurements until a joint sample completes a reading.
 
     A sample whose stamp does not pass the last of its kind is refused and counted; the state it would have spoiled
@@ -102,7 +102,7 @@ class Intake:
         self._rates.append((sample.stamp_ns, self._rotation_body_imu @ sample.angular_velocity))
         self._force_sum += self._rotation_body_imu @ sample.specific_force
         self._force_count += 1
-        self._forces_body = [*self._forces_body[-_MOST_FORCES:], self._rotation_body_imu @ sample.specific_force]
+        self._forces_body = [*self._forces_body[-_MAX_FORCES:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:
         self._counts["foot_force_stamp_refused"] += not self._load.take(sample)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.process import UP, lengthened, slip_of
+from coclo_vio.filter.process_model import UP, leg_scale_offset, slip_velocity
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
-    LEG_GIVE,
+    LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -83,7 +83,7 @@ def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[Stat
         count = len(stack.vector)
         velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
-        velocity -= slip_of(stack, levers)
+        velocity -= slip_velocity(stack, levers)
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
         velocity += giving
         return np.asarray(velocity.reshape(count, -1))
@@ -103,8 +103,8 @@ def _position_of(legs: IntArray, positions_body: Array, hips_body: Array, given:
 
     def model(stack: State) -> Array:
         relative = stack.feet[:, legs] - stack.vector[:, None, POSITION]
-        position = relative @ stack.rotation - lengthened(stack.vector[:, LEG_SCALE], positions_body, hips_body)
-        position -= stack.vector[:, LEG_GIVE, None] * given
+        position = relative @ stack.rotation - leg_scale_offset(stack.vector[:, LEG_SCALE], positions_body, hips_body)
+        position -= stack.vector[:, LEG_COMPLIANCE, None] * given
         return np.asarray(position.reshape(len(position), -1))
 
     return model
@@ -158,14 +158,14 @@ def blocks(
     squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
     rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
     measured = rolling - feet.velocity_body[legs]
-    giving = mean.vector[LEG_GIVE] * motion.press_rate[legs, None] * up_body
+    giving = mean.vector[LEG_COMPLIANCE] * motion.load_ratio_rate[legs, None] * up_body
     model = _velocity_of(feet.position_body[legs] - arms, rolling, giving)
     noise = np.asarray(np.linalg.cholesky(squared + slip**2 * np.eye(3)))
     result.append(Block(measured.ravel(), model, noise, legs))
     held = legs[motion.holds[legs]]
     if len(held):
         centres = feet.position_body[held]
-        model = _position_of(held, centres, hips_body[held], motion.press[held, None] * up_body)
+        model = _position_of(held, centres, hips_body[held], motion.load_ratio[held, None] * up_body)
         result.append(Block(centres.ravel(), model, foot_noise[held], held))
     return result
 

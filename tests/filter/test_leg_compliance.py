@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.filter import observation, process
+from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
-from coclo_vio.filter.state import LEG_GIVE, POSITION, State, StateLayout
+from coclo_vio.filter.state import LEG_COMPLIANCE, POSITION, State, StateLayout
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import RobotModel
@@ -23,7 +23,7 @@ from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, Se
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.measurements import FootForceSample, JointSample, Measurement
 
-GIVE_M = 0.0016
+COMPLIANCE_M = 0.0016
 RIGID = FilterConfig(robust=RobustConfig(estimates_leg_compliance=False))
 
 
@@ -42,11 +42,11 @@ def with_foot_sensors(daisy: RobotModel, per_newton: float = 1.0) -> RobotModel:
     return RobotModel(daisy.description.model_copy(update={"contact": contact}))
 
 
-def giving(robot: RobotModel, trial: AnalyticTrial, give_m: float, per_newton: float = 1.0) -> list[Measurement]:
-    """The trial's measurements as legs that give by ``give_m`` under 20 N would have made them."""
+def giving(robot: RobotModel, trial: AnalyticTrial, compliance_m: float, per_newton: float = 1.0) -> list[Measurement]:
+    """The trial's measurements as legs that give by ``compliance_m`` under 20 N would have made them."""
     angles = trial.joint_position.copy()
     for row, (position, load_n) in enumerate(zip(trial.joint_position, trial.load_n, strict=True)):
-        down = -give_m * load_n[:, None] / 20.0 * trial.body.rotation[row, 2]
+        down = -compliance_m * load_n[:, None] / 20.0 * trial.body.rotation[row, 2]
         wanted = robot.feet(position, np.zeros_like(position)).position_body + down
         for _ in range(3):
             feet = robot.feet(angles[row], np.zeros_like(position))
@@ -76,7 +76,7 @@ def run(robot: RobotModel, measurements: Iterable[Measurement], config: FilterCo
         odometry.push(measurement)
     core = odometry._core
     assert core is not None
-    return core.mean, float(np.sqrt(core.variance(LEG_GIVE)[0]))
+    return core.mean, float(np.sqrt(core.variance(LEG_COMPLIANCE)[0]))
 
 
 def height_error_m(state: State, walk: AnalyticTrial) -> float:
@@ -85,20 +85,20 @@ def height_error_m(state: State, walk: AnalyticTrial) -> float:
 
 def test_the_estimate_is_what_the_legs_give_and_the_height_stays(daisy: RobotModel, walk: AnalyticTrial) -> None:
     robot = with_foot_sensors(daisy)
-    measurements = giving(robot, walk, GIVE_M)
+    measurements = giving(robot, walk, COMPLIANCE_M)
     found, sigma_m = run(robot, measurements, FilterConfig())
-    assert found.vector[LEG_GIVE][0] == pytest.approx(GIVE_M, abs=2.0e-4)
+    assert found.vector[LEG_COMPLIANCE][0] == pytest.approx(COMPLIANCE_M, abs=2.0e-4)
     assert sigma_m < 1.2e-4
     assert abs(height_error_m(found, walk)) < 1e-3
     rigid, sigma_m = run(robot, measurements, RIGID)
-    assert rigid.vector[LEG_GIVE][0] == 0.0
+    assert rigid.vector[LEG_COMPLIANCE][0] == 0.0
     assert sigma_m == 0.0
     assert height_error_m(rigid, walk) < -4e-3, "five millimetres in 0.9 m of walk"
 
 
 def test_loads_in_counts_give_the_same_metres(daisy: RobotModel, walk: AnalyticTrial) -> None:
     in_newtons, in_counts = (
-        run(with_foot_sensors(daisy, counts), giving(daisy, walk, GIVE_M, counts), FilterConfig())[0]
+        run(with_foot_sensors(daisy, counts), giving(daisy, walk, COMPLIANCE_M, counts), FilterConfig())[0]
         for counts in (1.0, 7.0)
     )
     np.testing.assert_allclose(in_counts.vector, in_newtons.vector, rtol=0, atol=1e-9)
@@ -106,7 +106,7 @@ def test_loads_in_counts_give_the_same_metres(daisy: RobotModel, walk: AnalyticT
 
 def test_legs_that_do_not_give_are_found_rigid(daisy: RobotModel, walk: AnalyticTrial) -> None:
     found, _ = run(with_foot_sensors(daisy), walk.measurements, FilterConfig())
-    assert abs(found.vector[LEG_GIVE][0]) < 1e-4
+    assert abs(found.vector[LEG_COMPLIANCE][0]) < 1e-4
     assert abs(height_error_m(found, walk)) < 1e-3
 
 
@@ -116,11 +116,11 @@ def test_a_robot_that_only_stands_learns_nothing(daisy: RobotModel) -> None:
     sensors = SensorNoiseConfig(noise_scale=0.0)
     trial = generate(AnalyticTrialConfig(body=body, sensors=sensors), daisy, seed=1)
     found, sigma_m = run(with_foot_sensors(daisy), trial.measurements, FilterConfig())
-    assert found.vector[LEG_GIVE][0] == pytest.approx(0.0, abs=1e-6)
+    assert found.vector[LEG_COMPLIANCE][0] == pytest.approx(0.0, abs=1e-6)
     assert sigma_m == pytest.approx(RobustConfig().leg_compliance_sigma_m, rel=1e-3)
 
 
-def pressed(daisy: RobotModel, walk: AnalyticTrial, *loads: np.ndarray) -> FootMotion:
+def loaded_motion(daisy: RobotModel, walk: AnalyticTrial, *loads: np.ndarray) -> FootMotion:
     """The motion of standing feet at the last of so many readings 10 ms apart, with these loads in N."""
     readings = [standing(daisy, walk, row, load) for row, load in enumerate(loads)]
     footholds = Footholds(readings[0], standing_load=20.0)
@@ -137,35 +137,35 @@ def standing(daisy: RobotModel, walk: AnalyticTrial, row: int, load: np.ndarray)
 
 
 def test_press_is_the_load_in_loads_of_a_standing_foot_and_its_rate(daisy: RobotModel, walk: AnalyticTrial) -> None:
-    motion = pressed(daisy, walk, np.full(6, 20.0), np.array([20.0, 30.0, 0.0, -5.0, 10.0, 1e9]))
-    np.testing.assert_allclose(motion.press, [1.0, 1.5, 0.0, 0.0, 0.5, 20.0])
-    np.testing.assert_allclose(motion.press_rate, (motion.press - 1.0) / 0.01)
+    motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([20.0, 30.0, 0.0, -5.0, 10.0, 1e9]))
+    np.testing.assert_allclose(motion.load_ratio, [1.0, 1.5, 0.0, 0.0, 0.5, 20.0])
+    np.testing.assert_allclose(motion.load_ratio_rate, (motion.load_ratio - 1.0) / 0.01)
 
 
 def test_an_unknown_load_stays_the_last_known_and_does_not_change(daisy: RobotModel, walk: AnalyticTrial) -> None:
     """Going and coming it is no sudden relief or blow, at which a leg would seem to move by decimetres a second."""
     known, unknown = np.full(6, 30.0), np.where(np.arange(6) == 2, np.nan, 30.0)
-    gone = pressed(daisy, walk, known, unknown)
-    back = pressed(daisy, walk, known, unknown, np.full(6, 36.0))
-    never = pressed(daisy, walk, unknown, unknown)
-    np.testing.assert_allclose(gone.press, 1.5)
-    np.testing.assert_array_equal(gone.press_rate, 0.0)
-    assert back.press[2] == pytest.approx(1.8)
-    assert back.press_rate[2] == 0.0
-    assert back.press_rate[1] == pytest.approx(30.0)
-    assert never.press[2] == 0.0
+    gone = loaded_motion(daisy, walk, known, unknown)
+    back = loaded_motion(daisy, walk, known, unknown, np.full(6, 36.0))
+    never = loaded_motion(daisy, walk, unknown, unknown)
+    np.testing.assert_allclose(gone.load_ratio, 1.5)
+    np.testing.assert_array_equal(gone.load_ratio_rate, 0.0)
+    assert back.load_ratio[2] == pytest.approx(1.8)
+    assert back.load_ratio_rate[2] == 0.0
+    assert back.load_ratio_rate[1] == pytest.approx(30.0)
+    assert never.load_ratio[2] == 0.0
 
 
-def spread_in_give(state: State, gives_m: np.ndarray) -> State:
+def spread_in_compliance(state: State, compliances_m: np.ndarray) -> State:
     """A stack of this state with other gives."""
-    vector = np.tile(state.vector, (len(gives_m), 1))
-    vector[:, LEG_GIVE] = gives_m[:, None]
-    return replace(state, rotation=np.tile(state.rotation, (len(gives_m), 1, 1)), vector=vector)
+    vector = np.tile(state.vector, (len(compliances_m), 1))
+    vector[:, LEG_COMPLIANCE] = compliances_m[:, None]
+    return replace(state, rotation=np.tile(state.rotation, (len(compliances_m), 1, 1)), vector=vector)
 
 
-def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[observation.Block]:
+def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[measurement_model.Block]:
     """Gyroscope, velocities, positions."""
-    return observation.blocks(
+    return measurement_model.blocks(
         reading,
         motion,
         mean,
@@ -187,11 +187,11 @@ def test_give_lowers_a_loaded_foot_in_what_joints_say_and_leaves_an_unloaded_one
     vector = np.random.default_rng(1).normal(size=layout.dimension)
     state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), vector, np.eye(3))
     loads = np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0])
-    motion = pressed(daisy, walk, np.full(6, 20.0), loads)
+    motion = loaded_motion(daisy, walk, np.full(6, 20.0), loads)
     blocks = blocks_of(daisy, standing(daisy, walk, 1, loads), motion, state)
-    gives_m = np.array([0.0, 1e-3, 0.5])
-    _, velocity, position = (block.model(spread_in_give(state, gives_m)) for block in blocks)
-    slope = np.diff(position, axis=0) / np.diff(gives_m)[:, None]
+    compliances_m = np.array([0.0, 1e-3, 0.5])
+    _, velocity, position = (block.model(spread_in_compliance(state, compliances_m)) for block in blocks)
+    slope = np.diff(position, axis=0) / np.diff(compliances_m)[:, None]
     expected = -(loads / 20.0)[:, None] * state.rotation[2]
     np.testing.assert_allclose(slope.reshape(2, 6, 3), np.stack((expected, expected)), atol=1e-10)
     np.testing.assert_array_equal(velocity, velocity[:1].repeat(3, axis=0))
@@ -201,11 +201,11 @@ def test_velocity_at_which_a_leg_gives_way_is_taken_out(daisy: RobotModel, walk:
     """A leg pressed harder by 10 loads a second, and giving 2 mm each, yields by 2 cm/s while the body stands."""
     layout = StateLayout(6, has_contacts=False)
     vector = np.zeros(layout.dimension)
-    vector[LEG_GIVE] = 2e-3
+    vector[LEG_COMPLIANCE] = 2e-3
     state = State(layout, np.eye(3), vector, np.eye(3))
-    motion = pressed(daisy, walk, np.full(6, 20.0), np.array([20.0, 22.0, 20.0, 20.0, 18.0, 20.0]))
+    motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([20.0, 22.0, 20.0, 20.0, 18.0, 20.0]))
     blocks = blocks_of(daisy, standing(daisy, walk, 1, np.full(6, 20.0)), motion, state)
-    seen = blocks[1].model(spread_in_give(state, np.array([2e-3]))).reshape(6, 3)
+    seen = blocks[1].model(spread_in_compliance(state, np.array([2e-3]))).reshape(6, 3)
     np.testing.assert_allclose(seen[:, 2], [0.0, 0.02, 0.0, 0.0, -0.02, 0.0], atol=1e-12)
     np.testing.assert_array_equal(seen[:, :2], 0.0)
 
@@ -213,12 +213,12 @@ def test_velocity_at_which_a_leg_gives_way_is_taken_out(daisy: RobotModel, walk:
 def test_a_carried_foot_is_higher_by_what_its_leg_gives(daisy: RobotModel, walk: AnalyticTrial) -> None:
     layout = StateLayout(6, has_contacts=False)
     state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), np.zeros(layout.dimension), np.eye(3))
-    motion = pressed(daisy, walk, np.full(6, 20.0), np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0]))
+    motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0]))
     swings = replace(motion, holds=np.zeros(6, dtype=np.bool_))
-    stack = spread_in_give(state, np.array([0.0, 1e-3]))
-    feet = process.predict(stack, 0.01, swings, daisy.foot_radii_m, daisy.hip_position_body).feet
+    stack = spread_in_compliance(state, np.array([0.0, 1e-3]))
+    feet = process_model.predict(stack, 0.01, swings, daisy.foot_radii_m, daisy.hip_position_body).feet
     raised = feet[1] - feet[0]
-    np.testing.assert_allclose(raised[:, 2], 1e-3 * motion.press, atol=1e-15)
+    np.testing.assert_allclose(raised[:, 2], 1e-3 * motion.load_ratio, atol=1e-15)
     np.testing.assert_allclose(raised[:, :2], 0.0, atol=1e-15)
-    held = process.predict(stack, 0.01, motion, daisy.foot_radii_m, daisy.hip_position_body).feet
+    held = process_model.predict(stack, 0.01, motion, daisy.foot_radii_m, daisy.hip_position_body).feet
     np.testing.assert_array_equal(held[0], held[1])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coclo_vio.filter import observation, process
+from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State, StateLayout
@@ -23,7 +23,7 @@ def true_reading(robot: RobotModel, trial: AnalyticTrial, row: int) -> Reading:
     feet = robot.feet(trial.joint_position[row], trial.joint_velocity[row])
     stance = trial.stance[row]
     contact = ContactState(stance.astype(float), stance, trial.load_n[row])
-    rate, force = trial.body.angular_velocity[row], np.array([0.0, 0.0, observation.GRAVITY_MPS2])
+    rate, force = trial.body.angular_velocity[row], np.array([0.0, 0.0, measurement_model.GRAVITY_MPS2])
     return Reading(int(trial.truth.stamps_ns[row]), feet, contact, rate, (), force @ trial.body.rotation[row], False)
 
 
@@ -51,7 +51,7 @@ def foot_errors_m(robot: RobotModel, rate_hz: float) -> tuple[float, float]:
         turn = trial.body.rotation[row - 1].T @ trial.body.rotation[row]
         state.vector[RATE] = so3.log(turn) / dt_s
         state.vector[VELOCITY] = (trial.body.position[row] - trial.body.position[row - 1]) / dt_s
-        moved = process.predict(stack_of(state), dt_s, motion, robot.foot_radii_m, robot.hip_position_body)
+        moved = process_model.predict(stack_of(state), dt_s, motion, robot.foot_radii_m, robot.hip_position_body)
         np.testing.assert_allclose(moved.rotation[0], trial.body.rotation[row], atol=1e-12)
         errors = np.linalg.norm(moved.feet[0] - trial.feet_world[row], axis=1)
         rolling.extend(errors[motion.holds])
@@ -67,8 +67,8 @@ def test_a_rolling_foot_is_exact_to_third_order_in_the_step(daisy: RobotModel) -
     assert 6.0 < coarse / fine < 12.0
 
 
-def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[observation.Block]:
-    return observation.blocks(
+def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[measurement_model.Block]:
+    return measurement_model.blocks(
         reading,
         motion,
         state,

@@ -6,13 +6,13 @@ from collections import Counter
 import numpy as np
 from scipy.stats import chi2
 
-from coclo_vio.filter import observation, process
+from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.core import SquareRootFilter
 from coclo_vio.filter.gravity import GravityWindow
-from coclo_vio.filter.initialisation import UnsureFeet
-from coclo_vio.filter.observation import NO_LEG, Block
-from coclo_vio.filter.stance import Footholds, FootMotion, Reading, press_of
+from coclo_vio.filter.initialisation import FootPrior
+from coclo_vio.filter.measurement_model import NO_LEG, Block
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.stance import Footholds, FootMotion, Reading, load_ratio_of
 from coclo_vio.filter.state import RATE, SLIP, VELOCITY, State, StateLayout
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
@@ -42,16 +42,16 @@ class RobustProfile:
         self._footholds = Footholds(reading, self._robot.contact.on_force)
         self._without_legs_s = 0.0
 
-    def unsure_feet(self, reading: Reading) -> UnsureFeet:
+    def foot_prior(self, reading: Reading) -> FootPrior:
         """What is not known of the feet at the start; as noise the largest of any foot."""
         config = self._config
-        return UnsureFeet(
+        return FootPrior(
             noise_m=float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
             scale=config.leg_scale_sigma * config.estimates_leg_scale,
-            give_m=config.leg_compliance_sigma_m * config.estimates_leg_compliance,
+            compliance_m=config.leg_compliance_sigma_m * config.estimates_leg_compliance,
             slip=config.slip_share,
             slip_turn=config.slip_turn_per_m,
-            press=press_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
+            load_ratio=load_ratio_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
         )
 
     def _foot_noise(self, reading: Reading) -> Array:
@@ -70,7 +70,7 @@ class RobustProfile:
         foot_noise = self._foot_noise(reading)
         self._counts["no_contact"] += not reading.is_stance.any()
         self._predict(core, motion, dt_s, foot_noise)
-        blocks = observation.blocks(
+        blocks = measurement_model.blocks(
             reading,
             motion,
             core.mean,
@@ -87,7 +87,7 @@ class RobustProfile:
             self._gravity.close()
             return np.zeros(self.layout.legs, dtype=np.bool_)
         stance = self._update(core, self._footholds, reading, blocks, dt_s)
-        self._see_gravity(core, reading, is_gap=is_gap)
+        self._update_gravity(core, reading, is_gap=is_gap)
         return stance
 
     def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
@@ -95,15 +95,15 @@ class RobustProfile:
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.carried()
         self._predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
-        predicted, rows = core.observe(observation.gyroscope, observation.CURVED_COLUMNS)
+        predicted, rows = core.observe(measurement_model.gyroscope, measurement_model.CURVED_COLUMNS)
         core.update(rows, gyroscope_noise_radps * np.eye(3), rate - predicted)
 
     def _predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         core.predict(
-            lambda stack: process.predict(
+            lambda stack: process_model.predict(
                 stack, dt_s, motion, self._radii_m, self._hips_body, self._config.slip_memory_s
             ),
-            lambda mean: process.noise_rows(
+            lambda mean: process_model.noise_rows(
                 mean,
                 dt_s,
                 motion,
@@ -112,7 +112,7 @@ class RobustProfile:
                 config=self._config,
                 imu=self._robot.imu,
             ),
-            process.CURVED_COLUMNS,
+            process_model.CURVED_COLUMNS,
         )
 
     def _update(
@@ -121,7 +121,7 @@ class RobustProfile:
         def model(stack: State) -> Array:
             return np.concatenate([block.model(stack) for block in blocks], axis=1)
 
-        predicted, rows = core.observe(model, observation.CURVED_COLUMNS)
+        predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
         innovation = np.concatenate([block.measured for block in blocks]) - predicted
         noise = _noise_rows(blocks)
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
@@ -146,7 +146,7 @@ class RobustProfile:
             core.update(rows, noise, innovation, considered=SLIP)
         return stance
 
-    def _see_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
+    def _update_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
         """Listen to the accelerometer while all feet stand, and update where a window of it is complete."""
         mean = core.mean
         if is_gap:
@@ -163,7 +163,7 @@ class RobustProfile:
             gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
         if gravity is None:
             return
-        predicted, rows = core.observe(observation.specific_force_at_rest, observation.CURVED_COLUMNS)
+        predicted, rows = core.observe(measurement_model.specific_force_at_rest, measurement_model.CURVED_COLUMNS)
         innovation = mean.rotation.T @ gravity.force_world - predicted
         velocity_variance = float(core.variance(VELOCITY).mean())
         sigma = np.hypot(self._config.gravity_noise_mps2, np.sqrt(2.0 * velocity_variance) / gravity.duration_s)

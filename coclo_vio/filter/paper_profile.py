@@ -20,9 +20,9 @@ from dataclasses import replace
 import numpy as np
 
 from coclo_vio.filter.config import PaperConfig
-from coclo_vio.filter.core import SquareRootFilter
-from coclo_vio.filter.initialisation import UnsureFeet
-from coclo_vio.filter.observation import specific_force_at_rest
+from coclo_vio.filter.initialisation import FootPrior
+from coclo_vio.filter.measurement_model import specific_force_at_rest
+from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
@@ -56,10 +56,12 @@ class PaperProfile:
     def start(self, reading: Reading) -> None:
         """Nothing is remembered outside the state."""
 
-    def unsure_feet(self, reading: Reading) -> UnsureFeet:
+    def foot_prior(self, reading: Reading) -> FootPrior:
         """What is not known of the feet at the start."""
         none = np.zeros(self.layout.legs)
-        return UnsureFeet(self._config.foot_noise_m, scale=0.0, give_m=0.0, slip=0.0, slip_turn=0.0, press=none)
+        return FootPrior(
+            self._config.foot_noise_m, scale=0.0, compliance_m=0.0, slip=0.0, slip_turn=0.0, load_ratio=none
+        )
 
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool

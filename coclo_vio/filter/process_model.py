@@ -17,7 +17,7 @@ from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
-    LEG_GIVE,
+    LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
     RATE,
@@ -38,7 +38,7 @@ _HAT_UP = so3.hat(UP)
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
 
-def lengthened(scale: Array, position_body: Array, hips_body: Array) -> Array:
+def leg_scale_offset(scale: Array, position_body: Array, hips_body: Array) -> Array:
     """What legs longer by a fraction (points, 1) add to foot positions (n, 3): (points, n, 3), m, body frame.
 
     Only the horizontal part is scaled: bending and rolling shorten the sweep of a leg, not the height of the body.
@@ -48,7 +48,7 @@ def lengthened(scale: Array, position_body: Array, hips_body: Array) -> Array:
     return added
 
 
-def slip_of(stack: State, position_body: Array) -> Array:
+def slip_velocity(stack: State, position_body: Array) -> Array:
     """Velocity at which standing feet at ``position_body`` (n, 3) seem to slip, body axes, m/s, (points, n, 3).
 
     In proportion to the speed, as far as that is known (the stack's first point is its centre): nothing is learned of
@@ -80,11 +80,11 @@ def predict(
     foot_turn = turn[:, None, :] + motion.turn_body + commutator
     foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
     rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
-    rolled += slip_of(stack, motion.position_body) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
+    rolled += slip_velocity(stack, motion.position_body) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
     vector[:, SLIP_TURN.start : SLIP.stop] *= np.exp(-dt_s / slip_memory_s)
-    legs = motion.position_body + lengthened(vector[:, LEG_SCALE], motion.position_body, hips_body)
+    legs = motion.position_body + leg_scale_offset(vector[:, LEG_SCALE], motion.position_body, hips_body)
     carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
-    carried[..., 2] += vector[:, LEG_GIVE] * motion.press
+    carried[..., 2] += vector[:, LEG_COMPLIANCE] * motion.load_ratio
     feet = np.where(motion.holds[:, None], rolled, carried)
     vector[:, stack.layout.feet] = feet.reshape(len(vector), -1)
     return replace(stack, rotation=rotation, vector=vector)
@@ -128,7 +128,7 @@ def noise_rows(
     rows[6:9, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * root * identity
     rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
     rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
-    rows[13, LEG_GIVE] = config.leg_compliance_walk_m * root * config.estimates_leg_compliance
+    rows[13, LEG_COMPLIANCE] = config.leg_compliance_walk_m * root * config.estimates_leg_compliance
     slip = root * np.sqrt(2.0 / config.slip_memory_s)
     rows[14:17, SLIP_TURN] = config.slip_turn_per_m * slip * identity
     rows[17:20, SLIP] = config.slip_share * slip * identity

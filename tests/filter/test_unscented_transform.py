@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coclo_vio.filter.square_root import SigmaSpread, correct, lower_factor
+from coclo_vio.filter.unscented_transform import SigmaSpread, correct, lower_factor
 
 STATES, STEPS = 9, 60
 
