@@ -74,12 +74,8 @@ class Diary:
             )
         )
 
-    def take_events(self) -> tuple[Event, ...]:
-        """What happened since the last call."""
+    def take(self) -> tuple[tuple[Event, ...], tuple[KeyframeHealth, ...]]:
+        """Events and health of keyframes since the last call."""
         events, self._events = tuple(self._events), []
-        return events
-
-    def take_health(self) -> tuple[KeyframeHealth, ...]:
-        """The keyframes since the last call."""
         health, self._health = tuple(self._health), []
-        return health
+        return events, health

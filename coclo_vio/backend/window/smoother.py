@@ -31,9 +31,8 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.values.errors import SmootherError
 from coclo_vio.values.estimates import NavState, StateEstimate
-from coclo_vio.values.keyframes import OdometryDelta, PoseEvidence, PoseMarginal
+from coclo_vio.values.keyframes import FrameResult, KeyframeResult, OdometryDelta, PoseEvidence, PoseMarginal
 from coclo_vio.values.measurements import InertialReading, StereoTracks
-from coclo_vio.values.outputs import Event, KeyframeHealth
 from coclo_vio.values.units import NS_PER_S
 
 _REST_TIE_NS = 500_000_000  # of a rest are part of the motion after it: they tell tilt and bias together
@@ -90,39 +89,13 @@ class SlidingWindowSmoother:
         """The time of the last keyframe: where an ``OdometryDelta`` has to start."""
         return None if self._window is None else self._window.newest.stamp_ns
 
-    @property
-    def marginal(self) -> PoseMarginal | None:
-        """What is known of the last keyframe; None before the start."""
-        if self._window is None:
-            return None
-        newest = self._window.newest
-        covariance = self._keyframe_covariance[:6, :6]
-        return self._exchange.marginal(newest.stamp_ns) or PoseMarginal(
-            newest.stamp_ns, self._window.pose(newest.number), covariance
-        )
+    def start_from(self, marginal: PoseMarginal) -> None:
+        """Start, or start anew, with the frame of this stamp and in the world of this marginal.
 
-    @property
-    def evidence(self) -> PoseEvidence | None:
-        """What is known of the last keyframe and the one before it without what ties the two besides landmarks.
-
-        None where the last keyframe is the first one of its window, or the two are not determined.
+        No other start is sought any more. From then on the window keeps what it knows of that world, and the result of
+        each keyframe carries its marginal and evidence.
         """
-        return self._exchange.evidence(self.keyframe_ns)
-
-    def start_from(self, belief: PoseMarginal) -> None:
-        """Start, or start anew, with the frame of this stamp and in the world of this belief.
-
-        A start of its own is not sought any more, and from then on the window keeps what it knows of that world.
-        """
-        self._exchange.start_from(belief)
-
-    def take_events(self) -> tuple[Event, ...]:
-        """What happened since the last call."""
-        return self._diary.take_events()
-
-    def take_health(self) -> tuple[KeyframeHealth, ...]:
-        """The keyframes since the last call."""
-        return self._diary.take_health()
+        self._exchange.start_from(marginal)
 
     def push_imu(self, sample: InertialReading) -> None:
         """Take an IMU reading; readings come before the frame that they lead to."""
@@ -142,8 +115,8 @@ class SlidingWindowSmoother:
         tracks: StereoTracks,
         odometry: OdometryDelta | None = None,
         evidence: PoseEvidence | None = None,
-    ) -> StateEstimate | None:
-        """Take a frame; its estimate, or None before the start and for a frame that is not newer than the last.
+    ) -> FrameResult:
+        """Take a frame; without an estimate before the start and for a frame that is not newer than the last.
 
         Args:
             tracks: what the frame sees.
@@ -153,8 +126,24 @@ class SlidingWindowSmoother:
         """
         if self._last is not None and tracks.stamp_ns <= self._last.stamp_ns:
             self._diary.count("frame_stamp_refused")
-            return None
+            return FrameResult()
         self._diary.count("frames")
+        estimate = self._estimate(tracks, odometry, evidence)
+        return FrameResult(estimate, self._keyframe_result(tracks.stamp_ns), *self._diary.take())
+
+    def _keyframe_result(self, stamp_ns: int) -> KeyframeResult | None:
+        """Marginal and evidence of the frame of this stamp, if it is a keyframe and the start was given."""
+        window = self._window
+        if self._exchange.given is None or window is None or window.newest.stamp_ns != stamp_ns:
+            return None
+        marginal = self._exchange.marginal(stamp_ns) or PoseMarginal(
+            stamp_ns, window.pose(window.newest.number), self._keyframe_covariance[:6, :6]
+        )
+        return KeyframeResult(marginal, self._exchange.evidence(stamp_ns))
+
+    def _estimate(
+        self, tracks: StereoTracks, odometry: OdometryDelta | None, evidence: PoseEvidence | None
+    ) -> StateEstimate | None:
         given = self._exchange.given
         if given is not None and given.stamp_ns == tracks.stamp_ns:
             return self._start_as_given(tracks, given)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the window tells whoever measures its odometry, and a window that was told where it is."""
 
+from itertools import pairwise
+
 import gtsam
 import numpy as np
 import pytest
@@ -14,27 +16,28 @@ from coclo_vio.geometry import se3
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.keyframes import OdometryDelta, PoseMarginal
+from coclo_vio.values.keyframes import KeyframeResult, OdometryDelta, PoseMarginal
 
 WALK = BodyMotionConfig(rest_s=0.0, walk_s=12.0, stop_s=0.0, speed_mps=0.4, curvature_per_m=0.2)
 ODOMETRY = np.diag([2e-3] * 3 + [4e-3] * 3) ** 2
 START = PoseMarginal(100_000_000, worlds.pose_at(WALK, 100_000_000), np.zeros((6, 6)))
 
 
-def walked(seconds: float, *, is_told: bool = True) -> tuple[SlidingWindowSmoother, list[PoseMarginal]]:
-    """A smoother after a walk of exact odometry and noisy sight, and what it said of each keyframe."""
+def walked(seconds: float, *, has_start: bool = True) -> tuple[SlidingWindowSmoother, list[KeyframeResult]]:
+    """A smoother after a walk of exact odometry and noisy tracks, and the results of its keyframes."""
     smoother = SlidingWindowSmoother(worlds.RIG, uses_imu=False)
-    if is_told:
+    if has_start:
         smoother.start_from(START)
-    said: list[PoseMarginal] = []
+    results: list[KeyframeResult] = []
     for stamp_ns in worlds.stamps_ns(0.1, seconds, worlds.FRAME_NS):
         before_ns = smoother.keyframe_ns
         tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
-        smoother.push_tracks(tracks, None if before_ns is None else odometry(before_ns, stamp_ns))
-        if smoother.keyframe_ns != before_ns:
-            assert smoother.marginal is not None
-            said.append(smoother.marginal)
-    return smoother, said
+        result = smoother.push_tracks(tracks, None if before_ns is None else odometry(before_ns, stamp_ns))
+        assert (result.keyframe is not None) == (has_start and smoother.keyframe_ns != before_ns)
+        if result.keyframe is not None:
+            assert result.keyframe.marginal.stamp_ns == stamp_ns
+            results.append(result.keyframe)
+    return smoother, results
 
 
 def odometry(start_ns: int, end_ns: int) -> OdometryDelta:
@@ -70,43 +73,53 @@ def test_the_belief_of_a_keyframe_is_what_the_pair_says_of_it() -> None:
     np.testing.assert_allclose(newest_marginal(window).covariance, marginal_of_end(pair.information), rtol=1e-6)
 
 
-def test_what_is_said_is_of_the_last_keyframe_and_the_one_before() -> None:
-    smoother, said = walked(4.0)
-    assert smoother.evidence is not None
-    assert (smoother.evidence.start_ns, smoother.evidence.end_ns) == (said[-2].stamp_ns, said[-1].stamp_ns)
-    assert said[-1].stamp_ns == smoother.keyframe_ns
+def test_each_keyframe_but_the_first_has_evidence_of_itself_and_the_one_before() -> None:
+    _, results = walked(4.0)
+    assert results[0].evidence is None
+    for before, result in pairwise(results):
+        assert result.evidence is not None
+        assert (result.evidence.start_ns, result.evidence.end_ns) == (
+            before.marginal.stamp_ns,
+            result.marginal.stamp_ns,
+        )
 
 
-def test_a_window_that_was_told_where_it_is_stays_honest_of_it() -> None:
-    _, said = walked(11.5)
-    assert len(said) > 25, "most keyframes have left the window"
-    sizes = [float(np.sqrt(np.trace(one.covariance[3:, 3:]))) for one in said]
+def test_a_window_with_a_given_start_is_consistent_with_it() -> None:
+    marginals = [result.marginal for result in walked(11.5)[1]]
+    assert len(marginals) > 25, "most keyframes have left the window"
+    sizes = [float(np.sqrt(np.trace(each.covariance[3:, 3:]))) for each in marginals]
     assert sizes[-1] > 1.2 * sizes[5]
-    errors = [se3.log(se3.inverse(worlds.pose_at(WALK, one.stamp_ns)) @ one.T_world_body) for one in said[1:]]
-    squared = [error @ np.linalg.solve(one.covariance, error) for error, one in zip(errors, said[1:], strict=True)]
+    errors = [se3.log(se3.inverse(worlds.pose_at(WALK, each.stamp_ns)) @ each.T_world_body) for each in marginals[1:]]
+    squared = [
+        error @ np.linalg.solve(each.covariance, error) for error, each in zip(errors, marginals[1:], strict=True)
+    ]
     assert np.mean(squared) < 2.0 * 6
     assert np.linalg.norm(errors[-1][3:]) < 0.05
 
 
 def test_evidence_of_other_times_is_refused_with_its_odometry() -> None:
-    smoother, said = walked(2.5)
+    smoother, results = walked(2.5)
     stamp_ns = round(2.5e9)
     tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
-    smoother.push_tracks(tracks, odometry(said[-2].stamp_ns, stamp_ns), smoother.evidence)
+    smoother.push_tracks(tracks, odometry(results[-2].marginal.stamp_ns, stamp_ns), results[-1].evidence)
     assert smoother.counts["odometry_refused"] == 1
 
 
-def test_a_window_that_was_told_nothing_has_nothing_to_say_until_there_is_odometry() -> None:
+def test_without_odometry_a_keyframe_has_a_marginal_and_no_evidence() -> None:
     smoother = SlidingWindowSmoother(worlds.RIG, uses_imu=False)
+    smoother.start_from(START)
+    results = []
     for stamp_ns in worlds.stamps_ns(0.1, 2.0, worlds.FRAME_NS):
-        smoother.push_tracks(worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns)))
-    assert smoother.evidence is None
-    assert smoother.marginal is not None
+        tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
+        results.append(smoother.push_tracks(tracks).keyframe)
+    keyframes = [result for result in results if result is not None]
+    assert 1 < len(keyframes) < len(results)
+    assert all(result.evidence is None for result in keyframes)
 
 
-@pytest.mark.parametrize("is_told", [True, False])
-def test_the_oldest_keyframe_is_held_only_where_nobody_says_where_it_is(*, is_told: bool) -> None:
-    window = window_of(walked(6.0, is_told=is_told)[0])
+@pytest.mark.parametrize("has_start", [True, False])
+def test_the_oldest_keyframe_is_held_only_where_no_start_was_given(*, has_start: bool) -> None:
+    window = window_of(walked(6.0, has_start=has_start)[0])
     held = [term for term in window.terms(()) if term.keys == (factors.pose_key(window.keyframes[0].number),)]
     sigma = 1e-4
     is_pinned = any(
@@ -114,29 +127,28 @@ def test_the_oldest_keyframe_is_held_only_where_nobody_says_where_it_is(*, is_to
         for term in held
         if type(term.factor).__name__ == "PriorFactorPose3"
     )
-    assert is_pinned != is_told
+    assert is_pinned != has_start
 
 
-def test_a_restart_is_as_unsure_as_the_last_keyframe_and_the_motion_since(monkeypatch: pytest.MonkeyPatch) -> None:
-    smoother, said = walked(3.0)
+def test_a_restart_is_as_uncertain_as_the_last_keyframe_and_the_motion_since(monkeypatch: pytest.MonkeyPatch) -> None:
+    smoother, results = walked(3.0)
+    last = results[-1].marginal
 
-    def runs_away(window: Window) -> None:
+    def diverges(window: Window) -> None:
         window.values.update(factors.pose_key(window.newest.number), gtsam.Pose3(se3.exp(np.full(6, 50.0))))
         raise SmootherError("not determined")
 
-    monkeypatch.setattr(Window, "solve", runs_away)
-    smoother.take_events()
-    before_ns = said[-1].stamp_ns
+    monkeypatch.setattr(Window, "solve", diverges)
     for stamp_ns in worlds.stamps_ns(3.0, 4.0, worlds.FRAME_NS):
         tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
-        smoother.push_tracks(tracks, odometry(before_ns, stamp_ns))
-        if smoother.keyframe_ns != before_ns:
+        result = smoother.push_tracks(tracks, odometry(last.stamp_ns, stamp_ns))
+        if result.keyframe is not None:
             break
-    assert [event.kind for event in smoother.take_events()] == ["solver_failed", "restart"]
-    belief = smoother.marginal
-    assert belief is not None
-    assert smoother.evidence is None
-    own, motion = np.trace(said[-1].covariance[3:, 3:]), np.trace(ODOMETRY[3:, 3:])
-    assert motion < np.trace(belief.covariance[3:, 3:]) < 2.0 * (own + motion)
-    error = se3.log(se3.inverse(worlds.pose_at(WALK, belief.stamp_ns)) @ belief.T_world_body)
+    assert [event.kind for event in result.events] == ["solver_failed", "restart"]
+    assert result.keyframe is not None
+    assert result.keyframe.evidence is None
+    marginal = result.keyframe.marginal
+    own, motion = np.trace(last.covariance[3:, 3:]), np.trace(ODOMETRY[3:, 3:])
+    assert motion < np.trace(marginal.covariance[3:, 3:]) < 2.0 * (own + motion)
+    error = se3.log(se3.inverse(worlds.pose_at(WALK, marginal.stamp_ns)) @ marginal.T_world_body)
     assert np.linalg.norm(error[3:]) < 0.05

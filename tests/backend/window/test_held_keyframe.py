@@ -129,7 +129,7 @@ def test_the_reported_uncertainty_grows_along_the_way() -> None:
     smoother = _smoother()
     sizes = []
     for frame in _drive(90, np.random.default_rng(2)):
-        estimate = smoother.push_tracks(frame)
+        estimate = smoother.push_tracks(frame).estimate
         assert estimate is not None
         sizes.append(float(np.trace(estimate.covariance[3:6, 3:6])))
     assert min(sizes[70:]) > 1.5 * min(sizes[20:40])

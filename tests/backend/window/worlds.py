@@ -2,7 +2,7 @@
 """A rig, points and a motion in closed form: exact or noisy tracks and IMU readings for the smoother."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import ImuSample, InertialReading, StereoTracks
+from coclo_vio.values.outputs import Event, KeyframeHealth
 
 NS_PER_S = 1_000_000_000
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # R_body_camera of a camera that looks ahead
@@ -128,17 +129,32 @@ def in_order(
     return sorted(together, key=lambda event: (event.stamp_ns, isinstance(event, StereoTracks)))
 
 
-def play(
-    smoother: SlidingWindowSmoother, events: Iterable[StereoTracks | InertialReading]
-) -> dict[int, StateEstimate | None]:
-    """Push everything; what each frame was answered, by its stamp."""
-    answers: dict[int, StateEstimate | None] = {}
-    for event in events:
-        if isinstance(event, StereoTracks):
-            answers[event.stamp_ns] = smoother.push_tracks(event)
+@dataclass(frozen=True, eq=False)
+class Played:
+    """What a smoother made of a recording: the estimate of each frame by its stamp, all events and all health."""
+
+    estimates: dict[int, StateEstimate | None] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    health: list[KeyframeHealth] = field(default_factory=list)
+
+    @property
+    def kinds(self) -> list[str]:
+        """The kinds of the events."""
+        return [event.kind for event in self.events]
+
+
+def play(smoother: SlidingWindowSmoother, measurements: Iterable[StereoTracks | InertialReading]) -> Played:
+    """Push everything."""
+    played = Played()
+    for measurement in measurements:
+        if isinstance(measurement, StereoTracks):
+            result = smoother.push_tracks(measurement)
+            played.estimates[measurement.stamp_ns] = result.estimate
+            played.events.extend(result.events)
+            played.health.extend(result.health)
         else:
-            smoother.push_imu(event)
-    return answers
+            smoother.push_imu(measurement)
+    return played
 
 
 def blind(tracks: StereoTracks) -> StereoTracks:
