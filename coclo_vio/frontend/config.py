@@ -9,160 +9,172 @@ from coclo_vio.values.config import StageConfig
 
 
 class DetectionConfig(StageConfig):
-    """Where new points are looked for."""
+    """Detection of new points."""
 
-    tracks: Annotated[int, Field(ge=20, le=1000, description="points to follow at a time")] = 150
-    min_distance_px: Annotated[float, Field(ge=3, le=100, description="of a new point from every other one, px")] = 15.0
-    cell_px: Annotated[int, Field(ge=24, le=400, description="side of the cells over which points are spread, px")] = 64
-    cell_most: Annotated[int, Field(ge=1, le=50, description="most points in a cell")] = 7
-    quality: Annotated[
-        float, Field(gt=0, lt=1, description="least corner strength as a share of the strongest one of its cell")
+    tracks: Annotated[int, Field(ge=20, le=1000, description="number of points to track")] = 150
+    min_distance_px: Annotated[
+        float, Field(ge=3, le=100, description="minimum distance of a new point from every other one, px")
+    ] = 15.0
+    cell_px: Annotated[
+        int, Field(ge=24, le=400, description="side of the grid cells over which points are spread, px")
+    ] = 64
+    max_per_cell: Annotated[int, Field(ge=1, le=50, description="maximum number of points in a cell")] = 7
+    quality_level: Annotated[
+        float, Field(gt=0, lt=1, description="minimum corner strength as a share of the strongest one of its cell")
     ] = 0.05
     noise_ratio: Annotated[
-        float, Field(ge=0, description="least corner strength in those that the image's noise alone would make")
+        float, Field(ge=0, description="minimum corner strength as a multiple of what image noise alone produces")
     ] = 6.0
     strong_ratio: Annotated[
-        float, Field(ge=0, description="corners below this are only taken where there are not enough stronger ones")
+        float,
+        Field(ge=0, description="corners below this multiple are used only where there are too few stronger ones"),
     ] = 16.0
     refill_share: Annotated[
-        float, Field(gt=0, le=1, description="new points are sought once fewer than this share of tracks is left")
+        float, Field(gt=0, le=1, description="new points are detected when fewer than this share of tracks is left")
     ] = 0.95
-    border_px: Annotated[int, Field(ge=1, le=100, description="no point is this near to the image's edge, px")] = 8
+    border_px: Annotated[int, Field(ge=1, le=100, description="minimum distance from the image border, px")] = 8
 
 
 class FlowConfig(StageConfig):
-    """Pyramidal Lucas-Kanade from frame to frame: it only has to come near, patches make it exact."""
+    """Pyramidal Lucas-Kanade from frame to frame: an initial position that the patch alignment refines."""
 
     window_px: Annotated[int, Field(ge=5, le=61, description="side of the window, px")] = 15
-    levels: Annotated[int, Field(ge=0, le=8, description="halvings of the image when the motion is predicted")] = 2
+    levels: Annotated[int, Field(ge=0, le=8, description="pyramid levels when the motion is predicted")] = 2
     search_levels: Annotated[
-        int, Field(ge=0, le=8, description="halvings of the image when it is not, or was wrong")
+        int, Field(ge=0, le=8, description="pyramid levels when it is not predicted, or the prediction was wrong")
     ] = 4
-    iterations: Annotated[int, Field(ge=1, le=200, description="most iterations at a level")] = 10
-    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.05
-    round_trip_px: Annotated[
-        float, Field(gt=0, le=10, description="most error of a point that is followed there and back, px")
+    iterations: Annotated[int, Field(ge=1, le=200, description="maximum number of iterations per level")] = 10
+    precision_px: Annotated[float, Field(gt=0, le=1, description="iterations end at a smaller step, px")] = 0.05
+    forward_backward_px: Annotated[
+        float, Field(gt=0, le=10, description="maximum error of a point tracked forward and backward, px")
     ] = 1.0
     retry_share: Annotated[
         float,
         Field(
             ge=0,
             le=1,
-            description="fewer followed than this: the lost ones are sought again, farther and in evened light",
+            description="if fewer than this share are tracked, the lost ones are searched again in equalised images",
         ),
     ] = 0.35
 
 
 class PatchConfig(StageConfig):
-    """Alignment of patches that may stretch and shear: what makes places exact."""
+    """Alignment of patches under an affine warp: it makes positions accurate."""
 
     window_px: Annotated[int, Field(ge=5, le=61, description="side of a patch, px")] = 21
-    stride_px: Annotated[int, Field(ge=1, le=5, description="every n-th row and column of it is looked at")] = 2
-    taper_px: Annotated[float, Field(gt=1, description="sigma of the weight about its middle, px")] = 6.0
-    blur_px: Annotated[float, Field(gt=0, le=3, description="sigma of the blur that images get before, px")] = 1.0
-    iterations: Annotated[int, Field(ge=1, le=100, description="most iterations")] = 8
-    precision_px: Annotated[float, Field(gt=0, le=1, description="a smaller step ends the iterations, px")] = 0.05
-    noise: Annotated[float, Field(gt=0, description="of the images, against what is expected, grey levels")] = 2.0
-
-
-class AnchorConfig(StageConfig):
-    """Each point is compared with what it looked like when it was anchored, so that it does not creep away."""
-
-    shape_spread: Annotated[
-        float, Field(gt=0, lt=1, description="one sigma of stretch and shear against the predicted ones")
-    ] = 0.01
-    correction_px: Annotated[
-        float, Field(gt=0, le=20, description="most correction of a place that Lucas-Kanade has found, px")
+    stride_px: Annotated[int, Field(ge=1, le=5, description="every n-th row and column of the patch is used")] = 2
+    weight_sigma_px: Annotated[
+        float, Field(gt=1, description="sigma of the Gaussian weight about the patch centre, px")
+    ] = 6.0
+    blur_sigma_px: Annotated[
+        float, Field(gt=0, le=3, description="sigma of the Gaussian blur of the images before alignment, px")
+    ] = 1.0
+    iterations: Annotated[int, Field(ge=1, le=100, description="maximum number of iterations")] = 8
+    precision_px: Annotated[float, Field(gt=0, le=1, description="iterations end at a smaller step, px")] = 0.05
+    noise: Annotated[
+        float, Field(gt=0, description="image noise against which the priors of the warp are weighted, grey levels")
     ] = 2.0
-    stretch: Annotated[
-        float, Field(gt=1, le=10, description="beyond this factor of growth or shrinkage a point is anchored anew")
+
+
+class DriftConfig(StageConfig):
+    """Alignment of each point with its reference template, so that tracks do not drift."""
+
+    warp_sigma: Annotated[
+        float, Field(gt=0, lt=1, description="one sigma of stretch and shear about the predicted warp")
+    ] = 0.01
+    max_correction_px: Annotated[
+        float, Field(gt=0, le=20, description="maximum correction of the position from Lucas-Kanade, px")
+    ] = 2.0
+    max_stretch: Annotated[
+        float, Field(gt=1, le=10, description="beyond this change of scale a point gets a new reference template")
     ] = 1.5
-    lost_share: Annotated[
-        float, Field(gt=0, le=1, description="where more points than this do not look alike, all are anchored anew")
+    dissimilar_share: Annotated[
+        float,
+        Field(gt=0, le=1, description="if more points than this are dissimilar, all get a new reference template"),
     ] = 0.5
 
 
-class LikenessConfig(StageConfig):
-    """When the same point in two images has been found."""
+class SimilarityConfig(StageConfig):
+    """When an aligned patch shows the same as its template."""
 
-    score: Annotated[float, Field(ge=0, lt=1, description="least correlation of two patches")] = 0.8
-    residual_ratio: Annotated[
-        float, Field(gt=1, description="most residual of a stereo match in those of the middle one of the frame")
+    min_correlation: Annotated[float, Field(ge=0, lt=1, description="minimum correlation of the two patches")] = 0.8
+    max_residual_ratio: Annotated[
+        float, Field(gt=1, description="maximum residual as a multiple of the frame's median residual")
     ] = 1.6
     contrast_share: Annotated[
-        float, Field(ge=0, lt=1, description="so much of its contrast may be left over besides")
+        float, Field(ge=0, lt=1, description="share of the patch's contrast that the residual may have in addition")
     ] = 0.08
 
 
 class StereoConfig(StageConfig):
-    """The same point in the right image."""
+    """Matching from the left image to the right one."""
 
-    least_disparity_px: Annotated[
-        float, Field(gt=0, le=20, description="points with less are too far to be matched, px")
+    min_disparity_px: Annotated[float, Field(gt=0, le=20, description="minimum disparity of a match, px")] = 0.3
+    min_depth_m: Annotated[float, Field(gt=0, description="minimum depth of a match, m")] = 0.2
+    row_sigma_px: Annotated[
+        float, Field(gt=0, le=5, description="one sigma of the row difference after rectification, px")
     ] = 0.3
-    nearest_m: Annotated[float, Field(gt=0, description="depth of the nearest point that is believed, m")] = 0.2
-    row_spread_px: Annotated[
-        float, Field(gt=0, le=5, description="one sigma of the difference of rows after rectification, px")
-    ] = 0.3
-    row_difference_px: Annotated[
-        float, Field(gt=0, le=20, description="most difference of rows after rectification, px")
+    max_row_difference_px: Annotated[
+        float, Field(gt=0, le=20, description="maximum row difference after rectification, px")
     ] = 1.5
-    slant_spread: Annotated[
+    slant_sigma: Annotated[
         float, Field(gt=0, le=2, description="one sigma of the change of disparity from pixel to pixel")
     ] = 0.3
-    correction_px: Annotated[
-        float, Field(gt=0, le=20, description="most correction of the disparity that was expected or found, px")
+    max_correction_px: Annotated[
+        float, Field(gt=0, le=20, description="maximum correction of the disparity predicted or searched, px")
     ] = 2.5
     retry_frames: Annotated[
-        int, Field(ge=1, le=1000, description="a point that was not found is sought again every so many frames")
+        int, Field(ge=1, le=1000, description="an unmatched point is searched again once in so many frames")
     ] = 4
-    block_px: Annotated[int, Field(ge=5, le=41, description="side of the block that finds new points, px")] = 17
-    block_score: Annotated[
-        float, Field(ge=0, lt=1, description="least correlation of that block with the right image")
+    block_px: Annotated[int, Field(ge=5, le=41, description="side of the block for the search of new points, px")] = 17
+    min_block_correlation: Annotated[
+        float, Field(ge=0, lt=1, description="minimum correlation of that block with the right image")
     ] = 0.6
-    block_rival: Annotated[
-        float, Field(gt=0, le=1, description="a second place with this share of the best score makes it ambiguous")
+    uniqueness_ratio: Annotated[
+        float, Field(gt=0, le=1, description="a match is ambiguous if another place has this share of its correlation")
     ] = 0.98
 
 
 class MotionCheckConfig(StageConfig):
     """One rigid motion must explain the tracks (RANSAC)."""
 
-    error_px: Annotated[float, Field(gt=0, le=50, description="most error of a track against that motion, px")] = 2.0
-    fine_error_px: Annotated[
-        float, Field(gt=0, le=50, description="the same of one whose patch has been aligned, px")
+    max_error_px: Annotated[
+        float, Field(gt=0, le=50, description="maximum reprojection error of a track from Lucas-Kanade, px")
+    ] = 2.0
+    max_aligned_error_px: Annotated[
+        float, Field(gt=0, le=50, description="maximum reprojection error of a track after patch alignment, px")
     ] = 1.0
-    iterations: Annotated[int, Field(ge=10, le=10000, description="most samples of three points")] = 200
-    confidence: Annotated[float, Field(gt=0.5, lt=1, description="of having drawn a sample without a fault")] = 0.999
-    least_points: Annotated[int, Field(ge=4, le=100, description="fewer points are not judged")] = 8
-    least_share: Annotated[
-        float, Field(gt=0, lt=1, description="where fewer agree on a motion, none is dropped for it")
+    iterations: Annotated[int, Field(ge=10, le=10000, description="maximum number of three-point samples")] = 200
+    confidence: Annotated[float, Field(gt=0.5, lt=1, description="probability of a sample without outliers")] = 0.999
+    min_points: Annotated[int, Field(ge=4, le=100, description="no motion is estimated from fewer points")] = 8
+    min_inlier_share: Annotated[
+        float, Field(gt=0, lt=1, description="no track is rejected if fewer than this share are inliers")
     ] = 0.4
-    sure_share: Annotated[
+    confident_share: Annotated[
         float,
-        Field(gt=0, lt=1, description="a motion that fewer of all points share says nothing of the others"),
+        Field(gt=0, lt=1, description="the motion predicts lost points only if this share of all points are inliers"),
     ] = 0.25
 
 
-class SightConfig(StageConfig):
-    """When the cameras see well, badly, or not at all."""
+class QualityConfig(StageConfig):
+    """When tracking is healthy, degraded or lost."""
 
-    lost_tracks: Annotated[int, Field(ge=0, description="blind with fewer stereo tracks than this")] = 8
+    lost_tracks: Annotated[int, Field(ge=0, description="lost with fewer stereo tracks than this")] = 8
     degraded_tracks: Annotated[int, Field(ge=0, description="degraded with fewer stereo tracks than this")] = 40
     dark_level: Annotated[
-        float, Field(ge=0, le=255, description="mean brightness below which it is too dark, grey levels")
+        float, Field(ge=0, le=255, description="mean brightness below which an image is dark, grey levels")
     ] = 8.0
     bright_level: Annotated[
-        float, Field(ge=0, le=255, description="mean brightness above which it is overexposed, grey levels")
+        float, Field(ge=0, le=255, description="mean brightness above which an image is overexposed, grey levels")
     ] = 247.0
-    least_contrast: Annotated[
+    min_contrast: Annotated[
         float, Field(ge=0, le=128, description="standard deviation below which an image is featureless, grey levels")
     ] = 2.0
-    kept_share: Annotated[
-        float, Field(ge=0, le=1, description="degraded where fewer tracks than this share were followed")
+    tracked_share: Annotated[
+        float, Field(ge=0, le=1, description="degraded if fewer than this share of tracks continue")
     ] = 0.25
-    patience_frames: Annotated[
-        int, Field(ge=0, le=1000, description="after so many blind frames the tracks from before are given up")
+    max_lost_frames: Annotated[
+        int, Field(ge=0, le=1000, description="after more lost frames than this the earlier tracks are dropped")
     ] = 5
 
 
@@ -170,10 +182,12 @@ class FrontendConfig(StageConfig):
     """Stereo images to tracks of points."""
 
     detection: Annotated[DetectionConfig, Field(description="new points")] = DetectionConfig()
-    flow: Annotated[FlowConfig, Field(description="from frame to frame")] = FlowConfig()
+    flow: Annotated[FlowConfig, Field(description="optical flow from frame to frame")] = FlowConfig()
     patch: Annotated[PatchConfig, Field(description="alignment of patches")] = PatchConfig()
-    likeness: Annotated[LikenessConfig, Field(description="when patches show the same thing")] = LikenessConfig()
-    anchor: Annotated[AnchorConfig, Field(description="against creeping away")] = AnchorConfig()
-    stereo: Annotated[StereoConfig, Field(description="from left to right")] = StereoConfig()
-    motion: Annotated[MotionCheckConfig, Field(description="rejection of wrong tracks")] = MotionCheckConfig()
-    sight: Annotated[SightConfig, Field(description="what counts as seeing")] = SightConfig()
+    similarity: Annotated[SimilarityConfig, Field(description="comparison of aligned patches with their templates")] = (
+        SimilarityConfig()
+    )
+    drift: Annotated[DriftConfig, Field(description="correction of drift by reference templates")] = DriftConfig()
+    stereo: Annotated[StereoConfig, Field(description="matching from left to right")] = StereoConfig()
+    motion: Annotated[MotionCheckConfig, Field(description="rejection of outliers by RANSAC")] = MotionCheckConfig()
+    quality: Annotated[QualityConfig, Field(description="healthy, degraded or lost tracking")] = QualityConfig()

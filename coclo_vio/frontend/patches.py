@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Patches of one image aligned with another to a few hundredths of a pixel, many at a time.
+"""Alignment of patches of one image with another to a few hundredths of a pixel, many at a time.
 
-A patch may be shifted, stretched and sheared (six parameters) and its brightness may have another gain and offset.
-Gauss-Newton with the gradients of the template (Baker and Matthews, "Lucas-Kanade 20 years on", IJCV 2004); gain and
-offset are projected out of them. What a parameter may be is a normal distribution about its nominal value, so a patch
-of little texture keeps the shape that is expected of it. On the floor before a robot a patch without shear and stretch
-is wrong by a third of a pixel of disparity, and stays so from frame to frame.
+The warp of a patch is affine: shift, stretch and shear, six parameters; its brightness may differ by a gain and an
+offset. Gauss-Newton with the gradients of the template (Baker and Matthews, "Lucas-Kanade 20 years on", IJCV 2004);
+gain and offset are projected out of them. Each parameter has a normal prior about its nominal value, so a patch of
+little texture keeps its predicted warp. On the floor before a robot the disparity of a patch without shear and stretch
+is wrong by a third of a pixel, from frame to frame.
 """
 
 from dataclasses import dataclass
@@ -13,94 +13,94 @@ from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from coclo_vio.frontend.config import LikenessConfig, PatchConfig
-from coclo_vio.values.arrays import Array, BoolArray, ByteImage, IntArray
+from coclo_vio.frontend.config import PatchConfig, SimilarityConfig
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage, FloatImage, IntArray
 
-FloatArray = npt.NDArray[np.float32]
+FREE_PX = 100.0  # sigma of a shift without a prior
 
-_GAINS = (0.3, 3.0)
-_LONGEST_STEP_PX = 1.5
-_LEAST_VARIANCE = 1e-3
-_ALL_ITERATE = 3  # copying what is not settled yet costs more than iterating all
-_ROUNDING = 0.3  # standard deviation that eight bits make, grey levels
-_FEW = 10  # fewer patches say nothing about the usual residual
+_GAIN_LIMITS = (0.3, 3.0)
+_MAX_STEP_PX = 1.5
+_MIN_VARIANCE = 1e-3
+_ITERATIONS_OF_ALL = 3  # at first copying the unconverged patches costs more than iterating all
+_ROUNDING = 0.3  # standard deviation of the rounding to eight bits, grey levels
+_MIN_PATCHES = 10  # no median residual from fewer
 
 
 class SmoothPair(NamedTuple):
     """Both rectified images, smoothed, (rows, columns) each."""
 
-    left: FloatArray
-    right: FloatArray
+    left: FloatImage
+    right: FloatImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Templates:
-    """What patches look like, and how that changes with their first k parameters.
+    """Patch templates: brightness and its derivatives by the first k parameters of the warp.
 
     Attributes:
-        values: brightness less its mean, (N, P), grey levels.
-        slopes: derivative of the brightness by each parameter, without what a gain or an offset explains, (N, k, P).
-        hessians: weighted mean of the slopes' outer products, (N, k, k).
+        values: brightness minus its mean, (N, P), grey levels.
+        gradients: derivative of the brightness by each parameter; gain and offset projected out, (N, k, P).
+        hessians: weighted mean of the gradients' outer products, (N, k, k).
     """
 
-    values: FloatArray
-    slopes: FloatArray
-    hessians: FloatArray
+    values: FloatImage
+    gradients: FloatImage
+    hessians: FloatImage
 
-    def select(self, chosen: npt.NDArray[np.bool_] | IntArray) -> Self:
-        """The chosen patches, by a mask (N,) or by indices."""
-        return type(self)(self.values[chosen], self.slopes[chosen], self.hessians[chosen])
+    def select(self, chosen: BoolArray | IntArray) -> Self:
+        """The chosen templates, by a mask (N,) or by indices."""
+        return type(self)(self.values[chosen], self.gradients[chosen], self.hessians[chosen])
 
     def joined(self, other: Self) -> Self:
-        """These patches, then the other ones."""
-        pairs = ((self.values, other.values), (self.slopes, other.slopes), (self.hessians, other.hessians))
+        """These templates, then the other ones."""
+        pairs = ((self.values, other.values), (self.gradients, other.gradients), (self.hessians, other.hessians))
         return type(self)(*(np.concatenate(pair) for pair in pairs))
 
     def replaced(self, chosen: BoolArray, other: Self) -> Self:
-        """These patches with the other ones in the chosen places (N,)."""
-        arrays = [array.copy() for array in (self.values, self.slopes, self.hessians)]
-        for array, new in zip(arrays, (other.values, other.slopes, other.hessians), strict=True):
+        """These templates with the other ones in place of the chosen, (N,)."""
+        arrays = [array.copy() for array in (self.values, self.gradients, self.hessians)]
+        for array, new in zip(arrays, (other.values, other.gradients, other.hessians), strict=True):
             array[chosen] = new
         return type(self)(*arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where patches were found.
+    """Patches aligned in an image.
 
     Attributes:
-        centres: columns and rows of their middles, (N, 2).
-        shapes: what maps a step inside the template to one in the image, (N, 2, 2).
-        scores: correlation with the template, -1..1, (N,).
-        residuals: root mean square of what gain and offset do not explain, grey levels, (N,).
-        is_settled: whether the last step was short, (N,).
+        centres: columns and rows of their centres, (N, 2).
+        warps: map a step inside the template to one in the image, (N, 2, 2).
+        correlations: with the template, -1..1, (N,).
+        residuals: root mean square after gain and offset, grey levels, (N,).
+        is_converged: whether the last step was short, (N,).
     """
 
     centres: Array
-    shapes: Array
-    scores: Array
+    warps: Array
+    correlations: Array
     residuals: Array
-    is_settled: BoolArray
+    is_converged: BoolArray
 
 
-def alike(alignment: Alignment, config: LikenessConfig) -> BoolArray:
-    """Which patches show the same as their templates, (N,).
+def are_similar(alignment: Alignment, config: SimilarityConfig) -> BoolArray:
+    """Whether patches show the same as their templates, (N,).
 
-    What the images' noise leaves is about the same for all patches of a frame; where much more is left, it was no plane
-    or something came before it.
+    The residual of image noise is about the same for all patches of a frame. A patch with a much larger residual is not
+    planar or is occluded.
     """
-    sound = alignment.is_settled & (alignment.scores > config.score)
-    if sound.sum() < _FEW:
-        return sound
-    usual = max(float(np.median(alignment.residuals[sound])), _ROUNDING)
-    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.scores**2, _LEAST_VARIANCE))
-    return sound & (alignment.residuals < np.hypot(config.residual_ratio * usual, config.contrast_share * contrast))
+    is_candidate = alignment.is_converged & (alignment.correlations > config.min_correlation)
+    if is_candidate.sum() < _MIN_PATCHES:
+        return is_candidate
+    median = max(float(np.median(alignment.residuals[is_candidate])), _ROUNDING)
+    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.correlations**2, _MIN_VARIANCE))
+    limit = np.hypot(config.max_residual_ratio * median, config.contrast_share * contrast)
+    return is_candidate & (alignment.residuals < limit)
 
 
 class PatchAligner:
-    """Square patches of one size, whose middle counts more than their rim."""
+    """Aligns square patches of one size under a Gaussian weight about their centres."""
 
     def __init__(self, config: PatchConfig) -> None:
         self._config = config
@@ -108,18 +108,18 @@ class PatchAligner:
         steps = np.arange(-half, half + 1, config.stride_px, dtype=np.float32)
         columns, rows = np.meshgrid(steps, steps)
         self._offsets = np.stack((columns.ravel(), rows.ravel()), axis=1)  # (P, 2)
-        weights = np.exp(-0.5 * (self._offsets**2).sum(axis=1) / config.taper_px**2)
+        weights = np.exp(-0.5 * (self._offsets**2).sum(axis=1) / config.weight_sigma_px**2)
         self._weights = (weights / weights.sum()).astype(np.float32)
 
-    def smoothed(self, image: ByteImage) -> FloatArray:
-        """The image as this class takes it, (rows, columns): a little blur takes noise and the grid of pixels away."""
-        blurred = cv2.GaussianBlur(image.astype(np.float32), (5, 5), self._config.blur_px)
+    def smooth_image(self, image: ByteImage) -> FloatImage:
+        """The image as this class takes it, (rows, columns): a little blur suppresses noise and aliasing."""
+        blurred = cv2.GaussianBlur(image.astype(np.float32), (5, 5), self._config.blur_sigma_px)
         return np.asarray(blurred, dtype=np.float32)
 
-    def templates(self, image: FloatArray, centres: Array, parameters: int = 6) -> Templates:
-        """The patches of a smoothed image about centres (N, 2), px, that may change in the first so many parameters."""
-        places = centres[:, None].astype(np.float32) + self._offsets
-        columns, rows = places[:, :, 0], places[:, :, 1]
+    def templates(self, image: FloatImage, centres: Array, parameters: int = 6) -> Templates:
+        """Templates about centres (N, 2), px, of a smoothed image, for the first so many parameters of the warp."""
+        pixels = centres[:, None].astype(np.float32) + self._offsets
+        columns, rows = pixels[:, :, 0], pixels[:, :, 1]
         values = _sampled(image, columns, rows)
         values = values - (values @ self._weights)[:, None]
         shifts = np.float32(0.5) * np.stack(
@@ -130,80 +130,83 @@ class PatchAligner:
             axis=1,
         )
         stretches = shifts[:, :, None] * self._offsets.T
-        slopes = np.concatenate((shifts, stretches.reshape(len(shifts), 4, len(self._weights))), axis=1)[:, :parameters]
-        slopes -= (slopes @ self._weights)[:, :, None]
+        gradients = np.concatenate((shifts, stretches.reshape(len(shifts), 4, len(self._weights))), axis=1)[
+            :, :parameters
+        ]
+        gradients -= (gradients @ self._weights)[:, :, None]
         weighted = values * self._weights
-        variance = np.maximum((weighted * values).sum(axis=1), _LEAST_VARIANCE)
-        slopes -= np.matmul(slopes, weighted[:, :, None]) / variance[:, None, None] * values[:, None]
-        return Templates(values, slopes, np.matmul(slopes * self._weights, slopes.transpose(0, 2, 1)))
+        variance = np.maximum((weighted * values).sum(axis=1), _MIN_VARIANCE)
+        gradients -= np.matmul(gradients, weighted[:, :, None]) / variance[:, None, None] * values[:, None]
+        return Templates(values, gradients, np.matmul(gradients * self._weights, gradients.transpose(0, 2, 1)))
 
     def align(
         self,
         templates: Templates,
-        image: FloatArray,
+        image: FloatImage,
         centres: Array,
-        shapes: Array,
-        spreads: Array,
+        warps: Array,
+        sigmas: Array,
         start: Array | None = None,
     ) -> Alignment:
-        """Find templates in a smoothed image.
+        """Align templates with a smoothed image.
 
         Args:
             templates: N patches of k parameters.
             image: (rows, columns).
-            centres: where their middles should nominally be, (N, 2).
-            shapes: how they should nominally be stretched and sheared, (N, 2, 2).
-            spreads: one sigma of the first k of [column, row (px), d column / d column, d column / d row, d row / d
-                column, d row / d row] from the nominal, in the template's axes, (k,).
-            start: where the search begins, from the nominal, (N, 6); by default there.
+            centres: nominal centres, px, (N, 2).
+            warps: nominal warps, (N, 2, 2).
+            sigmas: of the priors of the first k of [column, row (px), d column / d column, d column / d row, d row / d
+                column, d row / d row] about the nominal, in the template's axes, (k,).
+            start: initial parameters from the nominal, (N, 6); zero by default.
         """
-        count, k = len(centres), len(spreads)
-        prior = (self._config.noise / spreads) ** 2 / len(self._weights)
+        count, k = len(centres), len(sigmas)
+        prior = (self._config.noise / sigmas) ** 2 / len(self._weights)
         inverses = np.linalg.inv(templates.hessians.astype(np.float64) + np.diag(prior))
         weighted = templates.values * self._weights
-        variances = np.maximum((weighted * templates.values).sum(axis=1), _LEAST_VARIANCE)
+        variances = np.maximum((weighted * templates.values).sum(axis=1), _MIN_VARIANCE)
         parameters = np.zeros((count, 6)) if start is None else start.copy()
-        scores, residuals, settled = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
+        correlations, residuals = np.zeros(count), np.zeros(count)
+        is_converged = np.zeros(count, dtype=np.bool_)
         active = np.arange(count)
         for number in range(self._config.iterations):
-            chosen: slice | IntArray = active if number >= _ALL_ITERATE else slice(None)
-            seen = self._seen(image, centres[chosen], shapes[chosen], parameters[chosen])
-            seen_weighted = seen * self._weights
-            product = (seen * weighted[chosen]).sum(axis=1)
-            gain = np.clip(product / variances[chosen], *_GAINS)
-            slope = np.matmul(templates.slopes[chosen], seen_weighted[:, :, None])[:, :, 0] / gain[:, None]
-            slope = slope + prior * parameters[chosen, :k]
-            step = -np.matmul(inverses[chosen], slope[:, :, None])[:, :, 0]
+            chosen: slice | IntArray = active if number >= _ITERATIONS_OF_ALL else slice(None)
+            brightness = self._brightness(image, centres[chosen], warps[chosen], parameters[chosen])
+            weighted_brightness = brightness * self._weights
+            product = (brightness * weighted[chosen]).sum(axis=1)
+            gain = np.clip(product / variances[chosen], *_GAIN_LIMITS)
+            gradient = np.matmul(templates.gradients[chosen], weighted_brightness[:, :, None])[:, :, 0]
+            gradient = gradient / gain[:, None] + prior * parameters[chosen, :k]
+            step = -np.matmul(inverses[chosen], gradient[:, :, None])[:, :, 0]
             longest = np.abs(step[:, :2]).max(axis=1)
-            parameters[chosen, :k] += step * np.minimum(1.0, _LONGEST_STEP_PX / (longest + 1e-9))[:, None]
-            energy = (seen * seen_weighted).sum(axis=1) - seen_weighted.sum(axis=1) ** 2
-            energy = np.maximum(energy, _LEAST_VARIANCE)
-            scores[chosen] = product / np.sqrt(variances[chosen] * energy)
-            residuals[chosen] = np.sqrt(energy * np.maximum(1.0 - scores[chosen] ** 2, 0.0))
-            settled[chosen] = longest < self._config.precision_px
-            active = np.flatnonzero(~settled)
+            parameters[chosen, :k] += step * np.minimum(1.0, _MAX_STEP_PX / (longest + 1e-9))[:, None]
+            variance = (brightness * weighted_brightness).sum(axis=1) - weighted_brightness.sum(axis=1) ** 2
+            variance = np.maximum(variance, _MIN_VARIANCE)
+            correlations[chosen] = product / np.sqrt(variances[chosen] * variance)
+            residuals[chosen] = np.sqrt(variance * np.maximum(1.0 - correlations[chosen] ** 2, 0.0))
+            is_converged[chosen] = longest < self._config.precision_px
+            active = np.flatnonzero(~is_converged)
             if not len(active):
                 break
-        middles, whole = _placed(centres, shapes, parameters)
-        return Alignment(middles, whole, scores, residuals, settled)
+        aligned_centres, aligned_warps = _warped(centres, warps, parameters)
+        return Alignment(aligned_centres, aligned_warps, correlations, residuals, is_converged)
 
-    def _seen(self, image: FloatArray, centres: Array, shapes: Array, parameters: Array) -> FloatArray:
-        """Brightness (N, P) of the image where the patches lie under their parameters (N, 6)."""
-        middles, whole = _placed(centres, shapes, parameters)
-        places = np.matmul(whole.astype(np.float32), self._offsets.T) + middles[:, :, None].astype(np.float32)
-        return _sampled(image, places[:, 0], places[:, 1])
-
-
-def _placed(centres: Array, shapes: Array, parameters: Array) -> tuple[Array, Array]:
-    """Middles (N, 2) and shapes (N, 2, 2) of patches with their parameters (N, 6) from the nominal."""
-    middles = centres + np.matmul(shapes, parameters[:, :2, None])[:, :, 0]
-    return middles, np.matmul(shapes, np.eye(2) + parameters[:, 2:].reshape(-1, 2, 2))
+    def _brightness(self, image: FloatImage, centres: Array, warps: Array, parameters: Array) -> FloatImage:
+        """Brightness (N, P) of the image under the patches at their parameters (N, 6)."""
+        centres, warps = _warped(centres, warps, parameters)
+        pixels = np.matmul(warps.astype(np.float32), self._offsets.T) + centres[:, :, None].astype(np.float32)
+        return _sampled(image, pixels[:, 0], pixels[:, 1])
 
 
-def _sampled(image: FloatArray, columns: FloatArray, rows: FloatArray) -> FloatArray:
-    """Brightness between pixels, bilinear, at ``columns`` and ``rows`` (m, n); the edge goes on outside."""
+def _warped(centres: Array, warps: Array, parameters: Array) -> tuple[Array, Array]:
+    """Centres (N, 2) and warps (N, 2, 2) of patches at parameters (N, 6) from the nominal."""
+    shifted = centres + np.matmul(warps, parameters[:, :2, None])[:, :, 0]
+    return shifted, np.matmul(warps, np.eye(2) + parameters[:, 2:].reshape(-1, 2, 2))
+
+
+def _sampled(image: FloatImage, columns: FloatImage, rows: FloatImage) -> FloatImage:
+    """Bilinear interpolation of the brightness at ``columns`` and ``rows`` (m, n); the border is replicated outside."""
     if not columns.size:
         return np.zeros(columns.shape, dtype=np.float32)
     columns, rows = np.ascontiguousarray(columns), np.ascontiguousarray(rows)
-    seen = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(seen, dtype=np.float32)
+    sampled = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled, dtype=np.float32)

@@ -1,30 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Raw stereo images to rectified ones: parallel axes, one pinhole, rows that agree. The first step of a frame.
+"""Rectification of raw stereo images: parallel axes, one pinhole model, rows that agree. The first step of a frame.
 
-The rotations are those of Bouguet's method, each camera turned by half of what they differ (OpenCV's stereoRectify).
-The pinhole keeps the size of the images and has the shortest focal length of the two, so nothing is enlarged; what no
-camera saw stays black, and a mask says where. A pair that is rectified already is passed on without being resampled.
+The rotations are those of Bouguet's method: each camera turns by half of their relative rotation (OpenCV's
+stereoRectify). The pinhole model keeps the size of the images and has the shortest focal length of the two, so nothing
+is enlarged; pixels without a source stay black, and a mask marks them. A pair that is rectified already is passed on
+without resampling.
 """
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from coclo_vio.geometry import se3
-from coclo_vio.values.arrays import Array, ByteImage
+from coclo_vio.values.arrays import Array, ByteImage, FloatImage
 from coclo_vio.values.calibration import CameraCalibration, RectifiedStereo, StereoCalibration
 from coclo_vio.values.errors import ConfigError, DatasetError
 from coclo_vio.values.measurements import StereoFrame
 
-# What OpenCV has to say of itself would stand between the lines of ours.
+# OpenCV's own log messages would mix with the command line's output.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
-_PARALLEL_RAD = 1e-5  # a hundredth of a pixel at the longest focal lengths there are
-_SAME_PX = 1e-3
-
-FloatImage = npt.NDArray[np.float32]
+_AXIS_TOLERANCE = 1e-6  # of the rectified baseline's direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,15 +38,15 @@ class RectifiedPair:
 
 
 class Rectifier:
-    """Rectifies the frames of one pair of cameras.
+    """Rectifies the frames of one stereo pair.
 
     Attributes:
-        rig: the pair as it is after rectification.
-        seen_left: 255 where the left camera has seen something, (rows, columns), uint8.
-        seen_right: the same of the right camera.
+        rig: the pair after rectification.
+        valid_left: 255 where a pixel of the rectified left image has a source in the raw one, (rows, columns), uint8.
+        valid_right: the same of the right image.
 
     Raises:
-        ConfigError: cameras of different image size, or a right camera that does not stand to the right of the left.
+        ConfigError: cameras of different image size, or a right camera that is not to the right of the left one.
     """
 
     def __init__(self, calibration: StereoCalibration) -> None:
@@ -62,18 +59,18 @@ class Rectifier:
             )
         T_left_right = se3.inverse(calibration.T_body_left_camera) @ calibration.T_body_right_camera
         self._maps: tuple[tuple[FloatImage, FloatImage], ...] = ()
-        if _is_rectified(left, right, T_left_right):
+        if not calibration.rectification_defects():
             self.rig = RectifiedStereo(
                 left.focal_px, left.principal_point_px, float(T_left_right[0, 3]), calibration.T_body_left_camera
             )
-            self.seen_left = self.seen_right = np.full(self._shape, 255, dtype=np.uint8)
+            self.valid_left = self.valid_right = np.full(self._shape, 255, dtype=np.uint8)
             return
-        rotations, baseline_m = _turned_parallel(T_left_right, self._shape)
+        rotations, baseline_m = _parallel_rotations(T_left_right, self._shape)
         matrix = _shared_pinhole((left, right), rotations)
         self._maps = tuple(
             _map(lens, rotation, matrix) for lens, rotation in zip((left, right), rotations, strict=True)
         )
-        self.seen_left, self.seen_right = (self._seen(maps) for maps in self._maps)
+        self.valid_left, self.valid_right = (self._valid(maps) for maps in self._maps)
         self.rig = RectifiedStereo(
             (float(matrix[0, 0]), float(matrix[1, 1])),
             (float(matrix[0, 2]), float(matrix[1, 2])),
@@ -81,7 +78,7 @@ class Rectifier:
             calibration.T_body_left_camera @ se3.transform(rotations[0].T, np.zeros(3)),
         )
 
-    def rectified(self, frame: StereoFrame) -> RectifiedPair:
+    def rectify(self, frame: StereoFrame) -> RectifiedPair:
         """The frame's images, rectified.
 
         Raises:
@@ -101,46 +98,37 @@ class Rectifier:
         )
         return RectifiedPair(left, right)
 
-    def _seen(self, maps: tuple[FloatImage, FloatImage]) -> ByteImage:
-        """255 where a map points into the image, (rows, columns)."""
+    def _valid(self, maps: tuple[FloatImage, FloatImage]) -> ByteImage:
+        """255 where a map points into the raw image, (rows, columns)."""
         rows, columns = self._shape
         inside = (maps[0] >= 0) & (maps[0] <= columns - 1) & (maps[1] >= 0) & (maps[1] <= rows - 1)
         return np.where(inside, 255, 0).astype(np.uint8)
 
 
-def _is_rectified(left: CameraCalibration, right: CameraCalibration, T_left_right: Array) -> bool:
-    no_lens = not any((*left.distortion_coefficients, *right.distortion_coefficients))
-    no_lens &= "equidistant" not in (left.distortion, right.distortion)  # whose zeros are a fisheye's all the same
-    same = np.abs(left.camera_matrix - right.camera_matrix).max() < _SAME_PX
-    baseline = T_left_right[:3, 3]
-    along_x = baseline[0] > 0.0 and np.abs(baseline[1:]).max() < _PARALLEL_RAD * baseline[0]
-    return bool(no_lens and same and along_x and np.abs(T_left_right[:3, :3] - np.eye(3)).max() < _PARALLEL_RAD)
-
-
-def _turned_parallel(T_left_right: Array, shape: tuple[int, int]) -> tuple[tuple[Array, Array], float]:
+def _parallel_rotations(T_left_right: Array, shape: tuple[int, int]) -> tuple[tuple[Array, Array], float]:
     """Rotations (3, 3) from each camera's frame to its rectified one, and the baseline, m."""
     T_right_left = se3.inverse(T_left_right)
-    plain = np.diag([float(shape[1]), float(shape[1]), 1.0])
-    none = np.zeros(4)
+    pinhole = np.diag([float(shape[1]), float(shape[1]), 1.0])
+    no_distortion = np.zeros(4)
     size = (shape[1], shape[0])
-    R_left, R_right, *_ = cv2.stereoRectify(  # lenses play no part in the rotations
-        plain, none, plain, none, size, T_right_left[:3, :3], T_right_left[:3, 3:]
+    R_left, R_right, *_ = cv2.stereoRectify(  # the rotations do not depend on the lenses
+        pinhole, no_distortion, pinhole, no_distortion, size, T_right_left[:3, :3], T_right_left[:3, 3:]
     )
     baseline = R_left @ T_left_right[:3, 3]
-    if baseline[0] <= 0.0 or np.abs(baseline[1:]).max() > 1e-6 * baseline[0]:
+    if baseline[0] <= 0.0 or np.abs(baseline[1:]).max() > _AXIS_TOLERANCE * baseline[0]:
         raise ConfigError(
             f"the right camera is at {np.round(T_left_right[:3, 3], 4).tolist()} m in the left camera's frame "
-            "(x right, y down, z forward); it must stand to the right: check that left and right are not swapped, "
+            "(x right, y down, z forward); it must be to the right: check that left and right are not swapped, "
             "and that body_left_camera and body_right_camera map camera coordinates to body"
         )
     return (np.asarray(R_left), np.asarray(R_right)), float(baseline[0])
 
 
 def _shared_pinhole(lenses: tuple[CameraCalibration, CameraCalibration], rotations: tuple[Array, Array]) -> Array:
-    """The matrix (3, 3), px, of the pinhole that both rectified images share.
+    """Camera matrix (3, 3), px, of the pinhole model that both rectified images share.
 
-    Its focal length is the shortest of the two cameras', its principal point such that the middles of both images
-    stay, in the mean, where they are.
+    Its focal length is the shortest of the two cameras'. Its principal point keeps the centres of both images, on
+    average, where they are.
     """
     focal = min(min(lens.focal_px) for lens in lenses)
     middle = np.array([0.5 * (lenses[0].width_px - 1), 0.5 * (lenses[0].height_px - 1)])
@@ -150,14 +138,14 @@ def _shared_pinhole(lenses: tuple[CameraCalibration, CameraCalibration], rotatio
 
 
 def _ray(lens: CameraCalibration, pixel: Array) -> Array:
-    """Direction (3,) in the camera's frame, z = 1, of a pixel (2,)."""
+    """Direction (3,) in the camera's frame, z = 1, of a raw pixel (2,)."""
     coefficients = np.array(lens.distortion_coefficients)
     point = pixel.reshape(1, 1, 2)
     if lens.distortion == "equidistant":
-        straight = cv2.fisheye.undistortPoints(point, lens.camera_matrix, coefficients)
+        undistorted = cv2.fisheye.undistortPoints(point, lens.camera_matrix, coefficients)
     else:
-        straight = cv2.undistortPoints(point, lens.camera_matrix, coefficients if len(coefficients) else None)
-    return np.append(np.asarray(straight, dtype=np.float64).ravel(), 1.0)
+        undistorted = cv2.undistortPoints(point, lens.camera_matrix, coefficients if len(coefficients) else None)
+    return np.append(np.asarray(undistorted, dtype=np.float64).ravel(), 1.0)
 
 
 def _map(lens: CameraCalibration, rotation: Array, matrix: Array) -> tuple[FloatImage, FloatImage]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From left to right: each point's place in the right image of a rectified pair.
+"""Stereo matching: each point's pixel in the right image of a rectified pair.
 
-A point whose disparity is about known is sought there; a new one is found first by comparing its block with all those
-on its row that a believable depth allows (normalised correlation, so the two exposures may differ). Then its patch is
-aligned, with the slant of the surface, and gates refuse what rows, depths or the look of it contradict.
+A point of about known disparity is searched there. A new one is first searched as a block along its row, within the
+limits of disparity, by normalised correlation, so the two exposures may differ. Then its patch is aligned, with the
+slant of the surface, and gates reject it by its row, its disparity or its similarity.
 """
 
 from dataclasses import replace
@@ -11,92 +11,93 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from coclo_vio.frontend.config import LikenessConfig, StereoConfig
-from coclo_vio.frontend.patches import PatchAligner, SmoothPair, alike
+from coclo_vio.frontend.config import SimilarityConfig, StereoConfig
+from coclo_vio.frontend.patches import FREE_PX, PatchAligner, SmoothPair, are_similar
 from coclo_vio.frontend.rectification import RectifiedPair
-from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.values.arrays import Array, BoolArray, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
 
-_BLOCK_ROWS = 1  # a block may be found so many rows higher or lower
-_ANYWHERE_PX = 100.0
+_BLOCK_ROWS = 1  # rows above and below that a block is also searched in
 
 
 class StereoMatcher:
-    """Matches the points of one pair of cameras."""
+    """Matches the points of one stereo pair."""
 
     def __init__(
         self,
         rig: RectifiedStereo,
-        seen_right: ByteImage,
+        valid_right: ByteImage,
         aligner: PatchAligner,
         config: StereoConfig,
-        likeness: LikenessConfig,
+        similarity: SimilarityConfig,
     ) -> None:
         self._config = config
-        self._likeness = likeness
+        self._similarity = similarity
         self._aligner = aligner
-        self._seen_right = seen_right
-        columns = seen_right.shape[1]
-        self._most_disparity = min(rig.focal_px[0] * rig.baseline_m / config.nearest_m, 0.5 * columns)
-        self._spreads = np.array([_ANYWHERE_PX, config.row_spread_px, config.slant_spread, config.slant_spread])
+        self._valid_right = valid_right
+        columns = valid_right.shape[1]
+        self._max_disparity = min(rig.focal_px[0] * rig.baseline_m / config.min_depth_m, 0.5 * columns)
+        self._sigmas = np.array([FREE_PX, config.row_sigma_px, config.slant_sigma, config.slant_sigma])
 
-    def match(self, pair: RectifiedPair, smooth: SmoothPair, tracks: LiveTracks) -> LiveTracks:
-        """The points at their places in the right image, NaN where they were not found there, with their slants.
+    def match(self, pair: RectifiedPair, smooth: SmoothPair, tracks: ActiveTracks) -> ActiveTracks:
+        """The tracks with their pixels in the right image, NaN where not matched, and their slants.
 
         Args:
             pair: the rectified images.
             smooth: the same, smoothed.
-            tracks: the points at their places in the left one, and in the right one as far as they are known already.
+            tracks: at their pixels in the left image; right pixels, where known, are predictions.
         """
         disparity = tracks.disparity
         is_due = (tracks.ages == 1) | ((tracks.ids + tracks.ages) % self._config.retry_frames == 0)
         for index in np.flatnonzero(np.isnan(disparity) & is_due):
-            disparity[index] = self._searched(pair, tracks.left_px[index])
+            disparity[index] = self._search_row(pair, tracks.left_px[index])
         right_px, slants = np.full((len(tracks), 2), np.nan), np.zeros((len(tracks), 2))
         known = np.flatnonzero(np.isfinite(disparity))
         points, count = tracks.left_px[known], len(known)
         start = np.zeros((count, 6))
         start[:, 0], start[:, 2:4] = -disparity[known], -tracks.slants[known]
-        upright = np.tile(np.eye(2), (count, 1, 1))
-        templates = self._aligner.templates(smooth.left, points, len(self._spreads))
-        found = self._aligner.align(templates, smooth.right, points, upright, self._spreads, start)
-        kept = alike(found, self._likeness) & self._is_believable(points, found.centres)
-        kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.correction_px
+        identity = np.tile(np.eye(2), (count, 1, 1))
+        templates = self._aligner.templates(smooth.left, points, len(self._sigmas))
+        found = self._aligner.align(templates, smooth.right, points, identity, self._sigmas, start)
+        kept = are_similar(found, self._similarity) & self._passes_gates(points, found.centres)
+        kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.max_correction_px
         right_px[known[kept]] = found.centres[kept]
-        slants[known[kept]] = (upright - found.shapes)[kept, 0]
+        slants[known[kept]] = (identity - found.warps)[kept, 0]
         return replace(tracks, right_px=right_px, slants=slants)
 
-    def _is_believable(self, left_px: Array, right_px: Array) -> BoolArray:
+    def _passes_gates(self, left_px: Array, right_px: Array) -> BoolArray:
+        """Whether disparity, row and right pixel of matches (N, 2) are within their limits, (N,)."""
         config = self._config
         disparity, rows = (left_px - right_px).T
-        near = np.rint(right_px).astype(np.int64)
-        limits = np.array(self._seen_right.shape) - 1
-        row, column = np.clip(near[:, 1], 0, limits[0]), np.clip(near[:, 0], 0, limits[1])
+        nearest = np.rint(right_px).astype(np.int64)
+        limits = np.array(self._valid_right.shape) - 1
+        row, column = np.clip(nearest[:, 1], 0, limits[0]), np.clip(nearest[:, 0], 0, limits[1])
         return np.asarray(
-            (disparity > config.least_disparity_px)
-            & (disparity < self._most_disparity)
-            & (np.abs(rows) < config.row_difference_px)
+            (disparity > config.min_disparity_px)
+            & (disparity < self._max_disparity)
+            & (np.abs(rows) < config.max_row_difference_px)
             & (right_px[:, 0] > 0.0)
-            & (self._seen_right[row, column] > 0)
+            & (self._valid_right[row, column] > 0)
         )
 
-    def _searched(self, pair: RectifiedPair, point: Array) -> float:
-        """Disparity (whole pixels) of the block most like that about a point (2,); NaN if none or several are."""
+    def _search_row(self, pair: RectifiedPair, point: Array) -> float:
+        """Disparity (whole pixels) of the block with the highest correlation; NaN if too low or ambiguous."""
         half, rows = self._config.block_px // 2, _BLOCK_ROWS
         height, width = pair.left.shape
         column, row = (int(value) for value in np.rint(point))
         if not (half + rows <= row < height - half - rows and half <= column < width - half):
             return np.nan
         block = pair.left[row - half : row + half + 1, column - half : column + half + 1]
-        first = max(column - int(self._most_disparity) - half, 0)
+        first = max(column - int(self._max_disparity) - half, 0)
         strip = pair.right[row - half - rows : row + half + rows + 1, first : min(column + half + 2, width)]
         if strip.shape[1] < block.shape[1]:
             return np.nan
-        scores = np.asarray(cv2.matchTemplate(strip, block, cv2.TM_CCOEFF_NORMED)).max(axis=0)
-        scores = np.where(np.isfinite(scores), scores, 0.0)
-        best = int(scores.argmax())
-        rivals = np.concatenate((scores[: max(best - 2, 0)], scores[best + 3 :]))
-        score = float(scores[best])
-        is_clear = not len(rivals) or float(rivals.max()) < self._config.block_rival * score
-        return float(column - half - first - best) if score > self._config.block_score and is_clear else np.nan
+        correlations = np.asarray(cv2.matchTemplate(strip, block, cv2.TM_CCOEFF_NORMED)).max(axis=0)
+        correlations = np.where(np.isfinite(correlations), correlations, 0.0)
+        best = int(correlations.argmax())
+        others = np.concatenate((correlations[: max(best - 2, 0)], correlations[best + 3 :]))
+        highest = float(correlations[best])
+        is_unique = not len(others) or float(others.max()) < self._config.uniqueness_ratio * highest
+        is_match = highest > self._config.min_block_correlation and is_unique
+        return float(column - half - first - best) if is_match else np.nan

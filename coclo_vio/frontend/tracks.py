@@ -1,28 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The points that are being followed, as a frozen value between the steps of a frame."""
+"""The points that are being tracked, as a frozen value between the steps of a frame."""
 
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from coclo_vio.frontend.patches import Templates
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LiveTracks:
-    """Points of one frame.
+class ActiveTracks:
+    """Tracks in one frame.
 
     Attributes:
-        ids: one a point, never used again, (N,).
+        ids: one a track, never reused, (N,).
         left_px: columns and rows in the left image, (N, 2).
-        right_px: the same in the right image, (N, 2); NaN where it is not known.
-        ages: frames that have seen the point, (N,).
-        slants: change of the disparity a column and a row, (N, 2): how the surface there is inclined.
-        templates: what the points looked like when they were last anchored.
-        shapes: what maps a step inside the template to one in the left image, (N, 2, 2).
+        right_px: the same in the right image, (N, 2); NaN where unknown.
+        ages: frames of the track so far, this one included, (N,).
+        slants: change of the disparity per column and per row, (N, 2): the slant of the surface.
+        templates: reference templates of the patches.
+        warps: map a step inside the template to one in the left image, (N, 2, 2).
     """
 
     ids: IntArray
@@ -31,11 +30,11 @@ class LiveTracks:
     ages: IntArray
     slants: Array
     templates: Templates
-    shapes: Array
+    warps: Array
 
     @classmethod
     def new(cls, first_id: int, left_px: Array, templates: Templates) -> Self:
-        """Points (N, 2) seen for the first time, numbered from ``first_id``, and what they look like."""
+        """Tracks that begin at points (N, 2), px, numbered from ``first_id``, with their reference templates."""
         count = len(left_px)
         ids = np.arange(first_id, first_id + count, dtype=np.int64)
         return cls(
@@ -53,16 +52,16 @@ class LiveTracks:
 
     @property
     def disparity(self) -> Array:
-        """Left less right column, px, (N,); NaN where the right one is not known."""
+        """Left minus right column, px, (N,); NaN where the right one is unknown."""
         return self.left_px[:, 0] - self.right_px[:, 0]
 
     @property
     def has_right(self) -> BoolArray:
-        """Points that the right camera sees, (N,)."""
+        """Whether the pixel in the right image is known, (N,)."""
         return np.isfinite(self.right_px[:, 0])
 
-    def select(self, chosen: npt.NDArray[np.bool_] | IntArray) -> Self:
-        """The chosen points, by a mask (N,) or by indices."""
+    def select(self, chosen: BoolArray | IntArray) -> Self:
+        """The chosen tracks, by a mask (N,) or by indices."""
         return type(self)(
             self.ids[chosen],
             self.left_px[chosen],
@@ -70,11 +69,11 @@ class LiveTracks:
             self.ages[chosen],
             self.slants[chosen],
             self.templates.select(chosen),
-            self.shapes[chosen],
+            self.warps[chosen],
         )
 
     def joined(self, other: Self) -> Self:
-        """These points, then the other ones."""
+        """These tracks, then the other ones."""
         return type(self)(
             np.concatenate((self.ids, other.ids)),
             np.concatenate((self.left_px, other.left_px)),
@@ -82,5 +81,5 @@ class LiveTracks:
             np.concatenate((self.ages, other.ages)),
             np.concatenate((self.slants, other.slants)),
             self.templates.joined(other.templates),
-            np.concatenate((self.shapes, other.shapes)),
+            np.concatenate((self.warps, other.warps)),
         )

@@ -1,43 +1,45 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Array types and the one check that every value makes at its boundary."""
+"""Array types, and the check of arrays that every value makes when it is constructed."""
 
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.geometry.array_types import Array, BoolArray, ByteImage, IntArray
+from coclo_vio.geometry.array_types import Array, BoolArray, ByteImage, FloatImage, IntArray
 
-__all__ = ["Array", "BoolArray", "ByteImage", "IntArray", "checked", "frozen", "read_only"]
+__all__ = ["Array", "BoolArray", "ByteImage", "FloatImage", "IntArray", "checked", "frozen", "read_only"]
 
 
 def checked(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...], *, allow_nan: bool = False) -> Array:
     """A read-only float64 copy of ``value`` after a check of its shape and finiteness.
 
     Args:
-        name: what the array is called in an error message.
-        value: anything NumPy turns into an array.
-        shape: the shape it must have; ``None`` where any length will do.
-        allow_nan: whether NaN (a reading that is missing) may stand in it. Infinity never may.
+        name: of the array, for error messages.
+        value: anything that NumPy converts to an array.
+        shape: expected shape; ``None`` for any length.
+        allow_nan: whether entries may be NaN (missing readings). Infinity is refused always.
 
     Raises:
-        ValueError: the shape is another, or an entry is not finite.
+        ValueError: the shape differs, or an entry is not finite.
     """
     array = np.array(value, dtype=np.float64)
-    fits = array.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, array.shape, strict=True))
-    if not fits:
-        wanted = tuple("any" if length is None else length for length in shape)
-        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
-    bad = np.isinf(array) if allow_nan else ~np.isfinite(array)
-    if bad.any():
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise ValueError(f"{name} must be finite, got {array[where]} at index {where}")
+    has_shape = array.ndim == len(shape) and all(
+        expected in (None, actual) for expected, actual in zip(shape, array.shape, strict=True)
+    )
+    if not has_shape:
+        expected_shape = tuple("any" if length is None else length for length in shape)
+        raise ValueError(f"{name} must have shape {expected_shape}, got {array.shape}")
+    is_invalid = np.isinf(array) if allow_nan else ~np.isfinite(array)
+    if is_invalid.any():
+        index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
+        raise ValueError(f"{name} must be finite, got {array[index]} at index {index}")
     array.flags.writeable = False
     return array
 
 
 def read_only(image: ByteImage) -> ByteImage:
-    """The same image as a view that cannot be written to; images are too large to be copied at every boundary."""
+    """A read-only view of an image; images are too large to copy for every value."""
     view = image.view()
     view.flags.writeable = False
     return view

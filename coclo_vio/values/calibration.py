@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known of the sensors before a recording starts: IMUs (noise, mounting) and cameras (lenses, mounting)."""
+"""Calibration of the sensors: IMUs (noise, mounting) and cameras (lenses, mounting)."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
@@ -21,8 +21,8 @@ Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 class ImuCalibration(StageConfig):
     """Mounting and noise of an IMU. The defaults are those of a cheap MEMS part (Bosch BMI055 class).
 
-    The filter uses the rotation, the gyroscope's noise and the bias walks; the lever arm and the accelerometer's noise
-    serve the IMU-centric baseline: the filter asks the accelerometer for gravity only, while the robot stands.
+    The filter uses the rotation, the gyroscope's noise and the bias walks. The lever arm and the accelerometer's noise
+    are for the IMU-centric baseline: the filter uses the accelerometer only as the direction of gravity at rest.
     """
 
     position_body_m: Annotated[Triple, Field(description="origin of the imu frame, body frame, m")] = (0.0, 0.0, 0.0)
@@ -48,7 +48,7 @@ _DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5, 8), "equidistant": (4
 
 
 class CameraCalibration(StageConfig):
-    """The lens of one camera: a pinhole, and what bends the rays before it.
+    """Intrinsics of one camera: a pinhole model with distortion.
 
     ``radtan`` is OpenCV's model k1 k2 p1 p2 [k3 [k4 k5 k6]], ``equidistant`` its fisheye model k1 k2 k3 k4 (Kannala and
     Brandt 2006). Pixel (0, 0) is the centre of the upper left pixel.
@@ -58,7 +58,7 @@ class CameraCalibration(StageConfig):
     height_px: Annotated[int, Field(gt=0, description="image height, px")]
     focal_px: Annotated[tuple[float, float], Field(description="focal lengths fx, fy, px")]
     principal_point_px: Annotated[tuple[float, float], Field(description="principal point cx, cy, px")]
-    distortion: Annotated[Literal["none", "radtan", "equidistant"], Field(description="model of the lens")] = "none"
+    distortion: Annotated[Literal["none", "radtan", "equidistant"], Field(description="distortion model")] = "none"
     distortion_coefficients: Annotated[tuple[float, ...], Field(description="coefficients of that model")] = ()
 
     @model_validator(mode="after")
@@ -75,20 +75,20 @@ class CameraCalibration(StageConfig):
 
     @property
     def camera_matrix(self) -> Array:
-        """The pinhole's matrix K (3, 3), px."""
-        (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
-        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        """Camera matrix K (3, 3), px."""
+        return _camera_matrix(self.focal_px, self.principal_point_px)
 
 
 class StereoCalibration(StageConfig):
-    """A pair of cameras on the robot. Camera frames are x right, y down, z forward (REP 103's optical frames)."""
+    """A stereo pair on the robot. Camera frames are x right, y down, z forward (REP 103's optical frames)."""
 
-    left: Annotated[CameraCalibration, Field(description="lens of the left camera")]
-    right: Annotated[CameraCalibration, Field(description="lens of the right camera")]
+    left: Annotated[CameraCalibration, Field(description="intrinsics of the left camera")]
+    right: Annotated[CameraCalibration, Field(description="intrinsics of the right camera")]
     body_left_camera: Annotated[Matrix4, Field(description="T_body_left_camera, rows of a 4 x 4 matrix")]
     body_right_camera: Annotated[Matrix4, Field(description="T_body_right_camera, rows of a 4 x 4 matrix")]
     time_offset_s: Annotated[
-        float, Field(ge=-1, le=1, description="stamp of an image plus this is the clock of the body's IMU, s")
+        float,
+        Field(ge=-1, le=1, description="stamp of an image plus this is the time of the body's IMU clock, s"),
     ] = 0.0
 
     @model_validator(mode="after")
@@ -97,7 +97,7 @@ class StereoCalibration(StageConfig):
             T = np.array(getattr(self, f"body_{side}_camera"))
             is_rotation = np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3) and np.linalg.det(T[:3, :3]) > 0
             if not is_rotation or not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
-                raise ValueError(f"body_{side}_camera is no rigid transform: its rotation or its last row is wrong")
+                raise ValueError(f"body_{side}_camera is not a rigid transform: check its rotation and its last row")
         return self
 
     @property
@@ -115,12 +115,26 @@ class StereoCalibration(StageConfig):
         """Distance of the two cameras, m."""
         return float(np.linalg.norm(self.T_body_right_camera[:3, 3] - self.T_body_left_camera[:3, 3]))
 
+    def rectification_defects(self) -> list[str]:
+        """What distinguishes this pair from a rectified one; empty if its images, or tracks, are rectified already."""
+        T_left_right = np.linalg.solve(self.T_body_left_camera, self.T_body_right_camera)
+        baseline_m = float(T_left_right[0, 3])
+        coefficients = self.left.distortion_coefficients + self.right.distortion_coefficients
+        is_fisheye = "equidistant" in (self.left.distortion, self.right.distortion)  # even with zero coefficients
+        defects = {
+            "lens distortion": is_fisheye or any(coefficients),
+            "different camera matrices": np.abs(self.left.camera_matrix - self.right.camera_matrix).max() > _SAME_PX,
+            "axes that are not parallel": np.abs(T_left_right[:3, :3] - np.eye(3)).max() > _PARALLEL_RAD,
+            "a baseline that is not along x": not np.abs(T_left_right[1:3, 3]).max() < _PARALLEL_RAD * baseline_m,
+        }
+        return [name for name, is_present in defects.items() if is_present]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RectifiedStereo:
-    """Two cameras whose images have been rectified: parallel axes, one pinhole, and a baseline along x.
+    """A rectified stereo pair: parallel axes, one pinhole model, and a baseline along x.
 
-    A point (x, y, z) of the left camera's frame is seen at column ``fx x / z + cx`` and row ``fy y / z + cy`` of the
+    A point (x, y, z) of the left camera's frame projects to column ``fx x / z + cx`` and row ``fy y / z + cy`` of the
     left image and at column ``fx (x - baseline) / z + cx`` of the right one.
 
     Attributes:
@@ -145,41 +159,30 @@ class RectifiedStereo:
 
     @classmethod
     def of(cls, stereo: StereoCalibration) -> Self:
-        """The pair of a calibration whose images, or tracks, are rectified already.
+        """The rectified pair of a calibration whose images, or tracks, are rectified already.
 
         Raises:
-            CalibrationMissing: they are not: the cameras differ, their axes are not parallel, or a lens bends the rays.
+            CalibrationMissing: they are not rectified.
         """
-        T_left_right = np.linalg.solve(stereo.T_body_left_camera, stereo.T_body_right_camera)
-        baseline_m = float(T_left_right[0, 3])
-        wrong = [
-            what
-            for what, is_wrong in (
-                (
-                    "a lens that bends the rays",
-                    any(stereo.left.distortion_coefficients + stereo.right.distortion_coefficients),
-                ),
-                (
-                    "cameras that differ",
-                    np.abs(stereo.left.camera_matrix - stereo.right.camera_matrix).max() > _SAME_PX,
-                ),
-                ("axes that are not parallel", np.abs(T_left_right[:3, :3] - np.eye(3)).max() > _PARALLEL_RAD),
-                ("a baseline not along x", np.abs(T_left_right[1:3, 3]).max() > _PARALLEL_RAD * baseline_m),
-            )
-            if is_wrong
-        ]
-        if wrong:
+        defects = stereo.rectification_defects()
+        if defects:
             raise CalibrationMissing(
-                f"these cameras are not rectified, they have {', '.join(wrong)}; tracks need the calibration of "
-                "rectified images: one pinhole for both, no distortion, the right camera along the left one's x axis"
+                f"these cameras are not rectified, they have {', '.join(defects)}; tracks need the calibration of "
+                "rectified images: one pinhole model, no distortion, the right camera along the left one's x axis"
             )
+        baseline_m = float(np.linalg.solve(stereo.T_body_left_camera, stereo.T_body_right_camera)[0, 3])
         return cls(stereo.left.focal_px, stereo.left.principal_point_px, baseline_m, stereo.T_body_left_camera)
+
+    @property
+    def camera_matrix(self) -> Array:
+        """Camera matrix K (3, 3), px."""
+        return _camera_matrix(self.focal_px, self.principal_point_px)
 
     def points(self, left_px: Array, disparity_px: Array) -> Array:
         """Points (N, 3), m, in the left camera's frame, of columns and rows (N, 2) and disparities (N,)."""
         depth = self.focal_px[0] * self.baseline_m / disparity_px
-        sides = (left_px - np.array(self.principal_point_px)) / np.array(self.focal_px)
-        return np.column_stack((sides * depth[:, None], depth))
+        normalised = (left_px - np.array(self.principal_point_px)) / np.array(self.focal_px)
+        return np.column_stack((normalised * depth[:, None], depth))
 
     def pixels(self, points: Array) -> tuple[Array, Array]:
         """Columns and rows (N, 2) in the left image, and disparities (N,), of points (N, 3) in front of it."""
@@ -187,6 +190,11 @@ class RectifiedStereo:
         return left_px, self.focal_px[0] * self.baseline_m / points[:, 2]
 
 
+def _camera_matrix(focal_px: tuple[float, float], principal_point_px: tuple[float, float]) -> Array:
+    (fx, fy), (cx, cy) = focal_px, principal_point_px
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
 def matrix4(T: Array) -> Matrix4:
-    """A transform (4, 4) as the nested rows that a calibration holds."""
+    """A transform (4, 4) as the nested rows of a calibration."""
     return tuple(tuple(row) for row in T.tolist())  # type: ignore[return-value]

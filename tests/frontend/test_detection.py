@@ -11,30 +11,30 @@ EVERYWHERE = np.full((ROWS, COLUMNS), 255, dtype=np.uint8)
 NONE = np.zeros((0, 2))
 
 
-def detector(seen: np.ndarray = EVERYWHERE, **config: object) -> CornerDetector:
-    return CornerDetector(DetectionConfig.parse(config, "detection"), seen)
+def detector(valid: np.ndarray = EVERYWHERE, **config: object) -> CornerDetector:
+    return CornerDetector(DetectionConfig.parse(config, "detection"), valid)
 
 
-def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points[:, None] - others[None], axis=2)
 
 
-def test_as_many_points_as_wanted_keep_their_distance_from_each_other() -> None:
+def test_the_configured_number_of_points_keeps_the_minimum_distance() -> None:
     points = detector().find(IMAGE, NONE)
     assert len(points) == 150
-    gaps = nearest(points, points) + 1e9 * np.eye(150)
+    gaps = distances(points, points) + 1e9 * np.eye(150)
     assert gaps.min() >= 15.0
 
 
-def test_new_points_keep_their_distance_from_live_ones() -> None:
-    live = detector().find(IMAGE, NONE)[:90]
-    fresh = detector().find(IMAGE, live)
+def test_new_points_keep_the_minimum_distance_from_existing_ones() -> None:
+    existing = detector().find(IMAGE, NONE)[:90]
+    fresh = detector().find(IMAGE, existing)
     assert len(fresh) > 40
-    assert nearest(fresh, live).min() >= 14.0
+    assert distances(fresh, existing).min() >= 14.0
 
 
 def test_points_are_spread_over_the_image() -> None:
-    """One half has twice the contrast, so corners four times as strong, and gets no more than its share."""
+    """The left half has twice the contrast, so corners four times as strong, and gets no more than half the points."""
     image = IMAGE.astype(float)
     image[:, : COLUMNS // 2] = 120.0 + 0.5 * (image[:, : COLUMNS // 2] - 120.0)
     points = detector(tracks=80).find(np.rint(image).astype(np.uint8), NONE)
@@ -52,29 +52,29 @@ def test_weak_corners_are_taken_only_where_strong_ones_are_missing() -> None:
 
 def test_empty_cells_are_filled_first() -> None:
     left = detector().find(IMAGE, NONE)
-    live = left[left[:, 0] < COLUMNS // 2]
-    fresh = detector(tracks=len(live) + 15).find(IMAGE, live)
+    existing = left[left[:, 0] < COLUMNS // 2]
+    fresh = detector(tracks=len(existing) + 15).find(IMAGE, existing)
     assert len(fresh) == 15
     assert (fresh[:, 0] > COLUMNS // 2 - 10).all()
 
 
-def test_with_enough_points_none_are_sought() -> None:
-    live = detector().find(IMAGE, NONE)
-    assert len(detector().find(IMAGE, live[:148])) == 0
+def test_with_enough_points_none_are_detected() -> None:
+    existing = detector().find(IMAGE, NONE)
+    assert len(detector().find(IMAGE, existing[:148])) == 0
 
 
-def test_no_point_is_where_no_camera_saw_or_at_the_edge() -> None:
-    seen = EVERYWHERE.copy()
-    seen[:, :120] = 0
-    finder = detector(seen)
+def test_no_point_is_detected_at_the_border_or_outside_the_valid_area() -> None:
+    valid = EVERYWHERE.copy()
+    valid[:, :120] = 0
+    finder = detector(valid)
     points = finder.find(IMAGE, NONE)
     assert len(points) > 50
     assert points[:, 0].min() >= 120 + 8
     assert points[:, 1].min() >= 8
     assert points[:, 1].max() < ROWS - 8
-    assert finder.admits(points).all()
+    assert finder.is_allowed(points).all()
     outside = np.array([[60.0, 100.0], [124.0, 100.0], [300.0, 3.0], [-5.0, 10.0], [1e5, 1e5]])
-    assert not finder.admits(outside).any()
+    assert not finder.is_allowed(outside).any()
 
 
 def test_a_blank_image_has_no_corners() -> None:
@@ -87,6 +87,6 @@ def test_noise_has_few_corners() -> None:
 
 
 def test_detectors_agree() -> None:
-    one, other = detector(), detector()
+    first, second = detector(), detector()
     for _ in range(3):
-        np.testing.assert_array_equal(one.find(IMAGE, NONE), other.find(IMAGE, NONE))
+        np.testing.assert_array_equal(first.find(IMAGE, NONE), second.find(IMAGE, NONE))

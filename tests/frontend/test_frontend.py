@@ -16,7 +16,7 @@ Walk = tuple[list[StereoFrame], np.ndarray]
 CENTRE = np.array([239.5, 179.5])
 
 
-def even(level: float, stamp_ns: int = 1) -> StereoFrame:
+def uniform(level: float, stamp_ns: int = 1) -> StereoFrame:
     image = np.full((HEIGHT, WIDTH), level, dtype=np.uint8)
     return StereoFrame(stamp_ns, image, image)
 
@@ -38,40 +38,40 @@ def matched(tracks: StereoTracks) -> np.ndarray:
     return np.isfinite(tracks.right_px[:, 0])
 
 
-def drift_px(room: Room, cameras: np.ndarray, told: list[StereoTracks]) -> np.ndarray:
-    """How far each followed point of the last frame is from what it stood on when it was first seen, px."""
+def drift_px(room: Room, cameras: np.ndarray, results: list[StereoTracks]) -> np.ndarray:
+    """Distance of each old track of the last frame from the surface point that it was detected on, px."""
     first: dict[int, np.ndarray] = {}
-    for T_world_camera, tracks in zip(cameras, told, strict=True):
+    for T_world_camera, tracks in zip(cameras, results, strict=True):
         depth = room.depth(T_world_camera, tracks.left_px)
         rays = np.column_stack(((tracks.left_px - CENTRE) / FOCAL_PX, np.ones(len(tracks))))
         points = se3.apply(T_world_camera, rays * depth[:, None])
         for number, point in zip(tracks.track_ids.tolist(), points, strict=True):
             first.setdefault(number, point)
-    last = told[-1]
+    last = results[-1]
     old = last.ages > 5
     points = np.array([first[number] for number in last.track_ids[old].tolist()])
-    seen = se3.apply(se3.inverse(cameras[-1]), points)
-    return np.linalg.norm(seen[:, :2] / seen[:, 2:] * FOCAL_PX + CENTRE - last.left_px[old], axis=1)
+    moved = se3.apply(se3.inverse(cameras[-1]), points)
+    return np.linalg.norm(moved[:, :2] / moved[:, 2:] * FOCAL_PX + CENTRE - last.left_px[old], axis=1)
 
 
 @pytest.fixture(scope="module")
-def told(walked: Walk) -> list[StereoTracks]:
+def results(walked: Walk) -> list[StereoTracks]:
     frontend = StereoFrontend(rig())
     return [frontend.track(frame) for frame in walked[0]]
 
 
-def test_a_walk_is_followed_without_creeping(room: Room, walked: Walk, told: list[StereoTracks]) -> None:
-    assert all(len(tracks) > 140 for tracks in told)
-    assert all(tracks.quality is TrackingQuality.HEALTHY and tracks.reason == "" for tracks in told)
-    assert (told[-1].ages == len(told)).mean() > 0.6
-    drift = drift_px(room, walked[1], told)
+def test_a_walk_is_tracked_without_drift(room: Room, walked: Walk, results: list[StereoTracks]) -> None:
+    assert all(len(tracks) > 140 for tracks in results)
+    assert all(tracks.quality is TrackingQuality.HEALTHY and tracks.reason == "" for tracks in results)
+    assert (results[-1].ages == len(results)).mean() > 0.6
+    drift = drift_px(room, walked[1], results)
     assert len(drift) > 100
     assert np.median(drift) < 0.05
     assert (drift < 0.5).mean() > 0.97
 
 
-def test_disparities_stay_true(room: Room, walked: Walk, told: list[StereoTracks]) -> None:
-    for T_world_camera, tracks in zip(walked[1], told, strict=True):
+def test_disparities_agree_with_depth_in_every_frame(room: Room, walked: Walk, results: list[StereoTracks]) -> None:
+    for T_world_camera, tracks in zip(walked[1], results, strict=True):
         both = matched(tracks)
         assert both.sum() > 125
         disparity = (tracks.left_px - tracks.right_px)[both, 0]
@@ -79,10 +79,10 @@ def test_disparities_stay_true(room: Room, walked: Walk, told: list[StereoTracks
         assert (np.abs(error) < 0.2).mean() > 0.95
 
 
-def test_identities_are_kept_and_never_used_again(told: list[StereoTracks]) -> None:
+def test_identities_persist_and_are_never_reused(results: list[StereoTracks]) -> None:
     gone: set[int] = set()
     before: dict[int, int] = {}
-    for tracks in told:
+    for tracks in results:
         now = dict(zip(tracks.track_ids.tolist(), tracks.ages.tolist(), strict=True))
         assert not gone & set(now)
         assert all(now[number] == before[number] + 1 for number in set(now) & set(before))
@@ -95,7 +95,7 @@ def test_identities_are_kept_and_never_used_again(told: list[StereoTracks]) -> N
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_the_same_frames_make_the_same_tracks(walked: Walk, told: list[StereoTracks], threads: int) -> None:
+def test_the_same_frames_make_the_same_tracks(walked: Walk, results: list[StereoTracks], threads: int) -> None:
     used = cv2.getNumThreads()
     cv2.setNumThreads(threads)
     try:
@@ -103,27 +103,27 @@ def test_the_same_frames_make_the_same_tracks(walked: Walk, told: list[StereoTra
         again = [frontend.track(frame) for frame in walked[0]]
     finally:
         cv2.setNumThreads(used)
-    for one, other in zip(told, again, strict=True):
-        np.testing.assert_array_equal(one.track_ids, other.track_ids)
-        np.testing.assert_array_equal(one.left_px, other.left_px)
-        np.testing.assert_array_equal(one.right_px, other.right_px)
+    for first, second in zip(results, again, strict=True):
+        np.testing.assert_array_equal(first.track_ids, second.track_ids)
+        np.testing.assert_array_equal(first.left_px, second.left_px)
+        np.testing.assert_array_equal(first.right_px, second.right_px)
 
 
 def test_a_prediction_finds_points_after_a_jump(room: Room) -> None:
-    """A turn of 0.25 rad moves the picture by 77 px; the true motion says so."""
+    """A turn of 0.25 rad moves the image by 77 px; the prediction is the true motion."""
     start = se3.transform(np.eye(3), np.array([0.0, 0.0, 0.4]))
     turned = start @ se3.exp(np.array([0.0, 0.0, 0.25, 0.02, 0.0, 0.0]))
     frames = [room.frame(0, start), room.frame(PERIOD_NS, turned)]
     T_body_camera = rig().T_body_left_camera
     motion = se3.inverse(start @ T_body_camera) @ turned @ T_body_camera
     config = FrontendConfig.parse({"flow": {"search_levels": 1, "levels": 1}}, "frontend")
-    followed = []
+    tracked = []
     for prediction in (None, motion):
         frontend = StereoFrontend(rig(), config)
         frontend.track(frames[0])
-        followed.append(int((frontend.track(frames[1], prediction).ages == 2).sum()))
-    assert followed[1] > 80
-    assert followed[1] > 2 * followed[0]
+        tracked.append(int((frontend.track(frames[1], prediction).ages == 2).sum()))
+    assert tracked[1] > 80
+    assert tracked[1] > 2 * tracked[0]
 
 
 def test_a_wrong_prediction_does_not_lose_the_points(walked: Walk) -> None:
@@ -131,24 +131,24 @@ def test_a_wrong_prediction_does_not_lose_the_points(walked: Walk) -> None:
     frontend.track(walked[0][0])
     tracks = frontend.track(walked[0][1], se3.exp(np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])))
     assert (tracks.ages == 2).sum() > 110
-    assert frontend.counts["retries"] == 1
+    assert frontend.counts["flow_retries"] == 1
 
 
-@pytest.mark.parametrize(("level", "words"), [(0, "dark"), (255, "overexposed"), (127, "featureless")])
-def test_an_even_image_is_blind_and_says_why(walked: Walk, level: int, words: str) -> None:
+@pytest.mark.parametrize(("level", "cause"), [(0, "dark"), (255, "overexposed"), (127, "featureless")])
+def test_an_image_without_features_is_lost_with_its_reason(walked: Walk, level: int, cause: str) -> None:
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
-    tracks = frontend.track(even(level))
+    tracks = frontend.track(uniform(level))
     assert tracks.quality is TrackingQuality.LOST
     assert len(tracks) == 0
-    assert words in tracks.reason
+    assert cause in tracks.reason
 
 
 def test_the_first_image_may_be_black() -> None:
-    assert StereoFrontend(rig()).track(even(0)).quality is TrackingQuality.LOST
+    assert StereoFrontend(rig()).track(uniform(0)).quality is TrackingQuality.LOST
 
 
-def test_noise_alone_is_blind(walked: Walk) -> None:
+def test_images_of_noise_are_lost(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
     for stamp_ns in (1, 2, 3):
@@ -160,7 +160,7 @@ def test_points_are_found_again_after_a_blackout(walked: Walk) -> None:
     for frame in walked[0][:3]:
         before = frontend.track(frame)
     for number in (3, 4):
-        assert frontend.track(even(0, number * PERIOD_NS)).quality is TrackingQuality.LOST
+        assert frontend.track(uniform(0, number * PERIOD_NS)).quality is TrackingQuality.LOST
     after = frontend.track(walked[0][5])
     assert after.quality is TrackingQuality.HEALTHY
     assert len(np.intersect1d(before.track_ids, after.track_ids)) > 90
@@ -170,13 +170,13 @@ def test_after_a_long_blackout_all_points_are_new(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     before = frontend.track(walked[0][0])
     for number in range(1, 9):
-        frontend.track(even(0, number))
+        frontend.track(uniform(0, number))
     after = frontend.track(walked[0][9])
     assert after.quality is TrackingQuality.HEALTHY
     assert after.track_ids.min() > before.track_ids.max()
 
 
-def test_frames_that_are_missing_are_bridged(walked: Walk) -> None:
+def test_points_are_tracked_over_missing_frames(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     for frame in walked[0][:3]:
         before = frontend.track(frame)
@@ -184,26 +184,26 @@ def test_frames_that_are_missing_are_bridged(walked: Walk) -> None:
     assert len(np.intersect1d(before.track_ids, after.track_ids)) > 75
 
 
-def test_a_camera_that_hangs_is_blind_not_at_rest(walked: Walk) -> None:
+def test_repeated_images_are_lost_not_at_rest(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
-    stuck = StereoFrame(PERIOD_NS, walked[0][0].left, walked[0][0].right)
-    tracks = frontend.track(stuck)
+    repeated = StereoFrame(PERIOD_NS, walked[0][0].left, walked[0][0].right)
+    tracks = frontend.track(repeated)
     assert tracks.quality is TrackingQuality.LOST
-    assert "the camera hangs" in tracks.reason
+    assert "the camera repeats them" in tracks.reason
     assert frontend.track(walked[0][1]).quality is TrackingQuality.HEALTHY
 
 
 def test_at_rest_points_stay_where_they_are(room: Room) -> None:
     frontend, pose = StereoFrontend(rig()), se3.transform(np.eye(3), np.array([0.0, 0.0, 0.4]))
-    told = [frontend.track(room.frame(number * PERIOD_NS, pose)) for number in range(4)]
-    _, first, last = np.intersect1d(told[0].track_ids, told[-1].track_ids, return_indices=True)
+    results = [frontend.track(room.frame(number * PERIOD_NS, pose)) for number in range(4)]
+    _, first, last = np.intersect1d(results[0].track_ids, results[-1].track_ids, return_indices=True)
     assert len(first) > 130
-    assert np.abs(told[0].left_px[first] - told[-1].left_px[last]).mean() < 0.02
+    assert np.abs(results[0].left_px[first] - results[-1].left_px[last]).mean() < 0.02
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(0.4, 0.0), (1.3, -30.0)])
-def test_light_that_changes_at_once_loses_few_points(walked: Walk, gain: float, offset: float) -> None:
+def test_a_sudden_change_of_exposure_loses_few_points(walked: Walk, gain: float, offset: float) -> None:
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
     tracks = frontend.track(changed(walked[0][1], gain, offset))
@@ -226,13 +226,13 @@ def test_a_covered_right_camera_leaves_the_left_tracks(walked: Walk) -> None:
     assert (after.ages == 3).sum() > 90
 
 
-def test_images_of_another_size_are_refused_in_a_sentence() -> None:
+def test_images_of_another_size_than_calibrated_are_refused() -> None:
     small = np.zeros((HEIGHT // 2, WIDTH // 2), dtype=np.uint8)
     with pytest.raises(DatasetError, match="have 240 x 180 px"):
         StereoFrontend(rig()).track(StereoFrame(0, small, small))
 
 
-def test_images_of_a_few_pixels_are_no_trouble() -> None:
+def test_images_of_a_few_pixels_are_lost() -> None:
     tiny = rig().left.model_copy(update={"width_px": 24, "height_px": 20})
     frontend = StereoFrontend(rig().model_copy(update={"left": tiny, "right": tiny}))
     for stamp_ns in (1, 2):
@@ -240,7 +240,7 @@ def test_images_of_a_few_pixels_are_no_trouble() -> None:
         assert frontend.track(StereoFrame(stamp_ns, image, image)).quality is TrackingQuality.LOST
 
 
-def test_the_picture_shows_both_images_with_points_and_state(walked: Walk) -> None:
+def test_the_overlay_shows_both_images_with_their_points(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     assert frontend.overlay().shape == (HEIGHT, 2 * WIDTH, 3)
     assert not frontend.overlay().any()
@@ -252,14 +252,14 @@ def test_the_picture_shows_both_images_with_points_and_state(walked: Walk) -> No
         column, row = np.rint(pixel + np.array([shift, 0.0])).astype(int).T
         near = [coloured[y - 4 : y + 5, x - 4 : x + 5].any() for x, y in zip(column, row, strict=True)]
         assert np.mean(near) > 0.98
-    frontend.track(even(0))
+    frontend.track(uniform(0))
     assert not np.array_equal(frontend.overlay(), picture)
 
 
-def test_counts_tell_what_happened(walked: Walk) -> None:
+def test_frames_and_points_are_counted(walked: Walk) -> None:
     frontend = StereoFrontend(rig())
     frontend.track(walked[0][0])
-    frontend.track(even(0))
+    frontend.track(uniform(0))
     assert frontend.counts["frames"] == 2
-    assert frontend.counts["blind"] == 1
+    assert frontend.counts["lost_frames"] == 1
     assert frontend.counts["detected"] >= 140

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of the simulated cameras, with their blur, noise and vignetting, against rays cast through the model."""
+"""Rendered images with blur, noise and vignetting, against rays cast through the model."""
 
 import cv2
 import mujoco
@@ -59,21 +59,21 @@ def walk() -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def told(model: mujoco.MjModel, tmp_path_factory: pytest.TempPathFactory) -> list[StereoTracks]:
+def results(model: mujoco.MjModel, tmp_path_factory: pytest.TempPathFactory) -> list[StereoTracks]:
     try:
         choose_backend()
     except RenderingError as error:
         pytest.skip(str(error))
     path = tmp_path_factory.mktemp("front") / "model.mjb"
     mujoco.mj_saveModel(model, str(path))
-    frontend, told = StereoFrontend(stereo()), []
+    frontend, results = StereoFrontend(stereo()), []
     for encoded in render_stereo(path, walk(), STAMPS_NS, CameraConfig(), 7, workers=1):
         left, right = (
             np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
             for data in (encoded.left, encoded.right)
         )
-        told.append(frontend.track(StereoFrame(encoded.stamp_ns, left, right)))
-    return told
+        results.append(frontend.track(StereoFrame(encoded.stamp_ns, left, right)))
+    return results
 
 
 def camera(model: mujoco.MjModel, frame: int) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +84,7 @@ def camera(model: mujoco.MjModel, frame: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def points(model: mujoco.MjModel, frame: int, pixels: np.ndarray) -> np.ndarray:
-    """Where in the world (N, 3) the left camera's pixels (N, 2) look."""
+    """World points (N, 3) at the left camera's pixels (N, 2)."""
     data, hit, normal = mujoco.MjData(model), np.zeros(1, dtype=np.int32), np.zeros(3)
     place(model, data, walk()[frame], np.zeros(6))
     rotation, origin = camera(model, frame)
@@ -94,20 +94,20 @@ def points(model: mujoco.MjModel, frame: int, pixels: np.ndarray) -> np.ndarray:
     return np.asarray(origin + np.array(lengths)[:, None] * rays)
 
 
-def seen(model: mujoco.MjModel, frame: int, world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (N, 2) and disparities (N,) at which the cameras see points (N, 3) of the world."""
+def projected(model: mujoco.MjModel, frame: int, world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) and disparities (N,) of world points (N, 3)."""
     rotation, origin = camera(model, frame)
     ahead = (world - origin) @ rotation
     return ahead[:, :2] / ahead[:, 2:] * FOCAL_PX + CENTRE, FOCAL_PX * BASELINE_M / ahead[:, 2]
 
 
-def test_disparities_are_true_to_depth(model: mujoco.MjModel, told: list[StereoTracks]) -> None:
+def test_disparities_are_true_to_depth(model: mujoco.MjModel, results: list[StereoTracks]) -> None:
     errors, rows = [], []
-    for frame, tracks in enumerate(told):
+    for frame, tracks in enumerate(results):
         both = np.isfinite(tracks.right_px[:, 0])
         assert both.sum() > 80
         left_px, right_px = tracks.left_px[both], tracks.right_px[both]
-        _, disparity = seen(model, frame, points(model, frame, left_px))
+        _, disparity = projected(model, frame, points(model, frame, left_px))
         errors.extend((left_px[:, 0] - right_px[:, 0] - disparity).tolist())
         rows.extend((left_px[:, 1] - right_px[:, 1]).tolist())
     error = np.abs(errors)
@@ -117,11 +117,11 @@ def test_disparities_are_true_to_depth(model: mujoco.MjModel, told: list[StereoT
     assert np.median(np.abs(rows)) < 0.1
 
 
-def test_points_stay_on_what_they_were_first_seen_on(model: mujoco.MjModel, told: list[StereoTracks]) -> None:
-    first, last = told[0], told[-1]
-    _, one, other = np.intersect1d(first.track_ids, last.track_ids, return_indices=True)
-    assert len(one) > 60
-    expected, _ = seen(model, FRAMES - 1, points(model, 0, first.left_px[one]))
-    drift = np.linalg.norm(expected - last.left_px[other], axis=1)
+def test_tracks_stay_on_their_surface_points(model: mujoco.MjModel, results: list[StereoTracks]) -> None:
+    first, last = results[0], results[-1]
+    _, in_first, in_last = np.intersect1d(first.track_ids, last.track_ids, return_indices=True)
+    assert len(in_first) > 60
+    expected, _ = projected(model, FRAMES - 1, points(model, 0, first.left_px[in_first]))
+    drift = np.linalg.norm(expected - last.left_px[in_last], axis=1)
     assert np.median(drift) < 0.25
     assert (drift < 1.0).mean() > 0.9

@@ -38,11 +38,11 @@ def disparity(tracks: StereoTracks) -> np.ndarray:
 def carried_over(
     frontend: StereoFrontend, before: StereoTracks, after: StereoTracks, T_after_before: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Error in the left image and of the disparity, px, of points triangulated in one frame and seen in another."""
-    _, one, other = np.intersect1d(
+    """Error in the left image and of the disparity, px, of points triangulated in one frame and tracked to another."""
+    _, in_before, in_after = np.intersect1d(
         before.track_ids[matched(before)], after.track_ids[matched(after)], return_indices=True
     )
-    then, now = np.flatnonzero(matched(before))[one], np.flatnonzero(matched(after))[other]
+    then, now = np.flatnonzero(matched(before))[in_before], np.flatnonzero(matched(after))[in_after]
     points = frontend.rig.points(before.left_px[then], disparity(before)[then])
     expected, expected_disparity = frontend.rig.pixels(se3.apply(T_after_before, points))
     return (
@@ -67,17 +67,17 @@ def test_a_drone_at_rest_keeps_its_tracks(at_rest: list[StereoTracks]) -> None:
 
 
 def test_at_rest_disparities_scatter_by_less_than_a_tenth_of_a_pixel(at_rest: list[StereoTracks]) -> None:
-    seen: dict[int, list[float]] = {}
+    disparities: dict[int, list[float]] = {}
     for tracks in at_rest[:20]:
         for number, value in zip(tracks.track_ids.tolist(), disparity(tracks).tolist(), strict=True):
-            seen.setdefault(number, []).append(value)
-    spreads = [np.nanstd(values) for values in seen.values() if np.isfinite(values).sum() >= 15]
-    assert len(spreads) > 60
-    assert np.median(spreads) < 0.1
+            disparities.setdefault(number, []).append(value)
+    sigmas = [np.nanstd(values) for values in disparities.values() if np.isfinite(values).sum() >= 15]
+    assert len(sigmas) > 60
+    assert np.median(sigmas) < 0.1
 
 
 def test_rows_agree_after_rectification(shared_data: Path) -> None:
-    """Matched in two dimensions by plain Lucas-Kanade, which knows nothing of rows."""
+    """Matched in two dimensions by plain Lucas-Kanade, without the epipolar constraint."""
     path = shared_data / "euroc_v1_01_keyframes"
     calibration = open_dataset(path, None).stereo_calibration()
     assert calibration is not None
@@ -85,7 +85,7 @@ def test_rows_agree_after_rectification(shared_data: Path) -> None:
     errors = []
     for frame in frames_of(path)[::10]:
         pair = rectifier.rectified(frame)
-        corners = cv2.goodFeaturesToTrack(pair.left, 200, 0.02, 15, mask=rectifier.seen_left)
+        corners = cv2.goodFeaturesToTrack(pair.left, 200, 0.02, 15, mask=rectifier.valid_left)
         there, found, _ = cv2.calcOpticalFlowPyrLK(pair.left, pair.right, corners, None, winSize=(21, 21), maxLevel=5)
         back, returned, _ = cv2.calcOpticalFlowPyrLK(pair.right, pair.left, there, None, winSize=(21, 21), maxLevel=5)
         closes = (
@@ -97,7 +97,7 @@ def test_rows_agree_after_rectification(shared_data: Path) -> None:
 
 
 def test_stereo_depth_agrees_from_keyframe_to_keyframe(shared_data: Path) -> None:
-    """Points triangulated in one frame, moved by the motion capture's pose, against where the next frame has them."""
+    """Points triangulated in one frame and moved by the true motion, against their tracks in the next frame."""
     path = shared_data / "euroc_v1_01_keyframes"
     frames = frames_of(path)
     truth = open_dataset(path, None).ground_truth()
@@ -124,23 +124,23 @@ def test_stereo_depth_agrees_from_keyframe_to_keyframe(shared_data: Path) -> Non
     assert (np.abs(disparities) < 1.0).mean() > 0.95
 
 
-def test_a_car_is_followed_without_any_prediction_from_outside(shared_data: Path) -> None:
-    """1.2 m a frame; points triangulated in one frame against where the next has them by the car's true motion."""
+def test_a_car_is_tracked_without_any_prediction_from_outside(shared_data: Path) -> None:
+    """1.2 m per frame; points triangulated in one frame and moved by the true motion, against the next frame."""
     path = shared_data / "kitti_stereo"
     truth = open_dataset(path, None).ground_truth()
     assert truth is not None
     frontend = frontend_of(path)
     cameras = truth.trajectory.T_world_body @ frontend.rig.T_body_camera
-    told = [frontend.track(frame) for frame in frames_of(path)]
-    assert len(told) == len(cameras) == 51
-    assert all(tracks.quality is TrackingQuality.HEALTHY for tracks in told)
-    assert min(matched(tracks).sum() for tracks in told) > 45
-    followed, pixels = [], []
+    results = [frontend.track(frame) for frame in frames_of(path)]
+    assert len(results) == len(cameras) == 51
+    assert all(tracks.quality is TrackingQuality.HEALTHY for tracks in results)
+    assert min(matched(tracks).sum() for tracks in results) > 45
+    tracked, pixels = [], []
     for number in range(1, 51):
         T_now_before = se3.inverse(cameras[number]) @ cameras[number - 1]
-        error_px, _ = carried_over(frontend, told[number - 1], told[number], T_now_before)
-        followed.append(len(error_px))
+        error_px, _ = carried_over(frontend, results[number - 1], results[number], T_now_before)
+        tracked.append(len(error_px))
         pixels.extend(error_px.tolist())
-    assert min(followed) > 15
-    assert np.mean(followed) > 30
+    assert min(tracked) > 15
+    assert np.mean(tracked) > 30
     assert np.median(pixels) < 1.2

@@ -7,7 +7,7 @@ from coclo_vio.frontend.config import MotionCheckConfig, PatchConfig
 from coclo_vio.frontend.motion_check import MotionCheck
 from coclo_vio.frontend.patches import PatchAligner
 from coclo_vio.frontend.rectification import Rectifier
-from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
 
 RIG = Rectifier(rig()).rig
@@ -16,8 +16,8 @@ CHECK = MotionCheck(RIG, MotionCheckConfig())
 NO_TEMPLATES = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)))
 
 
-def scene(count: int = 120, seed: int = 5, noise_px: float = 0.1) -> tuple[LiveTracks, np.ndarray]:
-    """Points as they were, and where they are seen after the motion, (N, 2)."""
+def scene(count: int = 120, seed: int = 5, noise_px: float = 0.1) -> tuple[ActiveTracks, np.ndarray]:
+    """Tracks before the motion, and their left pixels after it, (N, 2)."""
     rng = np.random.default_rng(seed)
     points = np.column_stack((rng.uniform(-1, 1, count), rng.uniform(-0.6, 0.6, count), rng.uniform(1.0, 4.0, count)))
     left_px, disparity = RIG.pixels(points)
@@ -25,73 +25,84 @@ def scene(count: int = 120, seed: int = 5, noise_px: float = 0.1) -> tuple[LiveT
     moved, _ = RIG.pixels(se3.apply(se3.inverse(MOTION), points))
     ids = np.arange(count, dtype=np.int64)
     nothing = np.zeros((count, 2))
-    tracks = LiveTracks(ids, left_px, right_px, ids + 1, nothing, NO_TEMPLATES, np.zeros((count, 2, 2)))
+    tracks = ActiveTracks(ids, left_px, right_px, ids + 1, nothing, NO_TEMPLATES, np.zeros((count, 2, 2)))
     return tracks, moved + noise_px * rng.standard_normal((count, 2))
 
 
-def test_wrong_tracks_are_found_and_the_motion_is_that_of_the_others() -> None:
+def test_outliers_are_found_and_the_motion_is_that_of_the_inliers() -> None:
     before, now = scene()
     wrong = np.arange(120) % 3 == 0
     now[wrong] += np.random.default_rng(1).choice([-1.0, 1.0], (40, 2)) * [8.0, 12.0]
-    verdict = CHECK.judge(before, now)
-    np.testing.assert_array_equal(verdict.agrees, ~wrong)
-    assert (verdict.judged, verdict.agreeing) == (120, 80)
-    assert verdict.T_previous_current is not None
-    assert np.linalg.norm(se3.log(se3.inverse(MOTION) @ verdict.T_previous_current)) < 5e-3
+    motion = CHECK.check(before, now)
+    np.testing.assert_array_equal(motion.is_inlier, ~wrong)
+    assert (motion.checked, motion.inliers) == (120, 80)
+    assert motion.T_previous_current is not None
+    assert np.linalg.norm(se3.log(se3.inverse(MOTION) @ motion.T_previous_current)) < 5e-3
 
 
-def test_after_alignment_it_judges_more_sharply() -> None:
+def test_after_alignment_the_threshold_is_smaller() -> None:
     before, now = scene(noise_px=0.05)
     wrong = np.arange(120) % 5 == 0
     now[wrong, 0] += 1.5
-    assert CHECK.judge(before, now).agrees.mean() > 0.95
-    np.testing.assert_array_equal(CHECK.judge(before, now, is_fine=True).agrees, ~wrong)
+    assert CHECK.check(before, now).is_inlier.mean() > 0.95
+    np.testing.assert_array_equal(CHECK.check(before, now, is_aligned=True).is_inlier, ~wrong)
 
 
-def test_where_most_tracks_contradict_each_other_none_is_dropped() -> None:
+def test_if_most_tracks_contradict_each_other_none_is_rejected() -> None:
     before, now = scene()
     now += np.random.default_rng(2).uniform(-60.0, 60.0, now.shape) * (np.arange(120) % 4 != 0)[:, None]
-    verdict = CHECK.judge(before, now)
-    assert verdict.T_previous_current is None
-    assert verdict.agrees.all()
-    assert verdict.judged == 120
-    assert verdict.agreeing < 48
+    motion = CHECK.check(before, now)
+    assert motion.T_previous_current is None
+    assert motion.is_inlier.all()
+    assert motion.checked == 120
+    assert motion.inliers < 48
 
 
-def test_points_of_unknown_depth_are_not_judged() -> None:
+def test_points_of_unknown_depth_are_not_checked() -> None:
     before, now = scene()
     right_px = before.right_px.copy()
     right_px[::2] = np.nan
     now[::2] += 30.0
-    blinded = LiveTracks(
-        before.ids, before.left_px, right_px, before.ages, before.slants, before.templates, before.shapes
+    left_only = ActiveTracks(
+        before.ids, before.left_px, right_px, before.ages, before.slants, before.templates, before.warps
     )
-    verdict = CHECK.judge(blinded, now)
-    assert verdict.agrees.all()
-    assert verdict.judged == 60
+    motion = CHECK.check(left_only, now)
+    assert motion.is_inlier.all()
+    assert motion.checked == 60
 
 
 @pytest.mark.parametrize("count", [0, 3, 7])
-def test_too_few_points_are_not_judged(count: int) -> None:
+def test_too_few_points_are_not_checked(count: int) -> None:
     before, now = scene()
-    few = LiveTracks(*(value[:count] for value in (before.ids, before.left_px, before.right_px, before.ages)),
-                     before.slants[:count], NO_TEMPLATES, before.shapes[:count])  # fmt: skip
-    verdict = CHECK.judge(few, now[:count])
-    assert verdict.T_previous_current is None
-    assert verdict.agrees.shape == (count,)
-    assert verdict.judged == 0
+    few = ActiveTracks(
+        *(value[:count] for value in (before.ids, before.left_px, before.right_px, before.ages)),
+        before.slants[:count],
+        NO_TEMPLATES,
+        before.warps[:count],
+    )
+    motion = CHECK.check(few, now[:count])
+    assert motion.T_previous_current is None
+    assert motion.is_inlier.shape == (count,)
+    assert motion.checked == 0
 
 
-def test_the_same_tracks_get_the_same_verdict() -> None:
+def test_the_same_tracks_give_the_same_motion() -> None:
     before, now = scene(noise_px=0.5)
-    first, second = CHECK.judge(before, now), CHECK.judge(before, now)
+    first, second = CHECK.check(before, now), CHECK.check(before, now)
     assert first.T_previous_current is not None
     np.testing.assert_array_equal(first.T_previous_current, second.T_previous_current)
 
 
-def test_points_all_in_one_place_have_no_motion() -> None:
+def test_coincident_points_have_no_motion() -> None:
     before, now = scene()
-    one = np.zeros(120, dtype=np.int64)
-    piled = LiveTracks(before.ids, before.left_px[one], before.right_px[one], before.ages, before.slants,
-                       NO_TEMPLATES, before.shapes)  # fmt: skip
-    assert CHECK.judge(piled, now).agrees.all()
+    index = np.zeros(120, dtype=np.int64)
+    coincident = ActiveTracks(
+        before.ids,
+        before.left_px[index],
+        before.right_px[index],
+        before.ages,
+        before.slants,
+        NO_TEMPLATES,
+        before.warps,
+    )
+    assert CHECK.check(coincident, now).is_inlier.all()

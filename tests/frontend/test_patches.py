@@ -4,19 +4,18 @@ import numpy as np
 import pytest
 from textured_room import textures
 
-from coclo_vio.frontend.config import LikenessConfig, PatchConfig
-from coclo_vio.frontend.patches import PatchAligner, alike
+from coclo_vio.frontend.config import PatchConfig, SimilarityConfig
+from coclo_vio.frontend.patches import FREE_PX, PatchAligner, are_similar
 
 TEXTURE = textures()[0][:400, :400]
 ALIGNER = PatchAligner(PatchConfig())
-ANYWHERE = 100.0
-FREE = np.array([ANYWHERE, ANYWHERE, 0.3, 0.3, 0.3, 0.3])
+FREE = np.array([FREE_PX, FREE_PX, 0.3, 0.3, 0.3, 0.3])
 GRID = np.stack(np.meshgrid(np.arange(60.0, 340.0, 40.0), np.arange(60.0, 340.0, 40.0)), axis=-1).reshape(-1, 2)
 
 
-def warped(shape: np.ndarray, shift: np.ndarray, gain: float = 1.0, offset: float = 0.0, noise: float = 0.0):
-    """The texture seen so that its point x is at shape (x - 200) + 200 + shift."""
-    back = np.linalg.inv(shape)
+def warped(warp: np.ndarray, shift: np.ndarray, gain: float = 1.0, offset: float = 0.0, noise: float = 0.0):
+    """The texture, warped so that its point x is at warp (x - 200) + 200 + shift."""
+    back = np.linalg.inv(warp)
     columns, rows = np.meshgrid(np.arange(400.0), np.arange(400.0))
     source = np.stack((columns, rows), axis=-1) - 200.0 - shift
     maps = (source @ back.T + 200.0).astype(np.float32)
@@ -29,41 +28,41 @@ def plain(gain: float = 1.0) -> np.ndarray:
     return warped(np.eye(2), np.zeros(2), gain)
 
 
-def aligned(image: np.ndarray, shape: np.ndarray, shift: np.ndarray, spreads: np.ndarray, off_px: float = 1.0):
-    """The texture's patches sought in an image from so far off their true places; and these."""
-    templates = ALIGNER.templates(ALIGNER.smoothed(plain()), GRID, len(spreads))
-    truth = (GRID - 200.0) @ shape.T + 200.0 + shift
+def aligned(image: np.ndarray, warp: np.ndarray, shift: np.ndarray, sigmas: np.ndarray, off_px: float = 1.0):
+    """The texture's patches, aligned from this far off their true centres, and these."""
+    templates = ALIGNER.templates(ALIGNER.smooth_image(plain()), GRID, len(sigmas))
+    truth = (GRID - 200.0) @ warp.T + 200.0 + shift
     nominal = np.tile(np.eye(2), (len(GRID), 1, 1))
     start = truth + off_px * np.array([0.8, -0.6])
-    return ALIGNER.align(templates, ALIGNER.smoothed(image), start, nominal, spreads), truth
+    return ALIGNER.align(templates, ALIGNER.smooth_image(image), start, nominal, sigmas), truth
 
 
 def test_a_shifted_and_sheared_patch_is_found_to_hundredths() -> None:
-    shape, shift = np.array([[1.05, 0.12], [-0.04, 0.96]]), np.array([3.37, -2.61])
-    found, truth = aligned(warped(shape, shift, noise=1.0), shape, shift, FREE)
-    assert found.is_settled.all()
+    warp, shift = np.array([[1.05, 0.12], [-0.04, 0.96]]), np.array([3.37, -2.61])
+    found, truth = aligned(warped(warp, shift, noise=1.0), warp, shift, FREE)
+    assert found.is_converged.all()
     assert np.abs(found.centres - truth).max() < 0.05
     assert np.abs(found.centres - truth).mean() < 0.015
-    np.testing.assert_allclose(found.shapes, np.broadcast_to(shape, found.shapes.shape), atol=0.02)
-    assert found.scores.min() > 0.98
+    np.testing.assert_allclose(found.warps, np.broadcast_to(warp, found.warps.shape), atol=0.02)
+    assert found.correlations.min() > 0.98
 
 
-def test_a_patch_that_may_not_shear_is_wrong_where_it_does() -> None:
-    shape = np.array([[1.0, 0.12], [0.0, 1.0]])
-    image = warped(shape, np.zeros(2))
-    stiff, truth = aligned(image, shape, np.zeros(2), FREE[:2])
-    free, _ = aligned(image, shape, np.zeros(2), FREE[:4])
+def test_a_patch_without_shear_is_biased_on_a_slanted_surface() -> None:
+    warp = np.array([[1.0, 0.12], [0.0, 1.0]])
+    image = warped(warp, np.zeros(2))
+    stiff, truth = aligned(image, warp, np.zeros(2), FREE[:2])
+    free, _ = aligned(image, warp, np.zeros(2), FREE[:4])
     assert np.abs(stiff.centres - truth).mean() > 10.0 * np.abs(free.centres - truth).mean()
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(0.5, 10.0), (0.8, 40.0)])
-def test_another_exposure_changes_nothing(gain: float, offset: float) -> None:
+def test_alignment_is_invariant_to_exposure(gain: float, offset: float) -> None:
     shift = np.array([0.4, 0.7])
     found, truth = aligned(warped(np.eye(2), shift, gain, offset), np.eye(2), shift, FREE)
     assert np.abs(found.centres - truth).max() < 0.05
 
 
-def test_no_place_between_pixels_is_preferred() -> None:
+def test_no_sub_pixel_position_is_preferred() -> None:
     errors = []
     for part in np.linspace(0.0, 0.9, 10):
         shift = np.array([part, -part])
@@ -72,36 +71,36 @@ def test_no_place_between_pixels_is_preferred() -> None:
     assert np.abs(errors).max() < 0.01
 
 
-def test_a_patch_that_is_not_there_is_not_alike() -> None:
+def test_a_patch_that_is_not_there_is_not_similar() -> None:
     elsewhere = warped(np.eye(2), np.array([120.0, 90.0]))
     found, _ = aligned(elsewhere, np.eye(2), np.zeros(2), FREE)
-    assert alike(found, LikenessConfig()).mean() < 0.05
+    assert are_similar(found, SimilarityConfig()).mean() < 0.05
 
 
-def test_something_that_came_before_half_a_patch_shows_in_its_residual() -> None:
+def test_an_occlusion_of_half_a_patch_raises_its_residual() -> None:
     image = plain()
     hidden = np.zeros(len(GRID), dtype=bool)
     hidden[::5] = True
     for column, row in GRID[hidden].astype(int):
         image[row - 12 : row + 13, column + 3 : column + 13] = 60
     found, _ = aligned(image, np.eye(2), np.zeros(2), FREE[:4], off_px=0.3)
-    like = alike(found, LikenessConfig())
-    assert not like[hidden].any()
-    assert like[~hidden].all()
+    is_similar = are_similar(found, SimilarityConfig())
+    assert not is_similar[hidden].any()
+    assert is_similar[~hidden].all()
 
 
-def test_without_texture_the_expected_place_and_shape_stay() -> None:
+def test_without_texture_the_nominal_centre_and_warp_stay() -> None:
     blank = np.full((400, 400), 90.0, dtype=np.float32)
     templates = ALIGNER.templates(blank, GRID)
-    shapes = np.tile(np.array([[1.1, 0.0], [0.0, 0.9]]), (len(GRID), 1, 1))
-    found = ALIGNER.align(templates, blank, GRID, shapes, FREE)
+    warps = np.tile(np.array([[1.1, 0.0], [0.0, 0.9]]), (len(GRID), 1, 1))
+    found = ALIGNER.align(templates, blank, GRID, warps, FREE)
     np.testing.assert_allclose(found.centres, GRID)
-    np.testing.assert_allclose(found.shapes, shapes)
-    assert not alike(found, LikenessConfig()).any()
+    np.testing.assert_allclose(found.warps, warps)
+    assert not are_similar(found, SimilarityConfig()).any()
 
 
-def test_no_patches_are_no_trouble() -> None:
-    none = ALIGNER.templates(ALIGNER.smoothed(plain()), np.zeros((0, 2)))
-    found = ALIGNER.align(none, ALIGNER.smoothed(plain()), np.zeros((0, 2)), np.zeros((0, 2, 2)), FREE)
+def test_no_patches_give_no_patches() -> None:
+    none = ALIGNER.templates(ALIGNER.smooth_image(plain()), np.zeros((0, 2)))
+    found = ALIGNER.align(none, ALIGNER.smooth_image(plain()), np.zeros((0, 2)), np.zeros((0, 2, 2)), FREE)
     assert found.centres.shape == (0, 2)
-    assert not len(alike(found, LikenessConfig()))
+    assert not len(are_similar(found, SimilarityConfig()))

@@ -4,9 +4,9 @@ from textured_room import rig
 
 from coclo_vio.frontend.config import PatchConfig
 from coclo_vio.frontend.patches import PatchAligner
-from coclo_vio.frontend.prediction import predicted, stretched
+from coclo_vio.frontend.prediction import predicted_pixels, predicted_warps
 from coclo_vio.frontend.rectification import Rectifier
-from coclo_vio.frontend.tracks import LiveTracks
+from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
 
 RIG = Rectifier(rig()).rig
@@ -16,15 +16,15 @@ DISPARITY = np.array([6.0, 9.0, 20.0, 15.0])
 SLANTS = np.array([[0.0, 0.0], [0.02, 0.1], [-0.05, 0.14], [0.0, 0.15]])
 
 
-def tracks(disparity: np.ndarray = DISPARITY) -> LiveTracks:
+def tracks(disparity: np.ndarray = DISPARITY) -> ActiveTracks:
     ids = np.arange(len(LEFT_PX), dtype=np.int64)
     right_px = LEFT_PX - np.column_stack((disparity, np.zeros(len(ids))))
     templates = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)))
-    return LiveTracks(ids, LEFT_PX, right_px, ids, SLANTS, templates, np.tile(np.eye(2), (len(ids), 1, 1)))
+    return ActiveTracks(ids, LEFT_PX, right_px, ids, SLANTS, templates, np.tile(np.eye(2), (len(ids), 1, 1)))
 
 
-def test_points_are_expected_where_their_depth_puts_them() -> None:
-    pixels, disparity = predicted(RIG, tracks(), MOTION)
+def test_pixels_are_predicted_from_depth_and_motion() -> None:
+    pixels, disparity = predicted_pixels(RIG, tracks(), MOTION)
     points = se3.apply(se3.inverse(MOTION), RIG.points(LEFT_PX, DISPARITY))
     expected, expected_disparity = RIG.pixels(points)
     np.testing.assert_allclose(pixels, expected)
@@ -32,37 +32,37 @@ def test_points_are_expected_where_their_depth_puts_them() -> None:
 
 
 def test_without_motion_nothing_moves() -> None:
-    pixels, disparity = predicted(RIG, tracks(), np.eye(4))
+    pixels, disparity = predicted_pixels(RIG, tracks(), np.eye(4))
     np.testing.assert_allclose(pixels, LEFT_PX)
     np.testing.assert_allclose(disparity, DISPARITY)
-    np.testing.assert_allclose(stretched(RIG, tracks(), np.eye(4)), np.tile(np.eye(2), (4, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(predicted_warps(RIG, tracks(), np.eye(4)), np.tile(np.eye(2), (4, 1, 1)), atol=1e-12)
 
 
-def test_a_point_of_unknown_depth_goes_with_the_middle_one_and_stays_unknown() -> None:
+def test_a_point_of_unknown_depth_moves_with_the_median_and_stays_unknown() -> None:
     unknown = DISPARITY.copy()
     unknown[0] = np.nan
-    pixels, disparity = predicted(RIG, tracks(unknown), MOTION)
-    as_usual = DISPARITY.copy()
-    as_usual[0] = np.median(DISPARITY[1:])
-    np.testing.assert_allclose(pixels[0], predicted(RIG, tracks(as_usual), MOTION)[0][0])
+    pixels, disparity = predicted_pixels(RIG, tracks(unknown), MOTION)
+    as_median = DISPARITY.copy()
+    as_median[0] = np.median(DISPARITY[1:])
+    np.testing.assert_allclose(pixels[0], predicted_pixels(RIG, tracks(as_median), MOTION)[0][0])
     assert np.isnan(disparity[0])
 
 
-def test_what_would_be_behind_the_camera_stays_where_it_is() -> None:
+def test_a_point_that_would_be_behind_the_camera_keeps_its_pixel() -> None:
     ahead = se3.transform(np.eye(3), np.array([0.0, 0.0, 50.0]))
-    pixels, disparity = predicted(RIG, tracks(), ahead)
+    pixels, disparity = predicted_pixels(RIG, tracks(), ahead)
     np.testing.assert_allclose(pixels, LEFT_PX)
     assert np.isfinite(disparity).all()
-    assert np.isfinite(stretched(RIG, tracks(), ahead)).all()
+    assert np.isfinite(predicted_warps(RIG, tracks(), ahead)).all()
 
 
-def test_the_stretch_is_the_derivative_of_where_the_plane_goes() -> None:
+def test_the_warp_is_the_derivative_of_the_motion_of_the_plane() -> None:
     step = 1e-4
 
     def moved(offset: np.ndarray) -> np.ndarray:
-        """Where the pixels beside the points are seen, the planes going on there."""
+        """Pixels of the neighbours of the points, on the same planes, after the motion."""
         points = RIG.points(LEFT_PX + offset, DISPARITY + SLANTS @ offset)
         return RIG.pixels(se3.apply(se3.inverse(MOTION), points))[0]
 
     columns = [(moved(step * axis) - moved(-step * axis)) / (2.0 * step) for axis in np.eye(2)]
-    np.testing.assert_allclose(stretched(RIG, tracks(), MOTION), np.stack(columns, axis=2), atol=1e-7)
+    np.testing.assert_allclose(predicted_warps(RIG, tracks(), MOTION), np.stack(columns, axis=2), atol=1e-7)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dots whose places in the raw images follow from the lens model must be where the rectified rig has them."""
+"""Dots projected by the lens model into raw images must be where the rectified rig projects them."""
 
 import cv2
 import numpy as np
@@ -45,7 +45,7 @@ def pair(name: str) -> StereoCalibration:
     )
 
 
-def seen(points_camera: np.ndarray, camera: CameraCalibration) -> np.ndarray:
+def projected(points_camera: np.ndarray, camera: CameraCalibration) -> np.ndarray:
     """Raw pixels (N, 2) of points (N, 3) in the camera's frame."""
     none, coefficients = np.zeros(3), np.array(camera.distortion_coefficients)
     if camera.distortion == "equidistant":
@@ -69,12 +69,12 @@ def centroid(image: np.ndarray, about: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_points_are_where_the_rectified_rig_has_them(name: str) -> None:
+def test_points_are_where_the_rectified_rig_projects_them(name: str) -> None:
     calibration = pair(name)
     rectifier = Rectifier(calibration)
     in_right = se3.apply(se3.inverse(RIGHT_OF_LEFT), POINTS)
-    images = (dots(seen(POINTS, calibration.left)), dots(seen(in_right, calibration.right)))
-    rectified = rectifier.rectified(StereoFrame(0, *images))
+    images = (dots(projected(POINTS, calibration.left)), dots(projected(in_right, calibration.right)))
+    rectified = rectifier.rectify(StereoFrame(0, *images))
     in_body = se3.apply(calibration.T_body_left_camera, POINTS)
     left_px, disparity = rectifier.rig.pixels(se3.apply(se3.inverse(rectifier.rig.T_body_camera), in_body))
     right_px = left_px - np.column_stack((disparity, np.zeros(len(disparity))))
@@ -88,38 +88,38 @@ def test_points_are_where_the_rectified_rig_has_them(name: str) -> None:
 def test_the_images_keep_their_size_and_are_not_enlarged(name: str) -> None:
     rectifier = Rectifier(pair(name))
     image = np.full((ROWS, COLUMNS), 100, dtype=np.uint8)
-    rectified = rectifier.rectified(StereoFrame(0, image, image))
+    rectified = rectifier.rectify(StereoFrame(0, image, image))
     assert rectified.left.shape == rectified.right.shape == (ROWS, COLUMNS)
     assert max(rectifier.rig.focal_px) <= 450.0
     assert rectifier.rig.baseline_m == pytest.approx(np.linalg.norm(RIGHT_OF_LEFT[:3, 3]), rel=1e-9)
 
 
-def test_what_no_camera_has_seen_is_marked() -> None:
+def test_pixels_without_a_source_are_masked() -> None:
     rectifier = Rectifier(pair("none"))
     image = np.full((ROWS, COLUMNS), 100, dtype=np.uint8)
-    rectified = rectifier.rectified(StereoFrame(0, image, image))
-    for seen_there, picture in ((rectifier.seen_left, rectified.left), (rectifier.seen_right, rectified.right)):
-        assert 0.8 < (seen_there > 0).mean() < 1.0
-        assert (picture[seen_there > 0] == 100).all()
+    rectified = rectifier.rectify(StereoFrame(0, image, image))
+    for valid, picture in ((rectifier.valid_left, rectified.left), (rectifier.valid_right, rectified.right)):
+        assert 0.8 < (valid > 0).mean() < 1.0
+        assert (picture[valid > 0] == 100).all()
 
 
-def test_a_rectified_pair_is_passed_on_as_it_is(room: Room) -> None:
+def test_a_rectified_pair_is_passed_on_unchanged(room: Room) -> None:
     calibration = rig()
     rectifier = Rectifier(calibration)
     frame = room.frame(0, np.eye(4) + np.diag([0.4], 3)[[3, 1, 0, 2]] * 0)
-    rectified = rectifier.rectified(frame)
+    rectified = rectifier.rectify(frame)
     assert np.shares_memory(rectified.left, frame.left)
     assert np.shares_memory(rectified.right, frame.right)
     assert rectifier.rig.focal_px == LENS.focal_px
     assert rectifier.rig.principal_point_px == LENS.principal_point_px
     np.testing.assert_allclose(rectifier.rig.T_body_camera, calibration.T_body_left_camera)
-    assert (rectifier.seen_left == 255).all()
+    assert (rectifier.valid_left == 255).all()
 
 
 def test_images_of_another_size_are_refused() -> None:
     image = np.zeros((ROWS // 2, COLUMNS), dtype=np.uint8)
     with pytest.raises(DatasetError, match=r"have 640 x 240 px.*calibrated with 640 x 480"):
-        Rectifier(pair("none")).rectified(StereoFrame(5, image, image))
+        Rectifier(pair("none")).rectify(StereoFrame(5, image, image))
 
 
 def test_cameras_of_two_sizes_are_refused() -> None:
@@ -139,5 +139,5 @@ def test_swapped_cameras_are_refused() -> None:
 
 def test_cameras_one_above_the_other_are_refused() -> None:
     above = se3.transform(np.eye(3), np.array([0.0, -0.1, 0.0]))
-    with pytest.raises(ConfigError, match="must stand to the right"):
+    with pytest.raises(ConfigError, match="must be to the right"):
         Rectifier(pair("none").model_copy(update={"body_right_camera": matrix4(MOUNTED @ above)}))

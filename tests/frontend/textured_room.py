@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A floor and a wall with a random texture, seen exactly: every pixel is a ray cut with a plane, no engine draws.
+"""A floor and a wall with a random texture, projected exactly: each pixel is a ray intersected with a plane.
 
 The world is z up with the floor at z = 0 and the wall at x = WALL_M; the camera looks along x and 15 deg down.
 """
@@ -48,7 +48,7 @@ def textures(seed: int = 1) -> list[np.ndarray]:
 
 @dataclass
 class Room:
-    """What a body at a pose sees, with noise of so many grey levels."""
+    """Images from a body at a pose; ``noise`` is in grey levels."""
 
     calibration: StereoCalibration
     noise: float = 1.5
@@ -65,25 +65,25 @@ class Room:
 
     def depth(self, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """True depth along the axis, m, of pixels (N, 2)."""
-        return _cut(T_world_camera, _rays(pixels))[0]
+        return _intersect(T_world_camera, _rays(pixels))[0]
 
     def is_near_edge(self, T_world_camera: np.ndarray, pixels: np.ndarray, within_px: float = 14.0) -> np.ndarray:
         """Whether pixels (N, 2) lie near to where floor and wall meet."""
-        wall = [_cut(T_world_camera, _rays(pixels + np.array([0.0, dy])))[1] for dy in (-within_px, within_px)]
+        wall = [_intersect(T_world_camera, _rays(pixels + np.array([0.0, dy])))[1] for dy in (-within_px, within_px)]
         return np.asarray(wall[0] != wall[1])
 
     def _image(self, T_world_camera: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         columns, rows = np.meshgrid(np.arange(WIDTH, dtype=float), np.arange(HEIGHT, dtype=float))
         rays = _rays(np.column_stack((columns.ravel(), rows.ravel())))
-        depth, on_wall = _cut(T_world_camera, rays)
+        depth, on_wall = _intersect(T_world_camera, rays)
         points = T_world_camera[:3, 3] + depth[:, None] * (rays @ T_world_camera[:3, :3].T)
         across = np.where(on_wall[:, None], points[:, [1, 2]], points[:, [0, 1]]) / _TEXEL_M + _TEXTURE_PX / 2
         maps = [across[:, axis].reshape(HEIGHT, WIDTH).astype(np.float32) for axis in (0, 1)]
-        seen = [
+        layers = [
             cv2.remap(texture, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).astype(float)
             for texture in self._textures
         ]
-        image = np.where(on_wall.reshape(HEIGHT, WIDTH), seen[1], seen[0])
+        image = np.where(on_wall.reshape(HEIGHT, WIDTH), layers[1], layers[0])
         return np.clip(np.rint(image + self.noise * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
 
 
@@ -92,8 +92,8 @@ def _rays(pixels: np.ndarray) -> np.ndarray:
     return np.column_stack(((pixels - centre) / FOCAL_PX, np.ones(len(pixels))))
 
 
-def _cut(T_world_camera: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (N,) of rays (N, 3) of the camera, and whether it is the wall that they meet first."""
+def _intersect(T_world_camera: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (N,) of rays (N, 3) of the camera, and whether the wall is nearer than the floor."""
     directions, origin = rays @ T_world_camera[:3, :3].T, T_world_camera[:3, 3]
     with np.errstate(divide="ignore"):
         to_wall = (WALL_M - origin[0]) / directions[:, 0]

@@ -12,7 +12,7 @@ from coclo_vio.values.errors import CalibrationMissing, ConfigError
 _ANGLES = st.floats(-3.2, 3.2)
 
 
-def test_an_imu_is_at_the_body_origin_unless_told() -> None:
+def test_an_imu_is_at_the_body_origin_by_default() -> None:
     np.testing.assert_array_equal(ImuCalibration().T_body_imu, np.eye(4))
 
 
@@ -25,7 +25,7 @@ def test_roll_pitch_yaw_are_those_of_urdf(roll: float, pitch: float, yaw: float)
     np.testing.assert_array_equal(imu.T_body_imu[:3, 3], [0.1, 0.2, 0.3])
 
 
-def test_an_imu_turned_left_by_a_quarter_sees_body_forward_on_its_right() -> None:
+def test_body_forward_is_to_the_right_of_an_imu_turned_left_by_a_quarter() -> None:
     imu = ImuCalibration(rotation_body_imu_rpy_rad=(0.0, 0.0, np.pi / 2))
     forward_imu = imu.T_body_imu[:3, :3].T @ [1.0, 0.0, 0.0]
     np.testing.assert_allclose(forward_imu, [0.0, -1.0, 0.0], atol=1e-15)
@@ -61,14 +61,14 @@ def test_cameras_are_mounted_by_rigid_transforms() -> None:
     np.testing.assert_array_equal(stereo.T_body_right_camera, right)
     sheared = left.copy()
     sheared[0, 1] = 0.1
-    with pytest.raises(ConfigError, match="body_left_camera is no rigid transform"):
+    with pytest.raises(ConfigError, match="body_left_camera is not a rigid transform"):
         StereoCalibration.parse(
             {"left": lens, "right": lens, "body_left_camera": sheared.tolist(), "body_right_camera": right.tolist()},
             "x",
         )
 
 
-def test_points_of_a_rectified_pair_are_where_their_pixels_say() -> None:
+def test_points_and_pixels_of_a_rectified_pair_are_inverse() -> None:
     rig = RectifiedStereo((400.0, 380.0), (320.0, 240.0), 0.05, np.eye(4))
     left_px, disparity_px = rig.pixels(np.array([[0.5, -0.25, 2.0]]))
     np.testing.assert_allclose(left_px, [[400.0 * 0.25 + 320.0, -380.0 * 0.125 + 240.0]])
@@ -101,25 +101,30 @@ def test_a_rectified_calibration_is_a_rectified_pair() -> None:
 
 
 @pytest.mark.parametrize(
-    ("right_from_left", "lens", "words"),
+    ("right_from_left", "lens", "defect"),
     [
         ([0.05, 0.0, 0.0, 0.0, 0.0, 0.01], {}, "axes that are not parallel"),
-        ([0.05, 0.001, 0.0, 0.0, 0.0, 0.0], {}, "a baseline not along x"),
-        ([-0.05, 0.0, 0.0, 0.0, 0.0, 0.0], {}, "a baseline not along x"),
-        ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], {"focal_px": (401.0, 410.0)}, "cameras that differ"),
+        ([0.05, 0.001, 0.0, 0.0, 0.0, 0.0], {}, "a baseline that is not along x"),
+        ([-0.05, 0.0, 0.0, 0.0, 0.0, 0.0], {}, "a baseline that is not along x"),
+        ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], {"focal_px": (401.0, 410.0)}, "different camera matrices"),
         (
             [0.05, 0.0, 0.0, 0.0, 0.0, 0.0],
             {"distortion": "radtan", "distortion_coefficients": (0.1, 0.0, 0.0, 0.0)},
-            "a lens that bends the rays",
+            "lens distortion",
+        ),
+        (
+            [0.05, 0.0, 0.0, 0.0, 0.0, 0.0],
+            {"distortion": "equidistant", "distortion_coefficients": (0.0, 0.0, 0.0, 0.0)},
+            "lens distortion",
         ),
     ],
 )
-def test_cameras_that_are_not_rectified_are_told_why(
-    right_from_left: list[float], lens: dict[str, object], words: str
+def test_the_defects_of_unrectified_cameras_are_named(
+    right_from_left: list[float], lens: dict[str, object], defect: str
 ) -> None:
     plain = rectified_pair()
     step = se3.transform(so3.exp(np.array(right_from_left[3:])), np.array(right_from_left[:3]))
     right = plain.right.model_copy(update=lens)
     stereo = rectified_pair(right=right, body_right_camera=matrix4(plain.T_body_left_camera @ step))
-    with pytest.raises(CalibrationMissing, match=f"not rectified, they have {words}; tracks need"):
+    with pytest.raises(CalibrationMissing, match=f"not rectified, they have {defect}; tracks need"):
         RectifiedStereo.of(stereo)
