@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The base of every stage's configuration, and YAML in and out.
+"""The base of every stage's configuration, and reading and writing of YAML.
 
-Each stage's configuration stands beside the stage; presets hold only differences; a key that does not exist is an
-error that names those that do.
+Each stage's configuration is in the package of the stage; presets hold only differences; an unknown key is an error
+that names the known ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ class StageConfig(BaseModel):
         """Check ``values`` against the fields.
 
         Raises:
-            ConfigError: a key that does not exist, or a value out of bounds; names ``source`` and the choices.
+            ConfigError: an unknown key, or a value out of bounds; the message names ``source`` and the choices.
         """
         try:
             return cls.model_validate(dict(values))
@@ -41,16 +41,16 @@ def first_problem(model: type[BaseModel], error: ValidationError) -> str:
         choices = listing(_model_at(model, problem["loc"][:-1]).model_fields)
         return f"there is no {where}; the keys there are: {choices}"
     message = problem["msg"].removeprefix("Value error, ")
-    if isinstance(problem["input"], Mapping | BaseModel):  # of a whole part, not of one value
+    if isinstance(problem["input"], Mapping | BaseModel):  # of a whole section, not of one value
         return f"{where}: {message}" if where else message
     return f"{where} = {problem['input']!r}: {message}"
 
 
 def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:
-    """The configuration that stands at a location such as ``("legs", 0)`` below ``model``."""
+    """The model at a location such as ``("legs", 0)`` below ``model``."""
     for part in location:
-        if isinstance(part, str) and part in model.model_fields:
-            model = _first_model(model.model_fields[part].annotation) or model
+        field = model.model_fields.get(str(part), model.model_fields.get("root"))  # a mapping has its values in "root"
+        model = model if field is None else _first_model(field.annotation) or model
     return model
 
 
@@ -86,12 +86,12 @@ def write_yaml(config: BaseModel, path: Path) -> None:
 
 
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """``base`` with ``changes`` laid over it, mapping by mapping."""
+    """``base`` updated with ``changes``, nested mappings key by key."""
     result = dict(base)
     for key, value in changes.items():
-        below = result.get(key)
-        both = isinstance(below, Mapping) and isinstance(value, Mapping)
-        result[key] = merged(below, value) if both else value  # type: ignore[arg-type]
+        current = result.get(key)
+        are_mappings = isinstance(current, Mapping) and isinstance(value, Mapping)
+        result[key] = merged(current, value) if are_mappings else value  # type: ignore[arg-type]
     return result
 
 

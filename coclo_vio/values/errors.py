@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The errors of the package: one base, one class for each part that can be at fault.
 
-A message names the value, the limit, the choices there are, and the next step. A rejected measurement is a
-result, never an error.
+A message names the value, the limit, the choices, and the next step. A rejected measurement is a result, never an
+error.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ class ConfigError(CocloError):
 
 
 class DatasetError(CocloError):
-    """A recording cannot be read as asked."""
+    """A recording cannot be read as requested."""
 
 
 class TopicNotFound(DatasetError):  # noqa: N818 -- the field says "topic not found"
@@ -33,19 +33,19 @@ class CalibrationMissing(DatasetError):  # noqa: N818
 
 
 class RobotModelError(CocloError):
-    """A robot description names what its URDF does not have."""
+    """A robot description names links or joints that its URDF does not have."""
 
 
 class FilterError(CocloError):
-    """The filter cannot start or go on."""
+    """The filter cannot start or continue."""
 
 
 class SmootherError(CocloError):
-    """The sliding-window smoother or a GTSAM baseline cannot start or go on."""
+    """The sliding-window smoother or a GTSAM baseline cannot start or continue."""
 
 
 class SimulationError(CocloError):
-    """A trial cannot be simulated: the robot fell, or what the simulator needs is not installed."""
+    """A trial cannot be simulated: the robot fell, or the simulator is not installed."""
 
 
 class EvaluationError(CocloError):

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the sensors measure: frozen values, one class a sensor, stamped in integer nanoseconds.
+"""Measurements: frozen values, one class per sensor, stamped in integer nanoseconds.
 
-Readers make them, filter, front end and smoother take them. Arrays are checked once, here, and are read-only from then
-on.
+Readers make them; filter, front end and smoother process them. Arrays are checked once, here, and are read-only.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +20,7 @@ class InertialReading:
     Attributes:
         stamp_ns: time in nanoseconds.
         angular_velocity: gyroscope, rad/s, (3,).
-        specific_force: accelerometer, m/s^2, (3,); at rest it points up with 9.81.
+        specific_force: accelerometer, m/s^2, (3,); at rest it points up, with a norm of 9.81.
 
     Raises:
         ValueError: a wrong shape, or a reading that is not finite.
@@ -44,7 +43,7 @@ class ImuSample(InertialReading):
 
 
 class CameraImuSample(InertialReading):
-    """A reading of the IMU inside the camera, in its own frame; its vibration is the camera's, not the body's."""
+    """A reading of the camera's IMU, in the frame of that IMU; its vibration is the camera's, not the body's."""
 
     __slots__ = ()
 
@@ -53,13 +52,13 @@ class CameraImuSample(InertialReading):
 class JointSample:
     """One reading of all leg joints, in the order of ``RobotModel.joint_names``.
 
-    NaN marks a joint without a reading; the legs it belongs to are left out, the others used.
+    NaN marks a joint without a reading; its leg is left out, the others are used.
 
     Attributes:
         stamp_ns: time in nanoseconds.
         position: rad, (joints,).
         velocity: rad/s, (joints,).
-        effort: Nm, (joints,), as measured: the torque the motor puts on the joint; all NaN where a robot measures none.
+        effort: Nm, (joints,), as measured: the motor's torque on the joint; all NaN on a robot that measures none.
 
     Raises:
         ValueError: arrays of different length, or an infinite reading.
@@ -83,8 +82,8 @@ class FootForceSample:
 
     Attributes:
         stamp_ns: time in nanoseconds.
-        force: normal force, (legs,), in the unit of the robot's contact thresholds (N, or raw counts);
-            NaN where a sensor has no reading.
+        force: normal force, (legs,), in the unit of the robot's contact thresholds (N or raw counts); NaN where a
+            sensor has no reading.
 
     Raises:
         ValueError: not a vector, or an infinite reading.
@@ -99,7 +98,7 @@ class FootForceSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoFrame:
-    """Two images taken at the same time, grey.
+    """Two grey images taken at the same time.
 
     Attributes:
         stamp_ns: time of the middle of the exposure, in nanoseconds.
@@ -107,7 +106,7 @@ class StereoFrame:
         right: of the right camera, the same shape, uint8.
 
     Raises:
-        ValueError: an image is not a grey 8-bit one, or the two differ in size.
+        ValueError: an image is not grey with 8 bits, or the two differ in size.
     """
 
     stamp_ns: int
@@ -128,13 +127,13 @@ class StereoFrame:
 
 @dataclass(frozen=True, slots=True)
 class EncodedStereoFrame:
-    """A stereo frame as it is stored: two compressed image files.
+    """A stereo frame as two compressed image files.
 
     Attributes:
         stamp_ns: time of the middle of the exposure, in nanoseconds.
-        left: the file of the left image, grey.
-        right: the file of the right image.
-        encoding: what kind of file.
+        left: file content of the left image, grey.
+        right: file content of the right image, grey.
+        encoding: format of the files.
     """
 
     stamp_ns: int
@@ -153,21 +152,21 @@ class TrackingQuality(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoTracks:
-    """Where the same points are seen in both images of a frame, and that they are the ones of earlier frames.
+    """Tracks of points: their pixels in both images of a frame, and identities that persist from frame to frame.
 
-    Pixels are those of rectified images: rows agree, and left column less right column is the disparity.
+    Pixels are those of rectified images: rows agree, and left minus right column is the disparity.
 
     Attributes:
         stamp_ns: time of the frame, in nanoseconds.
-        track_ids: one a point, the same in every frame that sees it, never used again, (N,), int64.
+        track_ids: one per point, the same in every frame, never reused, (N,), int64.
         left_px: columns and rows in the left image, (N, 2).
-        right_px: the same in the right image, (N, 2); NaN where the right camera did not find the point.
-        ages: frames so far that see the point, this one included, (N,), int64; ones if not given.
+        right_px: the same in the right image, (N, 2); NaN where the point is not matched there.
+        ages: frames of the track so far, this one included, (N,), int64; ones by default.
         quality: how well points could be tracked.
         reason: why the quality is not healthy; empty where it is.
 
     Raises:
-        ValueError: a wrong shape, an identity twice, or a pixel that is not finite.
+        ValueError: a wrong shape, a repeated identity, or a pixel that is not finite.
     """
 
     stamp_ns: int
@@ -191,7 +190,7 @@ class StereoTracks:
             values.flags.writeable = False
             frozen(self, name, values)
         if len(np.unique(self.track_ids)) != count:
-            raise ValueError(f"StereoTracks.track_ids names a point twice at {self.stamp_ns} ns")
+            raise ValueError(f"StereoTracks.track_ids has a repeated identity at {self.stamp_ns} ns")
 
     def __len__(self) -> int:
         return len(self.track_ids)
@@ -199,7 +198,7 @@ class StereoTracks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTwistSample:
-    """How fast the body moves, as something outside this package measured it: wheels, a flow sensor, a controller.
+    """Velocity of the body from an external source: wheel odometry, a flow sensor, a controller.
 
     Attributes:
         stamp_ns: time in nanoseconds.

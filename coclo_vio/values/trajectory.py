@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A trajectory: stamped poses, with velocity and covariance where an estimator gives them; TUM in and out."""
+"""Trajectory: stamped poses, optionally with velocity and covariance; reading and writing of TUM files."""
 
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
@@ -13,14 +13,14 @@ from coclo_vio.values.arrays import Array, BoolArray, IntArray, checked, frozen
 from coclo_vio.values.errors import DatasetError, EvaluationError, TimestampError
 from coclo_vio.values.units import NS_PER_S
 
-_MOST_DIGITS = 30  # of a number of seconds; keeps 1e999999999 from being written out
+_MAX_DIGITS = 30  # of a number of seconds; 1e999999999 would exhaust the memory
 _STAMP_LIMIT_NS = 2**63
-_SHORTEST_QUATERNION = 1e-6
+_MIN_QUATERNION_NORM = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Poses of the body over time; stamps strictly increase.
+    """Poses of the body over time; stamps increase strictly.
 
     Attributes:
         stamps_ns: nanoseconds, (N,), int64.
@@ -30,7 +30,7 @@ class Trajectory:
 
     Raises:
         ValueError: a wrong shape or a value that is not finite.
-        TimestampError: no pose at all, stamps that are no integers, or that do not strictly increase.
+        TimestampError: no pose, stamps that are not integers, or stamps that do not increase strictly.
     """
 
     stamps_ns: IntArray
@@ -39,10 +39,10 @@ class Trajectory:
     covariance: Array | None = None
 
     def __post_init__(self) -> None:
-        given = np.asarray(self.stamps_ns)
-        if given.size and given.dtype.kind not in "iu":
-            raise TimestampError(f"stamps must be integer nanoseconds, got {given.dtype}; round seconds * 1e9 yourself")
-        stamps_ns = np.array(given, dtype=np.int64)
+        stamps = np.asarray(self.stamps_ns)
+        if stamps.size and stamps.dtype.kind not in "iu":
+            raise TimestampError(f"stamps must be integer nanoseconds, got {stamps.dtype}; round seconds * 1e9 first")
+        stamps_ns = np.array(stamps, dtype=np.int64)
         if stamps_ns.ndim != 1 or len(stamps_ns) == 0:
             raise TimestampError(f"a trajectory needs at least one stamp, got shape {stamps_ns.shape}")
         backwards = np.flatnonzero(np.diff(stamps_ns) <= 0)
@@ -86,7 +86,7 @@ class Trajectory:
         return float(self.times_s[-1])
 
     def path_length_m(self) -> float:
-        """Sum of the distances between successive poses, m (grows with noise: resample noisy data first)."""
+        """Sum of the distances between successive poses, m; noise increases it, so resample noisy data first."""
         return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
 
     def select(self, keep: BoolArray | IntArray) -> "Trajectory":
@@ -117,9 +117,9 @@ class Trajectory:
         return replace(self, stamps_ns=stamps_ns)
 
     def moved(self, T_new_world: Array) -> "Trajectory":
-        """The same motion seen from another world frame: ``T_new_body = T_new_world @ T_world_body``.
+        """The same motion in another world frame: ``T_new_body = T_new_world @ T_world_body``.
 
-        The covariance is local to the body and stays as it is.
+        The covariance is local to the body and does not change.
         """
         velocity = self.velocity_world
         if velocity is not None:
@@ -159,13 +159,13 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTruth:
-    """A reference trajectory and how far its clock can be trusted.
+    """A reference trajectory and whether it has time stamps.
 
     Attributes:
-        trajectory: the poses of the tracked body, in the tracker's own world.
-        has_stamps: False where the recording holds no stamps: then only the order of the poses means anything,
-            they are numbered evenly, and offset and rate of their clock have to be estimated.
-        source: the file or topic it came from, for reports.
+        trajectory: poses of the tracked body, in the world frame of the motion capture.
+        has_stamps: False if the recording holds no stamps: then only the order of the poses is known, their stamps are
+            evenly spaced placeholders, and offset and rate of their clock must be estimated.
+        source: file or topic, for reports.
     """
 
     trajectory: Trajectory
@@ -201,14 +201,14 @@ def seconds_to_ns(text: str) -> int:
     """Integer nanoseconds of a decimal number of seconds, exact where a float would round.
 
     Raises:
-        ValueError: not a finite number.
+        ValueError: not a finite number of seconds.
     """
     try:
         seconds = Decimal(text)
     except InvalidOperation as error:
         raise ValueError(f"{text.strip()!r} is not a number of seconds") from error
-    if not seconds.is_finite() or seconds.adjusted() > _MOST_DIGITS:
-        raise ValueError(f"{text.strip()!r} is no time in seconds")
+    if not seconds.is_finite() or seconds.adjusted() > _MAX_DIGITS:
+        raise ValueError(f"{text.strip()!r} is not a time in seconds")
     return int((seconds * NS_PER_S).to_integral_value())
 
 
@@ -223,7 +223,7 @@ def _pose_fields(fields: list[str]) -> list[float]:
     values = [float(field) for field in fields]
     if not np.isfinite(values).all():
         raise ValueError("a value is not finite")
-    if np.linalg.norm(values[3:]) < _SHORTEST_QUATERNION:
+    if np.linalg.norm(values[3:]) < _MIN_QUATERNION_NORM:
         raise ValueError("the quaternion is zero")
     return values
 
@@ -233,7 +233,7 @@ def read_tum(path: Path) -> Trajectory:
 
     Raises:
         DatasetError: no such file, or a line that is not eight finite numbers with a quaternion.
-        TimestampError: no pose, or stamps that do not strictly increase.
+        TimestampError: no pose, or stamps that do not increase strictly.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -252,7 +252,7 @@ def read_tum(path: Path) -> Trajectory:
             rows.append(_pose_fields(fields[1:]))
         except ValueError as error:
             raise DatasetError(
-                f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({error}); mend or drop it"
+                f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({error}); correct or remove it"
             ) from error
     if not rows:
         raise TimestampError(f"{path} holds no pose; a TUM file has lines of t x y z qx qy qz qw")

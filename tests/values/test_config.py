@@ -14,7 +14,7 @@ class _Leg(StageConfig):
 
 
 class _Gait(StageConfig):
-    """A part with a rule of its own."""
+    """A section with a constraint between two fields."""
 
     low: float = 1.0
     high: float = 2.0
@@ -56,7 +56,7 @@ def test_everything_has_a_usable_default_and_cannot_be_changed() -> None:
         ({"spare": {"radius": 1}}, "my.yaml: there is no spare.radius; the keys there are: radius_m"),
     ],
 )
-def test_an_unknown_key_is_answered_with_those_that_exist(values: dict[str, object], message: str) -> None:
+def test_an_unknown_key_is_refused_with_the_known_ones(values: dict[str, object], message: str) -> None:
     assert _problem(values) == message
 
 
@@ -66,7 +66,7 @@ def test_a_value_out_of_bounds_is_named_with_its_limit() -> None:
     assert _problem({"legs": [{"radius_m": -1}]}).startswith("my.yaml: legs.0.radius_m = -1: Input should be greater")
 
 
-def test_a_broken_rule_is_told_without_repeating_the_whole_configuration() -> None:
+def test_a_violated_constraint_is_reported_without_the_whole_configuration() -> None:
     assert _problem({"gait": {"low": 3.0}}) == "my.yaml: gait: low = 3.0 must lie below high = 2.0"
 
 
@@ -102,12 +102,12 @@ def test_settings_make_a_nested_mapping_of_yaml_values() -> None:
     }
 
 
-def test_a_number_that_yaml_takes_for_text_still_counts_as_one() -> None:
-    """YAML 1.1 wants a dot in 1.0e-3; nobody types it."""
+def test_a_number_that_yaml_reads_as_text_is_still_a_number() -> None:
+    """YAML 1.1 requires a dot as in 1.0e-3; users omit it."""
     assert _Robot.parse(parse_settings(["rate_hz=1e2"]), "--set").rate_hz == 100.0
 
 
-def test_of_two_settings_of_one_key_the_last_holds() -> None:
+def test_the_last_of_two_settings_of_one_key_wins() -> None:
     assert parse_settings(["a.b=1", "a.c=2", "a.b=3"]) == {"a": {"b": 3, "c": 2}}
 
 
@@ -124,7 +124,7 @@ def test_a_setting_that_cannot_be_read_is_named(setting: str, message: str) -> N
         parse_settings([setting])
 
 
-def test_merged_lays_changes_over_a_base_and_leaves_both_as_they_were() -> None:
+def test_merged_updates_nested_keys_and_leaves_its_arguments_unchanged() -> None:
     base = {"a": {"b": 1, "c": 2}, "d": [1, 2]}
     changes = {"a": {"b": 5}, "d": [3], "e": {"f": 1}}
     assert merged(base, changes) == {"a": {"b": 5, "c": 2}, "d": [3], "e": {"f": 1}}

@@ -20,7 +20,7 @@ from coclo_vio.values.measurements import (
 _NONE = np.full(3, np.nan)
 
 
-def test_a_reading_of_another_length_is_named() -> None:
+def test_a_wrong_length_is_refused_with_both_shapes() -> None:
     with pytest.raises(ValueError, match=r"ImuSample.angular_velocity must have shape \(3,\), got \(2,\)"):
         ImuSample(0, np.zeros(2), np.zeros(3))
     with pytest.raises(ValueError, match=r"JointSample.effort must have shape \(3,\), got \(4,\)"):
@@ -30,12 +30,12 @@ def test_a_reading_of_another_length_is_named() -> None:
 
 
 def test_an_imu_reading_must_be_finite() -> None:
-    for bad in (np.nan, np.inf):
-        with pytest.raises(ValueError, match=rf"ImuSample.specific_force must be finite, got {bad} at index \(1,\)"):
-            ImuSample(0, np.zeros(3), np.array([0.0, bad, 9.81]))
+    for value in (np.nan, np.inf):
+        with pytest.raises(ValueError, match=rf"ImuSample.specific_force must be finite, got {value} at index \(1,\)"):
+            ImuSample(0, np.zeros(3), np.array([0.0, value, 9.81]))
 
 
-def test_joints_and_feet_may_say_nothing_but_never_infinity() -> None:
+def test_joint_and_foot_readings_may_be_missing_but_not_infinite() -> None:
     assert np.isnan(JointSample(0, _NONE, _NONE, _NONE).position).all()
     assert np.isnan(FootForceSample(0, _NONE).force).all()
     infinite = np.array([0.0, -np.inf, 0.0])
@@ -45,10 +45,10 @@ def test_joints_and_feet_may_say_nothing_but_never_infinity() -> None:
         FootForceSample(0, infinite)
 
 
-def test_samples_cannot_be_changed_nor_changed_through_the_array_they_were_made_of() -> None:
-    given = np.zeros(3)
-    sample = ImuSample(5, given, np.array([0.0, 0.0, 9.81]))
-    given[0] = 1.0
+def test_samples_are_read_only_copies() -> None:
+    readings = np.zeros(3)
+    sample = ImuSample(5, readings, np.array([0.0, 0.0, 9.81]))
+    readings[0] = 1.0
     np.testing.assert_array_equal(sample.angular_velocity, np.zeros(3))
     with pytest.raises(ValueError, match="read-only"):
         sample.angular_velocity[0] = 1.0
@@ -61,7 +61,7 @@ def test_readings_become_float64() -> None:
     assert {sample.position.dtype, sample.velocity.dtype, sample.effort.dtype} == {np.dtype(np.float64)}
 
 
-def test_the_cameras_imu_is_not_taken_for_the_bodys() -> None:
+def test_the_camera_imu_is_a_type_of_its_own() -> None:
     camera_imu = CameraImuSample(0, np.zeros(3), np.zeros(3))
     assert not isinstance(camera_imu, ImuSample)
     with pytest.raises(ValueError, match=r"CameraImuSample.specific_force must have shape \(3,\)"):
@@ -85,13 +85,13 @@ def test_a_stereo_frame_is_two_grey_images_of_one_size() -> None:
         StereoFrame(5, grey, grey.T)
 
 
-def test_tracks_are_as_many_everywhere_and_each_once() -> None:
+def test_track_arrays_agree_in_length_and_identities_are_unique() -> None:
     pixels = np.array([[10.0, 20.0], [30.0, 40.0]])
     with pytest.raises(ValueError, match=r"StereoTracks.right_px must have shape \(2, 2\), got \(1, 2\)"):
         StereoTracks(0, np.arange(2), pixels, pixels[:1])
     with pytest.raises(ValueError, match=r"StereoTracks.track_ids must have shape \(2,\), got \(3,\)"):
         StereoTracks(0, np.arange(3), pixels, pixels)
-    with pytest.raises(ValueError, match="names a point twice at 7 ns"):
+    with pytest.raises(ValueError, match="has a repeated identity at 7 ns"):
         StereoTracks(7, np.array([4, 4]), pixels, pixels)
 
 

@@ -53,7 +53,7 @@ def test_stamps_in_seconds_are_refused_not_truncated() -> None:
         (np.full((3, 3), np.nan), None, r"velocity_world must be finite, got nan at index \(0, 0\)"),
     ],
 )
-def test_parts_that_do_not_fit_are_named(velocity: object, covariance: object, message: str) -> None:
+def test_arrays_of_wrong_shape_are_named(velocity: object, covariance: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Trajectory(np.arange(3), np.tile(np.eye(4), (3, 1, 1)), velocity, covariance)  # type: ignore[arg-type]
 
@@ -180,12 +180,12 @@ def test_seconds_to_ns_is_exact(stamp_ns: int) -> None:
         ("-0.25", -25 * 10**7),
     ],
 )
-def test_seconds_to_ns_takes_every_way_to_write_a_number(text: str, stamp_ns: int) -> None:
+def test_seconds_to_ns_accepts_every_notation_of_a_number(text: str, stamp_ns: int) -> None:
     assert seconds_to_ns(text) == stamp_ns
 
 
 @pytest.mark.parametrize("text", ["", "one", "nan", "inf", "1.2.3", "1e999999999"])
-def test_seconds_to_ns_refuses_what_is_no_time(text: str) -> None:
+def test_seconds_to_ns_refuses_what_is_not_a_time(text: str) -> None:
     with pytest.raises(ValueError, match="seconds"):
         seconds_to_ns(text)
 
@@ -205,7 +205,7 @@ def test_tum_comments_and_blank_lines_are_skipped(tmp_path: Path) -> None:
         ("2,0,0,0,0,0,0,1", "1 fields"),
         ("2 0 0 x 0 0 0 1", "'x'"),
         ("2 0 0 nan 0 0 0 1", "a value is not finite"),
-        ("inf 0 0 0 0 0 0 1", "'inf' is no time in seconds"),
+        ("inf 0 0 0 0 0 0 1", "'inf' is not a time in seconds"),
         ("2 0 0 0 0 0 0 0", "the quaternion is zero"),
         ("1403715273262142976 0 0 0 0 0 0 1", "is it in nanoseconds, not seconds?"),
     ],
