@@ -17,7 +17,7 @@ from coclo_vio.cli.options import (
     with_partial,
 )
 from coclo_vio.cli.printing import (
-    print_claims,
+    print_ranking,
     print_table,
     print_table_one,
     progress_bar,
@@ -145,7 +145,7 @@ def _compare_one(plan: _Plan) -> _Outcome:
     tell_run(told, plan.folder, brief=True)
     evaluations, failures = comparison.evaluate_run(plan.folder, plan.config.evaluation)
     print_table(evaluations, title)
-    print_claims(evaluations, plan.config.evaluation)
+    print_ranking(evaluations, plan.config.evaluation)
     stopped = {mode: one["failure"] for mode, one in told["estimators"].items() if one["failure"]}
     tell_failures(failures | stopped)
     report = comparison.write_comparison(plan.folder, title, evaluations, plan.config)

@@ -15,7 +15,7 @@ from coclo_vio.cli.options import (
     SetOption,
     with_partial,
 )
-from coclo_vio.cli.printing import print_claims, print_table, progress_bar, run_title, tell_failures, tell_run
+from coclo_vio.cli.printing import print_ranking, print_table, progress_bar, run_title, tell_failures, tell_run
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import read_ground_truth
@@ -23,6 +23,7 @@ from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.records import ComparisonRecord
 from coclo_vio.runs import comparison
 from coclo_vio.runs.equipment import default_mode
 from coclo_vio.runs.estimators import ESTIMATORS
@@ -106,10 +107,10 @@ def evaluate(
     else:
         evaluations = comparison.evaluate_tum(run_or_tum, evaluation, truth)
     if as_json:
-        give_json({name: value.to_json() for name, value in evaluations.items()})
+        give_json(ComparisonRecord.of(evaluations).to_json())
     else:
         print_table(evaluations, str(run_or_tum))
-        print_claims(evaluations, evaluation)
+        print_ranking(evaluations, evaluation)
     tell_failures(failures)
     if not evaluations:
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")

@@ -2,7 +2,7 @@
 """Runs and their evaluations as they are shown on a terminal."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,14 +16,15 @@ from coclo_vio.cli.terminal import err, out, say
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.notes import merged_notes
-from coclo_vio.evaluation.paper_table import PAPER_COLUMNS, PAPER_MARK
-from coclo_vio.evaluation.ranking import claims, what_can_be_told
+from coclo_vio.evaluation.paper_table import PAPER_MARK
+from coclo_vio.evaluation.ranking import rank, resolution_sentence
+from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.evaluation.table_one import TableOne
+from coclo_vio.evaluation.trajectory_roles import in_order
 from coclo_vio.runs import comparison
 from coclo_vio.runs.run_config import RunConfig
 
 _EVERY_NS = 200_000_000
-_FIRST = tuple(PAPER_COLUMNS)
 _SMALL_M = 0.1
 _LONGEST_NAME = 24
 _COLUMNS = (
@@ -88,10 +89,10 @@ def _figure(keyframes: Mapping[str, float | None], name: str, form: str) -> str:
 
 
 def print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
-    """A row for each estimator, those of the paper's table first; nothing where there is none."""
+    """A row for each trajectory, featured ones first; nothing where there is none."""
     if not evaluations:
         return
-    values = {name: evaluations[name].to_json() for name in _ordered(evaluations)}
+    values = {name: EvaluationRecord.of(evaluations[name]).to_json() for name in in_order(evaluations)}
     table = Table(title=escape(title), box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title_justify="left")
     table.add_column("", no_wrap=True)
     columns = []
@@ -107,30 +108,26 @@ def print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
     travelled_m = max(evaluation.path_length_m for evaluation in evaluations.values())
     covered = min(evaluation.coverage or 0.0 for evaluation in evaluations.values())
     out.print(
-        f"{travelled_m:.2f} m of ground truth, {covered:.0%} of it covered; ANEES: 1 is honest, more too sure",
+        f"{travelled_m:.2f} m of ground truth, {covered:.0%} of it covered; "
+        "ANEES: 1 is consistent, above 1 overconfident, below 1 conservative",
         highlight=False,
     )
     for length_m in sorted({length for one in evaluations.values() for length in one.segment_drift_percent}):
         drifts = {name: one.segment_drift_percent.get(length_m) for name, one in evaluations.items()}
         told = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
-        out.print(f"mean drift over all pieces of {length_m:g} m: {told}", highlight=False)
+        out.print(f"mean drift over all segments of {length_m:g} m: {told}", highlight=False)
     for note in merged_notes({name: evaluation.notes for name, evaluation in evaluations.items()}):
         say(f"note: {note}")
-
-
-def _ordered(names: Iterable[str]) -> list[str]:
-    """The paper's estimators in its order, then the others in theirs."""
-    return sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
 
 
 def _cell(value: object, factor: float, decimals: int) -> str:
     return f"{factor * value:.{decimals}f}" if isinstance(value, int | float) else "-"
 
 
-def print_claims(evaluations: Mapping[str, Evaluation], config: EvaluationConfig) -> None:
+def print_ranking(evaluations: Mapping[str, Evaluation], config: EvaluationConfig) -> None:
     """A line for each comparison of legs, eyes and both; nothing where they are not there."""
-    found = claims(evaluations, config)
-    for sentence in (*(claim.sentence for claim in found), *filter(None, [what_can_be_told(found)])):
+    found = rank(evaluations, config)
+    for sentence in (*(ranking.sentence for ranking in found), *filter(None, [resolution_sentence(found)])):
         out.print(sentence, highlight=False, markup=False)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rigid transforms that lay an estimate over its ground truth: pure functions, ``T_reference_estimate`` (4, 4).
+"""Rigid transforms that align an estimate with its ground truth: pure functions, ``T_reference_estimate`` (4, 4).
 
-All take two trajectories on the same stamps. An odometry does not know where it started, so its world differs from
-the ground truth's by a position and a heading; ``SE(3)`` alignment forgives a tilted gravity too.
+All take two trajectories on the same stamps. An odometry starts at an arbitrary pose, so its world differs from
+the ground truth's by a position and a heading; ``SE(3)`` alignment removes an error of the vertical too.
 """
 
 from dataclasses import replace
@@ -42,7 +42,7 @@ def tie_start(estimate: Trajectory, reference: Trajectory, window_s: float) -> A
 
 
 def tie_attitude(estimate: Trajectory, reference: Trajectory, window_s: float) -> Array:
-    """Position and whole attitude tied over the first ``window_s`` seconds, for an estimate that knows no up."""
+    """Position and whole attitude tied over the first ``window_s`` seconds: where the estimate is not level."""
     head = estimate.times_s <= window_s
     turn = reference.rotations[head] @ np.swapaxes(estimate.rotations[head], 1, 2)
     rotation = nearest_rotation(turn.sum(axis=0))
@@ -95,7 +95,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def align(kind: Alignment, estimate: Trajectory, reference: Trajectory, start_window_s: float) -> Array:
-    """``T_reference_estimate`` of the alignment that ``kind`` names."""
+    """``T_reference_estimate`` of an alignment."""
     match kind:
         case "yaw_position":
             return align_yaw_position(estimate, reference)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a body turns, low-passed, and how well two such signals agree under a clock: what ``clock`` searches with."""
+"""Low-passed angular velocity of a body, and its correlation with another's under a clock: used by ``clock``."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ _KNOTS_PER_WINDOW = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngularMotion:
-    """Attitude over time: knots ``rate`` to the second, the holes where nothing is known between them.
+    """Attitude over time: ``rate`` knots per second, and the holes between which it is unknown.
 
     Attributes:
         at: attitude at a time in knots' units.
@@ -56,7 +56,7 @@ class AngularMotion:
 def stamped_motion(
     trajectory: Trajectory, stamps_ns: IntArray, start_ns: int, window_s: float, max_gap_s: float
 ) -> AngularMotion:
-    """Attitudes over seconds since ``start_ns``, thinned to what a low-pass of ``window_s`` can see."""
+    """Attitudes over seconds since ``start_ns``, thinned to what a low-pass of ``window_s`` resolves."""
     times_s = (stamps_ns - start_ns) / NS_PER_S
     cell = np.floor((times_s - times_s[0]) * (_KNOTS_PER_WINDOW / window_s))
     keep = np.flatnonzero(np.append(True, np.diff(cell) > 0) | (np.arange(len(times_s)) == len(times_s) - 1))
@@ -80,44 +80,44 @@ def turning_score(cross: Array) -> Array:
 class RateCorrelator:
     """Scores clocks of a ground truth against the angular velocity of one estimate, computed once."""
 
-    def __init__(self, own: AngularMotion, window_s: float) -> None:
-        self._own = own
+    def __init__(self, estimated: AngularMotion, window_s: float) -> None:
+        self._estimated = estimated
         self._window_s = window_s
         self._step_s = window_s / STEPS_PER_WINDOW
-        self._own_rates, _ = own.rates(own.grid(self._step_s), window_s)
-        self._own_norm = float(np.linalg.norm(self._own_rates))
+        self._estimated_rates, _ = estimated.rates(estimated.grid(self._step_s), window_s)
+        self._estimated_norm = float(np.linalg.norm(self._estimated_rates))
 
-    def best_shift(self, other: AngularMotion, limits_s: tuple[float, float]) -> tuple[float, float]:
-        """The shift of ``other``'s clock, s, within limits, and its score, on a grid of a tenth of the window."""
-        other_rates, _ = other.rates(other.grid(self._step_s), self._window_s)
-        norm = self._own_norm * float(np.linalg.norm(other_rates))
-        lags = np.arange(-(len(other_rates) - 1), len(self._own_rates))
-        shifts_s = self._own.span_s[0] - other.span_s[0] + lags * self._step_s
+    def best_shift(self, tracked: AngularMotion, limits_s: tuple[float, float]) -> tuple[float, float]:
+        """The shift of ``tracked``'s clock, s, within limits, and its score, on a grid of a tenth of the window."""
+        tracked_rates, _ = tracked.rates(tracked.grid(self._step_s), self._window_s)
+        norm = self._estimated_norm * float(np.linalg.norm(tracked_rates))
+        lags = np.arange(-(len(tracked_rates) - 1), len(self._estimated_rates))
+        shifts_s = self._estimated.span_s[0] - tracked.span_s[0] + lags * self._step_s
         is_allowed = (shifts_s >= limits_s[0]) & (shifts_s <= limits_s[1])
         if norm == 0.0 or not is_allowed.any():
             return 0.0, 0.0
-        pairs = [[correlate(own, column)[is_allowed] for column in other_rates.T] for own in self._own_rates.T]
+        pairs = [[correlate(row, column)[is_allowed] for column in tracked_rates.T] for row in self._estimated_rates.T]
         scores = turning_score(np.moveaxis(np.array(pairs), -1, 0)) / norm
-        winner = int(np.argmax(scores))
-        return float(shifts_s[is_allowed][winner]), float(scores[winner])
+        best_index = int(np.argmax(scores))
+        return float(shifts_s[is_allowed][best_index]), float(scores[best_index])
 
-    def samples_for(self, other: AngularMotion) -> int:
+    def samples_for(self, tracked: AngularMotion) -> int:
         """How many samples ``correlation`` takes of this ground truth: fixed in a search, so that it is smooth."""
-        return max(2, int((other.span_s[1] - other.span_s[0]) / self._step_s) + 1)
+        return max(2, int((tracked.span_s[1] - tracked.span_s[0]) / self._step_s) + 1)
 
-    def correlation(self, other: AngularMotion, shift_s: float, samples: int) -> float:
+    def correlation(self, tracked: AngularMotion, shift_s: float, samples: int) -> float:
         """Correlation over the overlap under one clock, the estimate's rates taken exactly at the shifted times.
 
-        Unlike the score of ``best_shift`` it has no pull towards more overlap, so its peak is unbiased, but only near
-        the right clock does it mean anything.
+        Unlike the score of ``best_shift`` it has no bias towards more overlap, so its peak is unbiased; it is
+        meaningful near the right clock only.
         """
-        grid = np.linspace(other.span_s[0], other.span_s[1], samples)
-        other_rates, is_other = other.rates(grid, self._window_s)
-        own_rates, is_own = self._own.rates(grid + shift_s, self._window_s)
-        return correlation(own_rates[is_own & is_other], other_rates[is_own & is_other]) or 0.0
+        grid = np.linspace(tracked.span_s[0], tracked.span_s[1], samples)
+        tracked_rates, is_tracked = tracked.rates(grid, self._window_s)
+        estimated_rates, is_estimated = self._estimated.rates(grid + shift_s, self._window_s)
+        return correlation(estimated_rates[is_estimated & is_tracked], tracked_rates[is_estimated & is_tracked]) or 0.0
 
 
-def correlation(own: Array, other: Array) -> float | None:
+def correlation(estimated: Array, tracked: Array) -> float | None:
     """Correlation, 0..1, of angular velocities (N, 3) under the best rotation; None where either is zero."""
-    norm = float(np.linalg.norm(own) * np.linalg.norm(other))
-    return float(turning_score(own.T @ other)) / norm if norm > 0.0 else None
+    norm = float(np.linalg.norm(estimated) * np.linalg.norm(tracked))
+    return float(turning_score(estimated.T @ tracked)) / norm if norm > 0.0 else None

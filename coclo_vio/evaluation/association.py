@@ -55,7 +55,7 @@ def match(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> Matc
     if not is_within.any():
         raise EvaluationError(
             f"the estimate ({_span(estimate)}) and the ground truth ({_span(reference)}, clock offset included) do not "
-            "overlap in time; give the clock offset, or check that both belong to the same recording"
+            "overlap in time; set the clock offset, or check that both belong to the same recording"
         )
     is_in_gap = in_gap(estimate.stamps_ns, gaps_ns(reference.stamps_ns, max_gap_s)) & is_within
     keep = is_within & ~is_in_gap

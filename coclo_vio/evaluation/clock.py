@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The clock of the ground truth against the clock of the estimate: the first step of an evaluation.
 
-Trackers run on a clock of their own, and some recordings hold no stamps at all. What both sides saw is how the body
-turned: the low-passed angular velocity of the tracked body is a constant rotation of the estimate's, whatever the
-worlds and however the tracker's body frame is turned. So the clock is sought that maximises
+Trackers run on a clock of their own, and some recordings hold no stamps at all. Both sides measure the same rotation of
+the body: the low-passed angular velocity of the tracked body is a constant rotation of the estimate's, whatever the
+worlds and however the tracker's body frame is turned. The clock is the one that maximises
 
     score = max over R of sum_t w_reference(t) . R w_estimate(t + offset) / (|w_reference| |w_estimate|),
 
 whose inner maximum is the signed sum of the singular values of the 3x3 cross-covariance (Kabsch, 1976). In the search
 both norms are taken over the whole signals, so turns that a clock would push out of the overlap count against it; the
-last polish takes them over the overlap, which has no such pull.
+last polish takes them over the overlap, which has no such bias.
 
 Positions are never used: a clock fitted to positions would hide errors of position.
 """
@@ -60,9 +60,9 @@ class ClockConfig(StageConfig):
     ] = 1.5
     has_uneven_rows: Annotated[
         bool,
-        Field(description="let the rate of a ground truth without stamps wander, as attitude alone tells"),
+        Field(description="let the rate of a ground truth without stamps vary, estimated from attitude alone"),
     ] = False
-    knot_s: Annotated[float, Field(gt=0, le=60, description="the wandering rate may change over this long, s")] = 1.5
+    knot_s: Annotated[float, Field(gt=0, le=60, description="the varying rate may change over this long, s")] = 1.5
     stiffness: Annotated[
         float, Field(gt=0, description="attitude error that weighs as much as an e-fold of rate at one knot, rad")
     ] = 1.0
@@ -74,7 +74,7 @@ class ClockConfig(StageConfig):
     ] = 2.0
     max_gap_s: Annotated[
         float,
-        Field(gt=0, le=60, description="holes of a stamped ground truth longer than this are not looked across, s"),
+        Field(gt=0, le=60, description="no interpolation across holes of a stamped ground truth longer than this, s"),
     ] = 0.25
     min_correlation: Annotated[
         float, Field(ge=0, le=1, description="below this correlation of angular velocity no clock is accepted")
@@ -96,7 +96,7 @@ class ClockFit:
         residual_deg: RMS of the attitude difference that is left after a constant rotation on either side and a
             linear drift, degrees; None where the two overlap too little.
         row_stamps_ns: stamps of the rows where they were found to be uneven, ns, (N,); None elsewhere.
-        problem: why an estimate was asked for and not made; None where there is none.
+        problem: why the clock could not be estimated; None where it was, or was given.
     """
 
     offset_s: float
@@ -118,8 +118,8 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
     """Offset, and rate where the ground truth has no stamps, of the ground truth's clock.
 
     Args:
-        estimate: on the clock that counts.
-        truth: the ground truth on its own clock; only its attitudes are looked at.
+        estimate: on the clock of the evaluation.
+        truth: the ground truth on its own clock; only its attitudes are used.
         config: given values, limits of the search, low-pass.
 
     Raises:
@@ -129,7 +129,7 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
     _check_given(truth, config)
     if config.offset_s is not None:
         return _fit_of(estimate, truth, config, (config.offset_s, config.rate_hz))
-    problem = _what_hinders(estimate, truth, config)
+    problem = _why_not_observable(estimate, truth, config)
     if problem is None:
         search = _search_rate if not truth.has_stamps else _search_offset
         fit = _fit_of(estimate, truth, config, search(estimate, truth.trajectory, config))
@@ -142,7 +142,7 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
     if not truth.has_stamps:
         raise EvaluationError(
             f"the clock of {truth.source}, which has no stamps, cannot be found: {problem}; "
-            "give clock.offset_s and clock.rate_hz"
+            "set clock.offset_s and clock.rate_hz"
         )
     return ClockFit(0.0, None, False, None, None, f"clock offset taken as 0: {problem}")
 
@@ -154,11 +154,11 @@ def _check_given(truth: GroundTruth, config: ClockConfig) -> None:
         )
     if not truth.has_stamps and (config.offset_s is None) != (config.rate_hz is None):
         raise EvaluationError(
-            f"{truth.source} has no stamps: give both clock.offset_s and clock.rate_hz, or neither to estimate both"
+            f"{truth.source} has no stamps: set both clock.offset_s and clock.rate_hz, or neither to estimate both"
         )
 
 
-def _what_hinders(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> str | None:
+def _why_not_observable(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> str | None:
     window_s = config.window_s if truth.has_stamps else config.rate_window_s
     for name, trajectory in (("estimate", estimate), ("ground truth", truth.trajectory)):
         is_timed = name == "estimate" or truth.has_stamps
@@ -183,48 +183,48 @@ def _restamped_ns(reference: Trajectory, offset_s: float, rate_hz: float | None)
 def _search_offset(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
     start_ns, limit_s = int(reference.stamps_ns[0]), config.max_offset_s
     window_s = max(config.window_s, 2.0 * _spacing_s(estimate), 2.0 * _spacing_s(reference))
-    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
-    other = stamped_motion(reference, reference.stamps_ns, start_ns, window_s, config.max_gap_s)
-    apart_s = max(own.span_s[0] - other.span_s[1], other.span_s[0] - own.span_s[1])
+    estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+    tracked = stamped_motion(reference, reference.stamps_ns, start_ns, window_s, config.max_gap_s)
+    apart_s = max(estimated.span_s[0] - tracked.span_s[1], tracked.span_s[0] - estimated.span_s[1])
     if apart_s > limit_s:
         raise EvaluationError(
             f"estimate and ground truth lie {apart_s:.3f} s apart, further than clock.max_offset_s = {limit_s:g} s; "
             "give clock.offset_s, or check that both belong to the same recording"
         )
-    correlator = RateCorrelator(own, window_s)
-    coarse_s, _ = correlator.best_shift(other, (-limit_s, limit_s))
-    samples = correlator.samples_for(other)
+    correlator = RateCorrelator(estimated, window_s)
+    coarse_s, _ = correlator.best_shift(tracked, (-limit_s, limit_s))
+    samples = correlator.samples_for(tracked)
 
     def loss(values: Array) -> float:
-        return -correlator.correlation(other, float(values[0]), samples)
+        return -correlator.correlation(tracked, float(values[0]), samples)
 
-    best = _polished(loss, np.array([coarse_s]), np.array([window_s / STEPS_PER_WINDOW]))
+    best = _refined(loss, np.array([coarse_s]), np.array([window_s / STEPS_PER_WINDOW]))
     return float(np.clip(best[0], -limit_s, limit_s)), None
 
 
 def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
     start_ns, window_s = int(estimate.stamps_ns[0]), config.rate_window_s
-    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
-    correlator = RateCorrelator(own, window_s)
+    estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+    correlator = RateCorrelator(estimated, window_s)
     at = Slerp(np.arange(len(reference)), Rotation.from_matrix(reference.rotations))
     reach = np.log(config.max_duration_ratio)
-    candidates_hz = (len(reference) - 1) / own.span_s[1] * np.exp(np.arange(-reach, reach, _RATE_STEP))
+    candidates_hz = (len(reference) - 1) / estimated.span_s[1] * np.exp(np.arange(-reach, reach, _RATE_STEP))
     coarse = [correlator.best_shift(numbered_motion(at, rate_hz), (-np.inf, np.inf)) for rate_hz in candidates_hz]
-    winner = int(np.argmax([score for _, score in coarse]))
-    samples = correlator.samples_for(numbered_motion(at, float(candidates_hz[winner])))
+    best_index = int(np.argmax([score for _, score in coarse]))
+    samples = correlator.samples_for(numbered_motion(at, float(candidates_hz[best_index])))
 
     def loss(values: Array) -> float:
         return -correlator.correlation(
-            numbered_motion(at, float(candidates_hz[winner] * values[1])), float(values[0]), samples
+            numbered_motion(at, float(candidates_hz[best_index] * values[1])), float(values[0]), samples
         )
 
-    start = np.array([coarse[winner][0], 1.0])
-    best = _polished(loss, start, np.array([window_s / STEPS_PER_WINDOW, _RATE_STEP]))
+    start = np.array([coarse[best_index][0], 1.0])
+    best = _refined(loss, start, np.array([window_s / STEPS_PER_WINDOW, _RATE_STEP]))
     offset_s = best[0] + (start_ns - int(reference.stamps_ns[0])) / NS_PER_S
-    return float(offset_s), float(candidates_hz[winner] * best[1])
+    return float(offset_s), float(candidates_hz[best_index] * best[1])
 
 
-def _polished(loss: Callable[[Array], float], start: Array, step: Array) -> Array:
+def _refined(loss: Callable[[Array], float], start: Array, step: Array) -> Array:
     """Nelder-Mead in units of ``step``: the correlation is smooth near its peak, yet has no handy gradient."""
     unit = np.vstack((np.zeros(len(start)), np.eye(len(start))))
     options = {"initial_simplex": unit, "xatol": 1e-4, "fatol": 1e-12, "maxiter": 200}
@@ -245,42 +245,46 @@ def _fit_of(
     if len(estimate) < 2 or len(truth.trajectory) < 2:
         return even
     stamps_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz)
-    agreement, residual_deg, R_own_other = _quality(estimate, truth, config, stamps_ns)
-    fit = replace(even, correlation=agreement, residual_deg=residual_deg)
+    correlated, residual_deg, R_estimated_tracked = _quality(estimate, truth, config, stamps_ns)
+    fit = replace(even, correlation=correlated, residual_deg=residual_deg)
     if truth.has_stamps or not config.has_uneven_rows or residual_deg is None:
         return fit
     start_ns = int(estimate.stamps_ns[0])
-    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, config.rate_window_s, np.inf)
-    attitudes = Rotation.from_matrix(truth.trajectory.rotations @ R_own_other.T)
+    estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, config.rate_window_s, np.inf)
+    attitudes = Rotation.from_matrix(truth.trajectory.rotations @ R_estimated_tracked.T)
     first_s, interval_s = (stamps_ns[0] - start_ns) / NS_PER_S, (stamps_ns[-1] - stamps_ns[0]) / NS_PER_S
     even_s = (float(first_s), float(interval_s) / (len(stamps_ns) - 1))
-    times_s = refine_rows(own, attitudes, even_s, knot_s=config.knot_s, stiffness=config.stiffness)
+    times_s = refine_rows(estimated, attitudes, even_s, knot_s=config.knot_s, stiffness=config.stiffness)
     row_stamps_ns = start_ns + np.rint(times_s * NS_PER_S).astype(np.int64)
-    agreement, residual_deg, _ = _quality(estimate, truth, config, row_stamps_ns)
-    return replace(fit, correlation=agreement, residual_deg=residual_deg, row_stamps_ns=row_stamps_ns)
+    correlated, residual_deg, _ = _quality(estimate, truth, config, row_stamps_ns)
+    return replace(fit, correlation=correlated, residual_deg=residual_deg, row_stamps_ns=row_stamps_ns)
 
 
 def _quality(
     estimate: Trajectory, truth: GroundTruth, config: ClockConfig, stamps_ns: IntArray
 ) -> tuple[float | None, float | None, Array]:
-    """Correlation of the rates, residual attitude in degrees and ``R_own_other`` of a ground truth at these stamps."""
+    """Correlation of the rates, residual attitude, degrees, and ``R_estimated_tracked``, the truth at these stamps."""
     start_ns = int(estimate.stamps_ns[0])
     window_s = config.window_s if truth.has_stamps else config.rate_window_s
-    own = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
-    other = stamped_motion(truth.trajectory, stamps_ns, start_ns, window_s, config.max_gap_s)
-    grid = own.grid(window_s / STEPS_PER_WINDOW)
-    own_rates, is_own = own.rates(grid, window_s)
-    other_rates, is_other = other.rates(grid, window_s)
-    both = is_own & is_other
-    R_own_other = nearest_rotation(own_rates[both].T @ other_rates[both])
-    residual_deg = _residual_deg(own, other, grid[both], R_own_other)
-    return correlation(own_rates[both], other_rates[both]), residual_deg, R_own_other
+    estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
+    tracked = stamped_motion(truth.trajectory, stamps_ns, start_ns, window_s, config.max_gap_s)
+    grid = estimated.grid(window_s / STEPS_PER_WINDOW)
+    estimated_rates, is_estimated = estimated.rates(grid, window_s)
+    tracked_rates, is_tracked = tracked.rates(grid, window_s)
+    both = is_estimated & is_tracked
+    R_estimated_tracked = nearest_rotation(estimated_rates[both].T @ tracked_rates[both])
+    residual_deg = _residual_deg(estimated, tracked, grid[both], R_estimated_tracked)
+    return correlation(estimated_rates[both], tracked_rates[both]), residual_deg, R_estimated_tracked
 
 
-def _residual_deg(own: AngularMotion, other: AngularMotion, times_s: Array, R_own_other: Array) -> float | None:
+def _residual_deg(
+    estimated: AngularMotion, tracked: AngularMotion, times_s: Array, R_estimated_tracked: Array
+) -> float | None:
     """RMS attitude difference, degrees, without a constant rotation on either side and a linear drift."""
     if len(times_s) < 3:
         return None
-    relative = own.attitudes(times_s) * Rotation.from_matrix(R_own_other) * other.attitudes(times_s).inv()
+    relative = (
+        estimated.attitudes(times_s) * Rotation.from_matrix(R_estimated_tracked) * tracked.attitudes(times_s).inv()
+    )
     errors = attitude_errors(relative, times_s, np.ones(len(times_s), dtype=np.bool_))
     return float(np.degrees(np.sqrt((errors**2).sum(axis=1).mean())))

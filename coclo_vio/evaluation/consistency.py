@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Is an estimator as sure as it should be? NEES of the pose, its average and its chi-square bounds.
+"""Is an estimator's covariance consistent with its errors? NEES of the pose and its average.
 
 Source: Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section 5.4.
 """
 
 import numpy as np
-from scipy.stats import chi2
 
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
@@ -18,7 +17,7 @@ _SMALLEST_RELATIVE_EIGENVALUE = 1e-12
 def nees(errors: Array, covariances: Array) -> Array:
     """Normalised estimation errors squared ``e^T P^-1 e``, (N,), of errors (N, d) and covariances (N, d, d).
 
-    NaN where a covariance is not positive definite: nothing can be said there.
+    NaN where a covariance is not positive definite: NEES is not defined there.
 
     Raises:
         EvaluationError: the shapes do not belong together.
@@ -36,29 +35,12 @@ def nees(errors: Array, covariances: Array) -> Array:
 
 
 def anees(values: Array, dof: int) -> float | None:
-    """Mean NEES over its degrees of freedom: 1 for an honest covariance, above for an overconfident one.
+    """Mean NEES over its degrees of freedom: 1 is consistent, above 1 overconfident, below 1 conservative.
 
     None where no value is defined.
     """
     defined = values[np.isfinite(values)]
     return float(defined.mean() / dof) if len(defined) else None
-
-
-def anees_bounds(dof: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
-    """The interval that holds the ANEES of ``runs`` independent honest runs with this probability (chi-square).
-
-    Samples of one run are correlated in time and do not count as independent runs.
-
-    Raises:
-        EvaluationError: a count below one, or a confidence outside 0..1.
-    """
-    if dof < 1 or runs < 1 or not 0.0 < confidence < 1.0:
-        raise EvaluationError(
-            f"ANEES bounds need dof >= 1, runs >= 1 and 0 < confidence < 1, got {dof}, {runs} and {confidence:g}"
-        )
-    tail = 0.5 * (1.0 - confidence)
-    low, high = chi2.ppf([tail, 1.0 - tail], dof * runs) / (dof * runs)
-    return float(low), float(high)
 
 
 def pose_errors(estimate: Trajectory, reference: Trajectory) -> Array:

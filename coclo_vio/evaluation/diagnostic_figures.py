@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What goes on inside an estimator, as PNG files: which feet stand, how a smoother fares, how sure it is of itself."""
+"""Diagnostics of an estimator as PNG files: feet in stance, health of the smoother, errors within their sigmas."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from coclo_vio.evaluation.alignment import heading_error_rad
-from coclo_vio.evaluation.figure_style import empty_figure, finish, mark_events, style_of
+from coclo_vio.evaluation.figure_style import STANCE_COLOUR, empty_figure, finish, mark_events, style_of
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
@@ -15,7 +15,7 @@ from coclo_vio.values.units import NS_PER_S
 
 _SIGMAS = 3.0
 _ROWS = ("x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
-_SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])
+_SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])  # of m and rad, to the units of _ROWS
 
 
 def plot_contacts(
@@ -27,14 +27,14 @@ def plot_contacts(
     threshold: float = 0.5,
     start_ns: int | None = None,
 ) -> Path:
-    """One band a leg: dark while it stands, with its contact probability as a line.
+    """One band a leg: dark in stance, with the contact probability as a line.
 
     Args:
         stamps_ns: times, ns, (N,).
         probability: contact probabilities 0..1, (N, legs).
         legs: names, one a column.
         path: PNG file to write.
-        threshold: a leg stands above this probability.
+        threshold: a leg is in stance above this probability.
         start_ns: time zero; the first stamp where None.
 
     Raises:
@@ -56,7 +56,7 @@ def plot_contacts(
             low + 0.8,
             where=column > threshold,
             step="post",
-            color=style_of("coclo")["color"],
+            color=STANCE_COLOUR,
             alpha=0.35,
             linewidth=0,
         )
@@ -73,12 +73,12 @@ def plot_keyframes(
     events: Mapping[str, Sequence[int]] | None = None,
     start_ns: int | None = None,
 ) -> Path:
-    """Over time and for each smoother: tracks at its keyframes, what is left of their reprojection errors, events.
+    """Over time and for each smoother: tracks at its keyframes, the residual reprojection error, events.
 
     Args:
-        keyframes: by estimator, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
+        keyframes: by trajectory, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
         path: PNG file to write.
-        events: stamps, ns, by kind, of what the smoothers and the bridge lived through.
+        events: stamps, ns, by kind, of the events of the estimators.
         start_ns: time zero; the first keyframe where None.
 
     Raises:
@@ -98,7 +98,8 @@ def plot_keyframes(
     axes[0].set_ylabel("tracks")
     axes[1].set_ylabel("reprojection [px]")
     mark_events(
-        axes, {kind: [(one - zero_ns) / NS_PER_S for one in happened] for kind, happened in (events or {}).items()}
+        axes,
+        {kind: [(stamp_ns - zero_ns) / NS_PER_S for stamp_ns in of_kind] for kind, of_kind in (events or {}).items()},
     )
     for axis in axes:
         axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
@@ -108,7 +109,7 @@ def plot_keyframes(
 def error_and_sigma(
     estimate: Trajectory, reference: Trajectory, rotation_noise_rad: float = 0.0, position_noise_m: float = 0.0
 ) -> tuple[Array, Array]:
-    """Errors in the world's axes and what the estimator thinks of them: both (N, 4), [x, y, z m, yaw rad].
+    """Errors in the world's axes and their standard deviations: both (N, 4), [x, y, z m, yaw rad].
 
     The covariance is of right/local errors ``T = T_mean exp([rotation, position])``; turned into the world it is
     ``R P R^T``, of position and, about the vertical, of yaw. The noise of the ground truth is added.
@@ -123,7 +124,9 @@ def error_and_sigma(
         EvaluationError: the estimate has no covariance.
     """
     if estimate.covariance is None:
-        raise EvaluationError("how sure an estimator is needs its covariance; the state file of the run is missing")
+        raise EvaluationError(
+            "error bands need the covariance of the estimate; the state file of the run is missing: run again"
+        )
     true = reference.interpolated(estimate.stamps_ns)
     R = estimate.rotations
     rotation, position = (
@@ -143,9 +146,9 @@ def plot_error_bands(
     rotation_noise_rad: float = 0.0,
     position_noise_m: float = 0.0,
 ) -> Path:
-    """Error along each axis of the world and of yaw, in the band of three sigmas that the estimator gives for it.
+    """Error along each axis of the world and of yaw, within three sigmas of the estimator's own covariance.
 
-    A column for each estimate; an honest one leaves its band for 0.3 % of the time.
+    A column for each estimate; a consistent one is outside its band for 0.3 % of the time.
 
     Args:
         estimates: with covariance, in the ground truth's world.
@@ -162,7 +165,7 @@ def plot_error_bands(
         raise EvaluationError("a figure needs at least one estimate, there is none; run an estimator first")
     figure = empty_figure(4.5 + 3.75 * len(estimates), 8.0)
     axes = figure.subplots(len(_ROWS), len(estimates), sharex=True, squeeze=False)
-    zero_ns = min(int(one.stamps_ns[0]) for one in estimates.values()) if start_ns is None else start_ns
+    zero_ns = min(int(estimate.stamps_ns[0]) for estimate in estimates.values()) if start_ns is None else start_ns
     for column, (name, estimate) in enumerate(estimates.items()):
         reference = references[name]
         inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))

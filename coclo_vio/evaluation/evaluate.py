@@ -18,8 +18,10 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.units import NS_PER_S
 
 _TILT_WORTH_A_NOTE_DEG = 1.0
+_NOT_GRAVITY_ALIGNED = "The estimate is not gravity-aligned (it uses no IMU): its attitude was tied at the start."
 
 
 class EvaluationConfig(StageConfig):
@@ -45,7 +47,7 @@ class EvaluationConfig(StageConfig):
     ] = 0.1
     segment_lengths_m: Annotated[
         tuple[Annotated[float, Field(gt=0)], ...],
-        Field(description="mean drift over all pieces of these lengths, where the path is as long, m"),
+        Field(description="mean drift over all segments of these lengths, where the path is as long, m"),
     ] = (100.0,)
     velocity_window_s: Annotated[
         float, Field(gt=0, le=5, description="window of the local parabola for reference velocities, s")
@@ -80,11 +82,11 @@ def evaluate(
         estimate: poses of the body; velocity and covariance where there are any.
         ground_truth: poses of the same body on the tracker's clock, in the tracker's world, z up.
         config: defaults where None.
-        recording_ns: first and last stamp of the sensor data, ns: ground truth outside of it is not asked for in
-            ``coverage``. The whole ground truth is, where None.
-        realtime_factor: what the run reported; passed through.
-        is_gravity_aligned: whether the estimate's world is level. Where nothing told it, its whole attitude is tied at the start,
-            and an alignment by yaw becomes one by SE(3).
+        recording_ns: first and last stamp of the sensor data, ns: ground truth outside of it does not count in
+            ``coverage``. The whole ground truth does, where None.
+        realtime_factor: of the run; passed through.
+        is_gravity_aligned: whether the estimate's world is level. Where it is not, the whole attitude is tied at the
+            start, and an alignment by yaw becomes one by SE(3).
 
     Raises:
         EvaluationError: no overlap in time, too few common poses, or a clock that cannot be found.
@@ -93,49 +95,13 @@ def evaluate(
     _check_lengths(estimate, ground_truth)
     clock = fit_clock(estimate, ground_truth, config.clock)
     reference = clock.apply(ground_truth.trajectory)
-    pair = match(estimate, reference, config.max_ground_truth_gap_s)
-    if not is_gravity_aligned:
-        pair = replace(
-            pair, estimate=pair.estimate.moved(tie_attitude(pair.estimate, pair.reference, config.start_window_s))
-        )
-        config = config.model_copy(update={"alignment": "se3"}) if config.alignment == "yaw_position" else config
-    tilt_deg = metrics.start_tilt_deg(pair.estimate, pair.reference, config.start_window_s)
-    if config.body_rotation == "start":
-        pair = replace(pair, reference=level_body(pair.estimate, pair.reference, config.start_window_s))
-    tied = pair.estimate.moved(tie_start(pair.estimate, pair.reference, config.start_window_s))
-    aligned = pair.estimate.moved(align(config.alignment, pair.estimate, pair.reference, config.start_window_s))
-    paths = _Paths.of(pair, config)
-    return Evaluation(
-        ate_m=metrics.ate_m(aligned, pair.reference),
-        ate_planar_m=metrics.ate_planar_m(aligned, pair.reference),
-        rpe_1m_percent=metrics.rpe_percent(pair.estimate, pair.reference, paths.travelled_m, 1.0),
-        segment_drift_percent=_segment_drift_percent(pair, paths.travelled_m, config),
-        drift_percent=metrics.drift_percent(tied, pair.reference, paths.reference_m),
-        paper_drift_percent=metrics.paper_drift_percent(tied, pair.reference, paths.paper_index),
-        paper_drift_at=paths.paper_instant,
-        velocity_rmse_mps=_velocity_rmse_mps(aligned, reference, config),
-        velocity_source="positions" if estimate.velocity_world is None else "estimate",
-        yaw_drift_deg=metrics.yaw_drift_deg(pair.estimate, pair.reference, config.start_window_s),
-        path_length_m=paths.reference_m,
-        path_length_estimate_m=paths.estimate_m,
-        path_length_ratio=metrics.path_length_ratio(paths.estimate_m, paths.reference_m),
-        coverage=_coverage(estimate, reference, recording_ns, config),
-        anees_pose=_anees_pose(tied, pair.reference, config),
-        realtime_factor=realtime_factor,
-        alignment=config.alignment,
-        start_tilt_deg=tilt_deg,
-        clock=clock,
-        duration_s=pair.estimate.duration_s,
-        poses=len(pair.estimate),
-        gaps=_gaps(estimate, reference, pair, config),
-        notes=(
-            *_clock_notes(ground_truth, clock),
-            *(() if is_gravity_aligned else ("No IMU told the estimate where up is: its attitude was tied at the start.",)),
-            *_notes(pair, paths, tilt_deg, config),
-        ),
-        estimate=tied,
-        reference=reference,
+    compared = _Compared.of(estimate, reference, config, is_gravity_aligned=is_gravity_aligned)
+    notes = (
+        *_clock_notes(ground_truth, clock),
+        *(() if is_gravity_aligned else (_NOT_GRAVITY_ALIGNED,)),
+        *_notes(compared),
     )
+    return _evaluation(estimate, reference, clock, compared, notes, recording_ns, realtime_factor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,11 +126,88 @@ class _Paths:
         return cls(travelled, float(travelled[-1]), estimate_m, instant, metrics.index_at(instant, travelled))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared:
+    """Both trajectories on the same stamps, and the estimate moved into the ground truth's world in two ways.
+
+    Attributes:
+        pair: each in its own world; the estimate is tied in attitude where it is not gravity-aligned.
+        tied: the estimate, tied at the start.
+        aligned: the estimate after the alignment of ATE.
+        paths: distances travelled.
+        tilt_deg: between the two bodies at the start.
+        config: as given, but for the alignment of an estimate that is not gravity-aligned.
+    """
+
+    pair: MatchedPair
+    tied: Trajectory
+    aligned: Trajectory
+    paths: _Paths
+    tilt_deg: float
+    config: EvaluationConfig
+
+    @classmethod
+    def of(
+        cls, estimate: Trajectory, reference: Trajectory, config: EvaluationConfig, *, is_gravity_aligned: bool
+    ) -> "_Compared":
+        pair, window_s = match(estimate, reference, config.max_ground_truth_gap_s), config.start_window_s
+        if not is_gravity_aligned:
+            pair = replace(pair, estimate=pair.estimate.moved(tie_attitude(pair.estimate, pair.reference, window_s)))
+            config = config.model_copy(update={"alignment": "se3"}) if config.alignment == "yaw_position" else config
+        tilt_deg = metrics.start_tilt_deg(pair.estimate, pair.reference, window_s)
+        if config.body_rotation == "start":
+            pair = replace(pair, reference=level_body(pair.estimate, pair.reference, window_s))
+        tied = pair.estimate.moved(tie_start(pair.estimate, pair.reference, window_s))
+        aligned = pair.estimate.moved(align(config.alignment, pair.estimate, pair.reference, window_s))
+        return cls(pair, tied, aligned, _Paths.of(pair, config), tilt_deg, config)
+
+
+def _evaluation(
+    estimate: Trajectory,
+    reference: Trajectory,
+    clock: ClockFit,
+    compared: _Compared,
+    notes: tuple[str, ...],
+    recording_ns: tuple[int, int] | None,
+    realtime_factor: float | None,
+) -> Evaluation:
+    """The numbers of trajectories that were compared, beside what is passed through."""
+    pair, paths, config = compared.pair, compared.paths, compared.config
+    tied, aligned = compared.tied, compared.aligned
+    return Evaluation(
+        ate_m=metrics.ate_m(aligned, pair.reference),
+        ate_planar_m=metrics.ate_planar_m(aligned, pair.reference),
+        rpe_1m_percent=metrics.rpe_percent(pair.estimate, pair.reference, paths.travelled_m, 1.0),
+        segment_drift_percent=_segment_drift_percent(pair, paths.travelled_m, config),
+        drift_percent=metrics.drift_percent(tied, pair.reference, paths.reference_m),
+        paper_drift_percent=metrics.paper_drift_percent(tied, pair.reference, paths.paper_index),
+        paper_drift_at=paths.paper_instant,
+        velocity_rmse_mps=_velocity_rmse_mps(aligned, reference, config),
+        velocity_source="positions" if estimate.velocity_world is None else "estimate",
+        yaw_drift_deg=metrics.yaw_drift_deg(pair.estimate, pair.reference, config.start_window_s),
+        path_length_m=paths.reference_m,
+        path_length_estimate_m=paths.estimate_m,
+        path_length_ratio=metrics.path_length_ratio(paths.estimate_m, paths.reference_m),
+        coverage=_coverage(estimate, reference, recording_ns, config),
+        anees_pose=_anees_pose(tied, pair.reference, config),
+        realtime_factor=realtime_factor,
+        alignment=config.alignment,
+        start_tilt_deg=compared.tilt_deg,
+        clock=clock,
+        duration_s=pair.estimate.duration_s,
+        poses=len(pair.estimate),
+        gaps=_gaps(estimate, reference, pair, config),
+        notes=notes,
+        estimate=tied,
+        reference=reference,
+    )
+
+
 def _check_lengths(estimate: Trajectory, ground_truth: GroundTruth) -> None:
     if len(estimate) < 2 or len(ground_truth.trajectory) < 2:
         raise EvaluationError(
             f"an evaluation needs 2 poses or more on both sides, the estimate has {len(estimate)} and the ground "
-            f"truth {ground_truth.source} has {len(ground_truth.trajectory)}; look whether the run was cut short"
+            f"truth {ground_truth.source} has {len(ground_truth.trajectory)}; check whether the run was cut short"
         )
 
 
@@ -180,14 +223,16 @@ def _segment_drift_percent(pair: MatchedPair, travelled_m: Array, config: Evalua
 def _velocity_rmse_mps(aligned: Trajectory, reference: Trajectory, config: EvaluationConfig) -> float | None:
     """RMS velocity error at the compared poses; the reference velocity is derived at the ground truth's own rate."""
     velocity, is_trusted = metrics.velocities(reference, config.velocity_window_s, config.max_ground_truth_gap_s)
-    at_s = (aligned.stamps_ns - reference.stamps_ns[0]) / 1e9
+    at_s = (aligned.stamps_ns - reference.stamps_ns[0]) / NS_PER_S
     expected = np.stack([np.interp(at_s, reference.times_s, column) for column in velocity.T], axis=1)
     keep = np.interp(at_s, reference.times_s, is_trusted.astype(np.float64)) > 1.0 - 1e-9
-    own = aligned.velocity_world
-    if own is None:
-        own, is_own_trusted = metrics.velocities(aligned, config.velocity_window_s, config.max_estimate_gap_s)
-        keep &= is_own_trusted
-    return metrics.velocity_rmse_mps(own, expected, keep)
+    estimated = aligned.velocity_world
+    if estimated is None:
+        estimated, is_estimate_trusted = metrics.velocities(
+            aligned, config.velocity_window_s, config.max_estimate_gap_s
+        )
+        keep &= is_estimate_trusted
+    return metrics.velocity_rmse_mps(estimated, expected, keep)
 
 
 def _anees_pose(tied: Trajectory, reference: Trajectory, config: EvaluationConfig) -> float | None:
@@ -216,11 +261,11 @@ def _clock_notes(truth: GroundTruth, clock: ClockFit) -> list[str]:
     """Sentences on how the ground truth got its stamps."""
     notes = []
     if not truth.has_stamps:
-        how = "estimated from how the body turned" if clock.is_estimated else "given"
+        how = "estimated from the angular velocity of the body" if clock.is_estimated else "given"
         rows = (
             "rows are taken as evenly spaced, so dropped ones show as errors of velocity and of position along the path"
             if clock.row_stamps_ns is None
-            else "the spacing of its rows was fitted to how the body turned"
+            else "the spacing of its rows was fitted to the attitude of the body"
         )
         notes.append(
             f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; {rows}."
@@ -232,18 +277,18 @@ def _clock_notes(truth: GroundTruth, clock: ClockFit) -> list[str]:
     return notes
 
 
-def _notes(pair: MatchedPair, paths: _Paths, tilt_deg: float, config: EvaluationConfig) -> list[str]:
-    """Sentences for what the numbers alone do not say."""
-    notes = []
+def _notes(compared: _Compared) -> list[str]:
+    """Sentences on what the numbers alone do not show."""
+    notes, pair = [], compared.pair
     left_out = pair.outside_count + pair.in_gap_count
     if left_out:
         notes.append(f"{left_out} estimated poses have no ground truth beside them and were left out.")
-    if paths.reference_m < 1.0:
-        notes.append(f"The ground truth travels only {paths.reference_m:.3g} m: RPE over 1 m is not defined.")
-    if tilt_deg > _TILT_WORTH_A_NOTE_DEG:
-        done = "removed from RPE and NEES" if config.body_rotation == "start" else "part of RPE and NEES"
+    if compared.paths.reference_m < 1.0:
+        notes.append(f"The ground truth travels only {compared.paths.reference_m:.3g} m: RPE over 1 m is not defined.")
+    if compared.tilt_deg > _TILT_WORTH_A_NOTE_DEG:
+        done = "removed from RPE and NEES" if compared.config.body_rotation == "start" else "part of RPE and NEES"
         notes.append(
-            f"At the start the tracked body and the estimate tilt by {tilt_deg:.1f} deg to each other, {done} "
+            f"At the start the tracked body and the estimate tilt by {compared.tilt_deg:.1f} deg to each other, {done} "
             "(body_rotation: start removes it)."
         )
     return notes

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an evaluation says: a frozen value whose JSON keys are the contract of ``evaluate --json``."""
+"""The result of an evaluation, a frozen value; ``records`` writes it as JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from coclo_vio.evaluation.alignment import Alignment
 from coclo_vio.evaluation.clock import ClockFit
 from coclo_vio.evaluation.metrics import DriftInstant
 from coclo_vio.values.trajectory import Trajectory
 
-_NOT_IN_JSON = ("estimate", "reference", "clock", "segment_drift_percent")
-
 
 @dataclass(frozen=True, slots=True)
 class Gaps:
-    """Holes and the poses they cost.
+    """Holes and the poses left out for them.
 
     Attributes:
         ground_truth_holes: intervals of the ground truth longer than its limit.
@@ -37,27 +35,27 @@ class Evaluation:
         ate_m: RMS position error after ``alignment``, m.
         ate_planar_m: the same of x and y only, after the same alignment, m.
         rpe_1m_percent: median translation error over all segments of 1 m of ground-truth travel, percent.
-        segment_drift_percent: by length of piece, m, the mean translation error over all such pieces, percent; flat
-            keys such as ``drift_100m_percent`` in JSON.
+        segment_drift_percent: by length of segment, m, the mean translation error over all such segments, percent.
         drift_percent: final position error over path length, tied at the start only, percent.
         paper_drift_percent: position error over net displacement (paper, Table I), tied at the start only, percent.
         paper_drift_at: when that was taken.
         velocity_rmse_mps: against velocities from ground-truth positions, after the yaw of ``alignment``, m/s.
-        velocity_source: whose velocity it is: the ``estimate``'s own, or derived from its ``positions``.
+        velocity_source: the ``estimate``'s own velocity, or that derived from its ``positions``.
         yaw_drift_deg: heading error at the end less that at the start, degrees, left turn positive.
         path_length_m: travelled by the ground truth, m.
         path_length_estimate_m: travelled by the estimate, m.
         path_length_ratio: estimate over ground truth.
         coverage: share of the interval that the estimate covers, 0..1.
-        anees_pose: average NEES of the 6-dof pose over 6, tied at the start; 1 is honest.
+        anees_pose: average NEES of the 6-dof pose over 6, tied at the start; 1 is consistent, above 1
+            overconfident, below 1 conservative.
         realtime_factor: recording time over computing time, where the run reported it.
         alignment: the alignment of ATE.
         start_tilt_deg: angle between the vertical of the body in both, once tied at the start, degrees.
-        clock: offset, and rate where the ground truth has no stamps; flat keys ``clock_...`` in JSON.
+        clock: offset, and rate where the ground truth has no stamps.
         duration_s: from the first compared pose to the last, s.
         poses: how many were compared.
         gaps: holes and poses left out.
-        notes: what a reader has to know beside the numbers.
+        notes: sentences on how the numbers were made and where they are limited.
         estimate: all compared poses, tied at the start to the ground truth's world, for figures.
         reference: the ground truth on the estimate's clock, for figures.
     """
@@ -87,20 +85,3 @@ class Evaluation:
     notes: tuple[str, ...]
     estimate: Trajectory
     reference: Trajectory
-
-    def to_json(self) -> dict[str, object]:
-        """All but the trajectories, in plain types that ``json`` writes; numbers that are not defined are null."""
-        values: dict[str, object] = {
-            field.name: getattr(self, field.name) for field in fields(self) if field.name not in _NOT_IN_JSON
-        }
-        values |= {f"drift_{length_m:g}m_percent": drift for length_m, drift in self.segment_drift_percent.items()}
-        values |= {
-            "clock_offset_s": self.clock.offset_s,
-            "clock_rate_hz": self.clock.rate_hz,
-            "clock_is_estimated": self.clock.is_estimated,
-            "clock_correlation": self.clock.correlation,
-            "clock_residual_deg": self.clock.residual_deg,
-        }
-        values["gaps"] = {field.name: getattr(self.gaps, field.name) for field in fields(self.gaps)}
-        values["notes"] = list(self.notes)
-        return values

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all figures share: an empty one, how an estimator is drawn, and the way to a PNG file.
+"""What all figures share: an empty one, how a trajectory is drawn, and the way to a PNG file.
 
-The only importer of matplotlib (extra ``viz``), inside the functions and without a display. An estimator has one
-colour in all figures; the colours can be told apart by colour-blind eyes (Okabe and Ito, "Color universal design",
-2008).
+The only importer of matplotlib (extra ``viz``), inside the functions and without a display. A trajectory has one
+colour in all figures, that of its kind.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,48 +10,38 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coclo_vio.evaluation.trajectory_roles import in_order
 from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.trajectory_kind import trajectory_kind
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DPI = 110
 _ENTRY_WIDTH = 1.45
-_BLUE, _ORANGE, _GREEN, _PURPLE = "#0072b2", "#e69f00", "#009e73", "#cc79a7"
-_SKY, _VERMILLION, _BROWN = "#56b4e9", "#d55e00", "#8c5a2b"
-_GREY, _DARK = "#8a8a8a", "#5a5a5a"
+# Okabe and Ito, "Color universal design", 2008: distinguishable with any colour vision.
+_EVENT_COLOURS = ("#d55e00", "#8c5a2b", "#5a5a5a", "#56b4e9")
 
-_STYLES: Mapping[str, Mapping[str, Any]] = {
-    "coclo": {"color": _BLUE, "linewidth": 1.3, "zorder": 4},
-    "vins": {"color": _ORANGE, "linewidth": 1.3, "zorder": 4},
-    "combined_coclo": {"color": _GREEN, "linewidth": 1.4, "zorder": 6},
-    "combined_vins": {"color": _PURPLE, "linewidth": 3.0, "zorder": 5},  # wider: the two are often one curve
-    "coclo_paper": {"color": _SKY, "linewidth": 1.0, "linestyle": "--", "zorder": 3},
-    "coclo_leg_scale": {"color": _BLUE, "linewidth": 1.0, "linestyle": "-.", "zorder": 3},
-    "inekf": {"color": _VERMILLION, "linewidth": 1.0, "linestyle": "--", "zorder": 3},
-    "stereo": {"color": _BROWN, "linewidth": 1.0, "linestyle": "--", "zorder": 3},
-    "stereo_twist": {"color": _BROWN, "linewidth": 1.0, "linestyle": ":", "zorder": 3},
-    "naive": {"color": _GREY, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
-    "naive_rolling": {"color": _DARK, "linewidth": 1.0, "linestyle": ":", "zorder": 2},
-    "naive_weighted": {"color": _DARK, "linewidth": 1.0, "linestyle": "-.", "zorder": 2},
-}
-_OTHERS = (_VERMILLION, _SKY, _BROWN, _DARK)
-_EVENT_COLOURS = (_VERMILLION, _BROWN, _DARK, _SKY)
-
-COMBINED = ("combined_coclo", "combined_vins")
-"""The answers of legs and eyes together."""
+STANCE_COLOUR = "#0072b2"
+"""Of the bands of feet in stance."""
 REFERENCE: Mapping[str, Any] = {"color": "#303030", "linewidth": 2.6, "label": "ground truth", "zorder": 1}
 """How ground truth is drawn: below all, wide and dark, so that it shows beside what lies on it."""
 
 
 def style_of(name: str) -> dict[str, Any]:
-    """How an estimator is drawn, in matplotlib's words, its legend included; the same for one name wherever it is."""
-    style = _STYLES.get(name) or {"color": _OTHERS[sum(name.encode()) % len(_OTHERS)], "linewidth": 1.2, "zorder": 4}
-    return {**style, "label": name}
+    """How a trajectory is drawn, as keyword arguments of matplotlib's ``plot``, its legend included."""
+    kind = trajectory_kind(name)
+    return {
+        "color": kind.colour,
+        "linewidth": kind.line_width,
+        "linestyle": kind.line_style,
+        "zorder": kind.layer,
+        "label": name,
+    }
 
 
 NO_FIGURES = "no figures: matplotlib is not installed; pip install 'coclo-vio[viz]' brings it"
-"""What to tell where nothing can be drawn."""
+"""Why a report has no figures, where matplotlib is missing."""
 
 
 def can_draw() -> bool:
@@ -116,8 +105,8 @@ def finish(figure: "Figure", axes: Sequence[Any], x_label: str, path: Path, *, l
     for axis in (axes[-1], *labelled):
         axis.set_xlabel(x_label)
     if entries:
-        known = [str(REFERENCE["label"]), *_STYLES]
-        labels = sorted(entries, key=lambda label: known.index(label) if label in known else len(known))
+        truth = str(REFERENCE["label"])
+        labels = [*({truth} & set(entries)), *in_order(label for label in entries if label != truth)]
         legend = figure.legend(
             [entries[label] for label in labels],
             labels,

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The paper's figures 4 to 9 as PNG files: path, positions, velocities, and the distance to ground truth.
 
-Separate estimators stand on the left, legs and eyes together on the right, on one scale. The trajectories of a figure
-are in one world and on one clock, as ``Evaluation.estimate`` and ``Evaluation.reference`` are; None where there is no
-ground truth.
+Standalone estimators are on the left, fused ones on the right, on one scale. The trajectories of a figure are in one
+world and on one clock, as ``Evaluation.estimate`` and ``Evaluation.reference`` are; the reference is None where there
+is no ground truth.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,19 +14,20 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from coclo_vio.evaluation.association import gaps_ns
-from coclo_vio.evaluation.figure_style import COMBINED, REFERENCE, empty_figure, finish, mark_events, style_of
+from coclo_vio.evaluation.figure_style import REFERENCE, empty_figure, finish, mark_events, style_of
 from coclo_vio.evaluation.metrics import velocities
+from coclo_vio.evaluation.trajectory_roles import featured, is_fused
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.values.units import NS_PER_S
 
 _AXES = ("x", "y", "z")
-_FIRST = ("coclo", "vins", *COMBINED)
 _HOLE_S = 1.0
-_FURTHEST = 2.5  # baselines further off than so many times the worst of _FIRST leave the picture
+_SCALE_OF_FEATURED = 2.5  # baselines further off than this times the worst featured estimate leave the figure
 _SMALL_M = 0.1
-_CALM_S = 0.3
+_MM_PER_M = 1e3
+_AVERAGING_S = 0.3
 _LONGEST_S = 20.0
 _PATH_WIDTH, _PATH_HEIGHTS = 7.0, (1.8, 6.5)
 
@@ -69,7 +70,7 @@ def plot_velocities(
 ) -> Path:
     """Velocities in the world over time; those of the ground truth, and of estimates without any, from positions.
 
-    So many curves hide each other: baselines are left out where COCLO, VINS or both together are there, and of a long
+    So many curves hide each other: baselines are left out where there are featured trajectories, and of a long
     recording the middle is shown.
 
     Args:
@@ -80,8 +81,8 @@ def plot_velocities(
         window_s: over which positions give a velocity, s.
         max_gap_s: a hole of the ground truth is longer, s.
     """
-    zero_ns, names = _zero_ns(estimates, start_ns), [name for name in estimates if name in _FIRST] or list(estimates)
-    estimates = _middle({name: estimates[name] for name in names})
+    zero_ns, leading = _zero_ns(estimates, start_ns), set(featured(estimates))
+    estimates = _middle({name: estimate for name, estimate in estimates.items() if name in leading})
     names, shown = list(estimates), _within(estimates, reference)
     true = None if shown is None else _velocity(shown, window_s, max_gap_s)
     own = {name: _own_velocity(estimates[name], window_s) for name in names}
@@ -97,22 +98,22 @@ def plot_velocities(
 
 
 def plot_path(estimates: Estimates, reference: Trajectory | None, path: Path) -> Path:
-    """The way from above, both axes to one scale (the paper's flat-ground figure), and below it from the side.
+    """The path from above, both axes to one scale (the paper's flat-ground figure), and below it from the side.
 
-    The height in the picture from the side is not to scale.
+    The height in the view from the side is not to scale.
     """
     shown = _within(estimates, reference)
-    led = shown if shown is not None else next(iter(estimates.values()))
-    extent = np.ptp(led.positions, axis=0)
+    longest = shown if shown is not None else next(iter(estimates.values()))
+    extent = np.ptp(longest.positions, axis=0)
     height = float(np.clip(_PATH_WIDTH * extent[1] / max(extent[0], 1e-9), *_PATH_HEIGHTS))
     figure = empty_figure(_PATH_WIDTH + 1.0, height + 3.4)
     above, side = figure.subplots(2, 1, height_ratios=(height, 2.0))
-    _draw_way(above, estimates, shown, (0, 1))
+    _draw_path(above, estimates, shown, (0, 1))
     above.set_xlabel("x [m]")
     above.set_ylabel("y [m]")
     above.set_aspect("equal", adjustable="datalim")
     _draw_side(side, estimates, shown)
-    return finish(figure, [above, side], "along the way, from the side [m]", path)
+    return finish(figure, [above, side], "along the path, from the side [m]", path)
 
 
 def plot_position_error(
@@ -153,7 +154,7 @@ def plot_overview(
     start_ns: int | None = None,
     max_gap_s: float = 0.25,
 ) -> Path:
-    """What a glance should tell: the way, from the side where it climbs, and the distance to the ground truth.
+    """The path, from the side where it climbs, and the distance to the ground truth.
 
     Args:
         estimates: by name.
@@ -163,20 +164,20 @@ def plot_overview(
         max_gap_s: a hole of the ground truth is longer, s.
     """
     figure = empty_figure(10.0, 3.9)
-    way, error = figure.subplots(1, 2)
+    route, error = figure.subplots(1, 2)
     reference = next(iter(references.values()))
     shown = _within(estimates, reference)
     extent = reference.positions.max(axis=0) - reference.positions.min(axis=0)
     if extent[2] > 0.05 * float(np.hypot(extent[0], extent[1])):
-        _draw_side(way, estimates, shown)
-        way.set_xlabel("along the way, from the side [m]")
+        _draw_side(route, estimates, shown)
+        route.set_xlabel("along the path, from the side [m]")
     else:
-        _draw_way(way, estimates, shown, (0, 1))
-        way.set_aspect("equal", adjustable="datalim")
-        way.set_xlabel("x [m]")
-        way.set_ylabel("y [m]")
+        _draw_path(route, estimates, shown, (0, 1))
+        route.set_aspect("equal", adjustable="datalim")
+        route.set_xlabel("x [m]")
+        route.set_ylabel("y [m]")
     _draw_error(error, estimates, references, max_gap_s, _zero_ns(estimates, start_ns))
-    return finish(figure, [way, error], "time [s]", path)
+    return finish(figure, [route, error], "time [s]", path)
 
 
 def write_figures(
@@ -214,10 +215,10 @@ def write_figures(
 
 
 def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any, path: Path) -> Path:
-    """A row for each axis of the world; a column for what runs alone, and one for what runs together."""
-    alone = [name for name in names if name not in COMBINED]
-    together = [name for name in names if name in COMBINED]
-    columns = [(title, drawn) for title, drawn in (("alone", alone), ("combined", together)) if drawn]
+    """A row for each axis of the world; a column for standalone estimators, and one for fused ones."""
+    standalone = [name for name in names if not is_fused(name)]
+    fused = [name for name in names if is_fused(name)]
+    columns = [(title, drawn) for title, drawn in (("standalone", standalone), ("combined", fused)) if drawn]
     figure = empty_figure(8.5 if len(columns) == 1 else 12.0, 7.0)
     axes = figure.subplots(len(rows), len(columns), sharex=True, sharey="row", squeeze=False)
     for column, (title, drawn) in enumerate(columns):
@@ -230,7 +231,7 @@ def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any, path: Path
     return finish(figure, list(axes.flat), "time [s]", path, labelled=axes[-1, :-1])
 
 
-def _draw_way(axis: Any, estimates: Estimates, reference: Trajectory | None, plane: tuple[int, int]) -> None:
+def _draw_path(axis: Any, estimates: Estimates, reference: Trajectory | None, plane: tuple[int, int]) -> None:
     """Positions in a plane of the world."""
     if reference is not None:
         axis.plot(*_broken(reference, reference.positions)[:, plane].T, **REFERENCE)
@@ -239,11 +240,11 @@ def _draw_way(axis: Any, estimates: Estimates, reference: Trajectory | None, pla
 
 
 def _draw_side(axis: Any, estimates: Estimates, reference: Trajectory | None) -> None:
-    """Height over the way along the direction in which most of it goes."""
-    led = reference if reference is not None else next(iter(estimates.values()))
-    start = led.positions[0]
-    ahead = np.linalg.svd(led.positions[:, :2] - led.positions[:, :2].mean(axis=0), full_matrices=False)[2][0]
-    ahead = ahead * (1.0 if ahead @ (led.positions[-1] - start)[:2] >= 0.0 else -1.0)
+    """Height over the horizontal direction of the largest extent of the path."""
+    longest = reference if reference is not None else next(iter(estimates.values()))
+    start = longest.positions[0]
+    ahead = np.linalg.svd(longest.positions[:, :2] - longest.positions[:, :2].mean(axis=0), full_matrices=False)[2][0]
+    ahead = ahead * (1.0 if ahead @ (longest.positions[-1] - start)[:2] >= 0.0 else -1.0)
     drawn = [] if reference is None else [(reference, dict(REFERENCE))]
     for trajectory, style in [*drawn, *((estimate, style_of(name)) for name, estimate in estimates.items())]:
         moved = _broken(trajectory, trajectory.positions - start)
@@ -252,12 +253,12 @@ def _draw_side(axis: Any, estimates: Estimates, reference: Trajectory | None) ->
 
 
 def _draw_error(axis: Any, estimates: Estimates, references: Estimates, max_gap_s: float, zero_ns: int) -> None:
-    """Distances to the ground truth, its noise averaged away; millimetres where that is what they are."""
+    """Distances to the ground truth, its noise averaged out; in millimetres where they are small."""
     errors = {name: _distance(estimate, references[name], max_gap_s) for name, estimate in estimates.items()}
     worst = {name: float(np.nanmax(error, initial=0.0)) for name, (_, error) in errors.items()}
-    first = [worst[name] for name in worst if name in _FIRST]
-    top_m = max(worst.values()) if not first else min(max(worst.values()), _FURTHEST * max(first))
-    scale, unit = (1e3, "mm") if top_m < _SMALL_M else (1.0, "m")
+    leading = max(worst[name] for name in featured(worst))
+    top_m = min(max(worst.values()), _SCALE_OF_FEATURED * leading)
+    scale, unit = (_MM_PER_M, "mm") if top_m < _SMALL_M else (1.0, "m")
     for name, (inside, error) in errors.items():
         axis.plot(_seconds(inside, zero_ns), scale * error, **style_of(name))
     axis.set_ylabel(f"position error [{unit}]")
@@ -268,12 +269,12 @@ def _draw_error(axis: Any, estimates: Estimates, references: Estimates, max_gap_
 def _distance(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> tuple[Trajectory, Array]:
     """The part of an estimate within the ground truth, and how far it is off, m; NaN in holes of the ground truth.
 
-    Positions are averaged over ``_CALM_S``, so that the noise of the ground truth does not stand for an error.
+    Positions are averaged over ``_AVERAGING_S``, so that the noise of the ground truth does not count as an error.
     """
     inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
     apart = inside.positions - reference.interpolated(inside.stamps_ns).positions
     spacing_s = inside.duration_s / max(1, len(inside) - 1)
-    width = min(len(inside), max(1, round(_CALM_S / spacing_s))) if spacing_s > 0.0 else 1
+    width = min(len(inside), max(1, round(_AVERAGING_S / spacing_s))) if spacing_s > 0.0 else 1
     error = np.linalg.norm(uniform_filter1d(apart, width, axis=0, mode="nearest"), axis=1)
     for start, end in gaps_ns(reference.stamps_ns, max_gap_s):
         error[(inside.stamps_ns > start) & (inside.stamps_ns < end)] = np.nan
@@ -303,7 +304,7 @@ def _within(estimates: Estimates, reference: Trajectory | None) -> Trajectory | 
 
 
 def _middle(estimates: Estimates) -> Estimates:
-    """What lies within ``_LONGEST_S`` about the middle of the time that they cover; the whole where none does."""
+    """The parts within ``_LONGEST_S`` about the middle of the time covered; the whole where there is none in it."""
     start_ns, end_ns = _start_ns(estimates), max(int(estimate.stamps_ns[-1]) for estimate in estimates.values())
     margin_ns = (end_ns - start_ns - round(_LONGEST_S * NS_PER_S)) // 2
     if margin_ns <= 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page over several recordings: the table in the form of the paper's Table I, then each recording with a link."""
+"""The index page of several recordings: a table in the form of the paper's Table I, then each recording with a link."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from coclo_vio.evaluation import html_page
-from coclo_vio.evaluation.html_report import claims_list
+from coclo_vio.evaluation.html_report import ranking_list
 from coclo_vio.evaluation.paper_table import PAPER_MARK
-from coclo_vio.evaluation.ranking import Claim
+from coclo_vio.evaluation.ranking import Ranking
 from coclo_vio.evaluation.table_one import TableOne
 
 
@@ -20,14 +20,14 @@ class Entry:
 
     Attributes:
         report: its own report, relative to the page.
-        summary: what a reader should know first.
-        claims: what it says of the paper's claims.
+        summary: the result in sentences.
+        rankings: of its trajectories.
         picture: a PNG file to show; None where there is none.
     """
 
     report: str
     summary: Sequence[str] = ()
-    claims: Sequence[Claim] = ()
+    rankings: Sequence[Ranking] = ()
     picture: Path | None = None
 
 
@@ -51,7 +51,7 @@ def write_index(path: Path, title: str, table: TableOne, entries: Mapping[str, E
         )
         for row in table.rows
     )
-    meaning = "Drift in percent of the way / median RPE in percent per metre."
+    meaning = "Drift in percent of the path length / median RPE in percent per metre."
     if any(row.is_paper for row in table.rows):
         meaning += " The paper's drift is of the net displacement, one recording a trial; it gives no RPE."
     parts = [html_page.table(("", *table.headers), rows), f"<p>{meaning}</p>"]
@@ -59,7 +59,7 @@ def write_index(path: Path, title: str, table: TableOne, entries: Mapping[str, E
         parts += [
             f'<h2><a href="{quote(entry.report)}">{escape(name)}</a></h2>',
             *(f"<p>{escape(sentence)}</p>" for sentence in entry.summary),
-            claims_list(entry.claims, ""),
+            ranking_list(entry.rankings, ""),
             *((html_page.picture(entry.picture),) if entry.picture is not None else ()),
         ]
     return html_page.write_page(path, title, parts)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parts of a page in one HTML file that asks nothing of the network: frame, tables, lists, pictures."""
+"""The parts of a page in one HTML file that loads nothing from the network: frame, tables, lists, pictures."""
 
 import base64
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,7 @@ body { font-family: system-ui, sans-serif; max-width: 70rem; margin: 2rem auto; 
 h1 { margin-bottom: .3rem; } h2 { margin-top: 2.2rem; border-bottom: 1px solid #ccc; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .25rem .8rem; border-bottom: 1px solid #ddd; text-align: right; vertical-align: top; }
-th:first-child, td:first-child, tr.words td { text-align: left; }
+th:first-child, td:first-child, tr.text td { text-align: left; }
 td.best { font-weight: bold; } tr.paper { color: #666; }
 img { max-width: 100%; } figure { margin: 1rem 0 2rem; } figcaption { color: #555; }
 summary { cursor: pointer; margin: .6rem 0; } pre { background: #f5f5f5; padding: 1rem; overflow-x: auto; }
@@ -44,8 +44,8 @@ def write_page(path: Path, title: str, parts: Iterable[str]) -> Path:
 
 
 def table(head: Sequence[str], rows: Iterable[str]) -> str:
-    """A table with these words at the top and rows of ``row``."""
-    cells = "".join(f"<th>{escape(word)}</th>" for word in head)
+    """A table with these column heads and rows of ``row``."""
+    cells = "".join(f"<th>{escape(text)}</th>" for text in head)
     return "\n".join((f"<table><tr>{cells}</tr>", *rows, "</table>"))
 
 
@@ -72,18 +72,18 @@ def number(value: object, decimals: int) -> str:
 
 
 def items(lines: Iterable[str]) -> str:
-    """A list of plain sentences; nothing where there is none."""
+    """A list of plain sentences; empty where there is none."""
     points = "".join(f"<li>{escape(line)}</li>" for line in lines)
     return f"<ul>{points}</ul>" if points else ""
 
 
 def folded(title: str, inner: str) -> str:
-    """What a reader opens when he wants it."""
+    """A part that is closed until the reader opens it."""
     return f"<details><summary>{escape(title)}</summary>{inner}</details>"
 
 
 def picture(file: Path, caption: str = "") -> str:
-    """A PNG file, embedded, with what it shows.
+    """A PNG file, embedded, with its caption.
 
     Raises:
         EvaluationError: it cannot be read.

@@ -58,11 +58,11 @@ def segments(travelled: Array, length_m: float) -> IntArray:
     Segments that miss the length by more than a tenth are left out, as evo does with ``--all_pairs``.
     """
     first = np.arange(len(travelled) - 1)
-    wanted = travelled[first] + length_m
-    right = np.clip(np.searchsorted(travelled, wanted), first + 1, len(travelled) - 1)
+    target_m = travelled[first] + length_m
+    right = np.clip(np.searchsorted(travelled, target_m), first + 1, len(travelled) - 1)
     left = np.maximum(right - 1, first + 1)
-    second = np.where(np.abs(travelled[left] - wanted) <= np.abs(travelled[right] - wanted), left, right)
-    keep = np.abs(travelled[second] - wanted) <= _RPE_TOLERANCE * length_m
+    second = np.where(np.abs(travelled[left] - target_m) <= np.abs(travelled[right] - target_m), left, right)
+    keep = np.abs(travelled[second] - target_m) <= _RPE_TOLERANCE * length_m
     return np.stack((first[keep], second[keep]), axis=1)
 
 
@@ -92,19 +92,19 @@ def rpe_percent(estimate: Trajectory, reference: Trajectory, travelled: Array, l
 def segment_drift_percent(
     estimate: Trajectory, reference: Trajectory, length_m: float, travelled: Array | None = None
 ) -> float | None:
-    """Mean of the relative translation errors over all pieces of ``length_m`` of ground-truth travel, percent.
+    """Mean of the relative translation errors over all segments of ``length_m`` of ground-truth travel, percent.
 
     The measure of road data: the KITTI odometry benchmark's translational error (Geiger et al. 2012) of one length of
-    piece. A piece starts at every pose and ends at the one nearest to its length; errors are over its own length.
+    segment. A segment starts at every pose and ends at the one nearest to its length; errors are over its own length.
 
     Args:
         estimate: poses (N,).
         reference: the ground truth on the same stamps.
-        length_m: of a piece, m.
-        travelled: distance travelled by the ground truth, m, (N,); the sum of its steps where None, as KITTI has it.
+        length_m: of a segment, m.
+        travelled: distance travelled by the ground truth, m, (N,); the sum of its steps where None, as in KITTI.
 
     Returns:
-        None where the ground truth travels less than one piece.
+        None where the ground truth travels less than one segment.
     """
     if travelled is None:
         steps_m = np.linalg.norm(np.diff(reference.positions, axis=0), axis=1)
@@ -126,7 +126,7 @@ def drift_percent(estimate: Trajectory, reference: Trajectory, path_m: float) ->
 def paper_drift_percent(estimate: Trajectory, reference: Trajectory, index: int | None) -> float | None:
     """``100 |p_est(t) - p_gt(t)| / |p_gt(t) - p_gt(0)|`` at one pose, tied at the start only (paper, Table I).
 
-    None without a pose to take it at, or where the ground truth is back, or still, at its start there.
+    None without a pose to take it at, or where the ground truth is at its start there.
     """
     if index is None:
         return None
@@ -140,7 +140,7 @@ def paper_drift_instant(reference: Trajectory, travelled: Array, closed_loop_fra
     """When the paper's drift is taken: at the end, but of a closed loop after the first metre.
 
     A loop is closed where the net displacement stays below this fraction of the path: the denominator would be the
-    small distance between start and end, and say nothing.
+    small distance between start and end, and the quotient meaningless.
     """
     net_m = float(np.linalg.norm(reference.positions[-1] - reference.positions[0]))
     return "first_metre" if net_m < closed_loop_fraction * travelled[-1] else "end"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Notes of several evaluations told once: what differs in numbers only becomes one sentence with a range."""
+"""Notes of several evaluations merged: sentences that differ in numbers only become one with a range."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -8,19 +8,19 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 
 
 def merged_notes(notes: Mapping[str, Sequence[str]]) -> list[str]:
-    """Each sentence once, with the names in front that it is about, unless it is about all.
+    """Each sentence once, preceded by the names it applies to unless it applies to all.
 
     Args:
-        notes: sentences by name of the estimator.
+        notes: sentences by name of the trajectory.
     """
-    told: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    numbers_by_text: dict[tuple[str, ...], dict[str, list[str]]] = {}
     for name, sentences in notes.items():
         for sentence in sentences:
-            told.setdefault(tuple(_NUMBER.split(sentence)), {})[name] = _NUMBER.findall(sentence)
+            numbers_by_text.setdefault(tuple(_NUMBER.split(sentence)), {})[name] = _NUMBER.findall(sentence)
     lines = []
-    for (first, *words), numbers in told.items():
+    for (first, *rest), numbers in numbers_by_text.items():
         ranges = (_range(column) for column in zip(*numbers.values(), strict=True))
-        sentence = first + "".join(one + word for one, word in zip(ranges, words, strict=True))
+        sentence = first + "".join(number + text for number, text in zip(ranges, rest, strict=True))
         lines.append(sentence if set(numbers) == set(notes) else f"{', '.join(numbers)}: {sentence}")
     return lines
 

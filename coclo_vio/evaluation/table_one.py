@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Several recordings in the form of the paper's Table I: a row each, drift and RPE per metre of each estimator.
+"""Several recordings in the form of the paper's Table I: a row each, drift and RPE per metre of each trajectory.
 
-The paper's own figures stand in rows of their own that say so: another robot's data, and drift of net displacement.
+The paper's own figures stand in rows of their own that are marked: another robot's data, and drift of net displacement.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.paper_table import PAPER_COLUMNS, PAPER_TABLE_I
+from coclo_vio.evaluation.paper_table import is_in_paper, paper_table
+from coclo_vio.evaluation.trajectory_roles import featured
+from coclo_vio.values.trajectory_kind import trajectory_kind
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Drift and RPE per metre, percent, of one estimator on one recording; None where there is none.
+    """Drift and RPE per metre, percent, of one trajectory on one recording; None where there is none.
 
     Attributes:
         drift_percent: of the path, or in a row of the paper of the net displacement.
@@ -50,7 +52,7 @@ class TableOne:
     """A table in the form of the paper's Table I.
 
     Attributes:
-        columns: estimators.
+        columns: names of the trajectories.
         rows: ours in order, then the paper's.
     """
 
@@ -59,18 +61,18 @@ class TableOne:
 
     @classmethod
     def of(cls, evaluations: Mapping[str, Mapping[str, Evaluation]]) -> "TableOne":
-        """The table of evaluations by recording and estimator, with the paper's rows where its columns are ours."""
-        present = list(dict.fromkeys(name for one in evaluations.values() for name in one))
-        columns = tuple(name for name in PAPER_COLUMNS if name in present) or tuple(present)
+        """The table of evaluations by recording and trajectory, baselines left out where there are featured ones."""
+        columns = tuple(featured(dict.fromkeys(name for by_name in evaluations.values() for name in by_name)))
         ours = [
-            Row(name, False, tuple(_cell(one.get(column)) for column in columns)) for name, one in evaluations.items()
+            Row(recording, False, tuple(_cell(by_name.get(column)) for column in columns))
+            for recording, by_name in evaluations.items()
         ]
-        return cls(columns, (*ours, *(_paper_rows(columns) if set(columns) & set(PAPER_COLUMNS) else ())))
+        return cls(columns, (*ours, *(_paper_rows(columns) if is_in_paper(columns) else ())))
 
     @property
     def headers(self) -> tuple[str, ...]:
-        """The columns as the paper calls them."""
-        return tuple(PAPER_COLUMNS.get(column, column) for column in self.columns)
+        """The labels of the columns."""
+        return tuple(trajectory_kind(column).label for column in self.columns)
 
 
 def _cell(evaluation: Evaluation | None) -> Cell:
@@ -80,5 +82,5 @@ def _cell(evaluation: Evaluation | None) -> Cell:
 def _paper_rows(columns: Sequence[str]) -> tuple[Row, ...]:
     return tuple(
         Row(trial, True, tuple(Cell(drifts.get(column)) for column in columns))
-        for trial, drifts in PAPER_TABLE_I.items()
+        for trial, drifts in paper_table().items()
     )

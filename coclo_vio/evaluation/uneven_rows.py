@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stamps for a ground truth without stamps whose rows are not evenly spaced, from attitude alone.
 
-A refinement of the even clock that ``clock`` finds, on request: the local rate of the rows may wander about the mean
-rate, as slowly as its knots stand apart. It minimises
+A refinement of the even clock that ``clock`` finds, on request: the local rate of the rows may vary about the mean
+rate, as slowly as its knots are spaced. It minimises
 
     sum over rows of |log(mean^-1 R_estimate(t_row) R R_reference^T) - drift|^2
     + stiffness^2 sum over knots of log(rate / mean rate)^2
 
-robustly, over attitudes averaged over a second; where the body does not turn nothing is learned and the stiffness keeps
-the mean rate. Positions have no say.
+robustly, over attitudes averaged over a second; where the body does not turn the rate is not observable and the
+stiffness keeps the mean rate. Positions are not used.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ from coclo_vio.values.arrays import Array, BoolArray
 
 _MOST_ROWS = 600
 _OUTLIER_RAD = 0.05
-_CALM_S = 1.0
-_CALM_STEP_S = 0.05
+_AVERAGING_S = 1.0
+_AVERAGING_STEP_S = 0.05
 _MOST_EVALUATIONS = 25
 
 
@@ -47,12 +47,12 @@ class RowTimes:
 
 
 def refine_rows(
-    own: AngularMotion, attitudes: Rotation, even_s: tuple[float, float], *, knot_s: float, stiffness: float
+    estimated: AngularMotion, attitudes: Rotation, even_s: tuple[float, float], *, knot_s: float, stiffness: float
 ) -> Array:
     """Times of the rows, s on the estimate's clock, (N,), increasing.
 
     Args:
-        own: attitude of the estimate over time.
+        estimated: attitude of the estimate over time.
         attitudes: of the rows, N of them, turned to the estimate's body frame.
         even_s: time of the first row and interval of the rows, s, of the even clock.
         knot_s: the local rate may change over this long, s.
@@ -64,23 +64,30 @@ def refine_rows(
     used = np.arange(0, count, max(1, count // _MOST_ROWS))
     start = np.append(even_s[0], np.full(len(knots), np.log(even_s[1])))
 
-    # rocking repeats itself, and the mounting of the tracker about the turning axis is poorly known: only turns count
-    calm, inverse = _calmed(own), _low_passed(attitudes, max(1, round(_CALM_S / even_s[1])))[used].inv()
+    # rocking is periodic, and the mounting of the tracker about the turning axis is poorly known: only turns count
+    averaged, inverse = (
+        _averaged(estimated),
+        _low_passed(attitudes, max(1, round(_AVERAGING_S / even_s[1])))[used].inv(),
+    )
 
     def residuals(values: Array) -> Array:
         times_s = model.times_s(values)[used]
-        is_known = (times_s >= own.span_s[0]) & (times_s <= own.span_s[1])
-        errors = attitude_errors(calm.attitudes(np.clip(times_s, *own.span_s)) * inverse, times_s, is_known)
+        is_known = (times_s >= estimated.span_s[0]) & (times_s <= estimated.span_s[1])
+        errors = attitude_errors(averaged.attitudes(np.clip(times_s, *estimated.span_s)) * inverse, times_s, is_known)
         return np.append(errors.ravel(), stiffness * (values[1:] - start[1:]))
 
     found = least_squares(residuals, start, loss="soft_l1", f_scale=_OUTLIER_RAD, max_nfev=_MOST_EVALUATIONS)
     return model.times_s(np.asarray(found.x))
 
 
-def _calmed(own: AngularMotion) -> AngularMotion:
-    times_s = np.linspace(own.span_s[0], own.span_s[1], max(2, round((own.span_s[1] - own.span_s[0]) / _CALM_STEP_S)))
-    calm = _low_passed(own.attitudes(times_s), round(_CALM_S / _CALM_STEP_S))
-    return AngularMotion(Slerp(times_s, calm), 1.0, own.span_s, own.gaps_s)
+def _averaged(estimated: AngularMotion) -> AngularMotion:
+    times_s = np.linspace(
+        estimated.span_s[0],
+        estimated.span_s[1],
+        max(2, round((estimated.span_s[1] - estimated.span_s[0]) / _AVERAGING_STEP_S)),
+    )
+    averaged = _low_passed(estimated.attitudes(times_s), round(_AVERAGING_S / _AVERAGING_STEP_S))
+    return AngularMotion(Slerp(times_s, averaged), 1.0, estimated.span_s, estimated.gaps_s)
 
 
 def _low_passed(attitudes: Rotation, width: int) -> Rotation:
@@ -89,7 +96,7 @@ def _low_passed(attitudes: Rotation, width: int) -> Rotation:
 
 
 def attitude_errors(relative: Rotation, times_s: Array, is_known: BoolArray) -> Array:
-    """Rotation vectors, rad, (N, 3), about the mean and a linear drift; zero where the estimate says nothing."""
+    """Rotation vectors, rad, (N, 3), about the mean and a linear drift; zero where the estimate is unknown."""
     if is_known.sum() < 3:
         return np.zeros((len(times_s), 3))
     errors = (relative[is_known].mean().inv() * relative).as_rotvec()

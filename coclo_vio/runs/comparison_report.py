@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
+from coclo_vio.evaluation.diagnostic_figures import plot_contacts, plot_error_bands, plot_keyframes
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.evaluation.figures import write_figures
-from coclo_vio.evaluation.html_report import Lived, write_report
 from coclo_vio.evaluation.html_index import Entry, write_index
-from coclo_vio.evaluation.diagnostic_figures import plot_contacts, plot_error_bands, plot_keyframes
-from coclo_vio.evaluation.ranking import claims, end_error_m, in_units, least_drift
+from coclo_vio.evaluation.html_report import ReportContent, ReportedEvent, write_report
+from coclo_vio.evaluation.ranking import end_error_m, least_drift, length_text, rank
+from coclo_vio.evaluation.records import ComparisonRecord, ComparisonsRecord, RankingRecord, RankingsRecord
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.keyframe_log import read_keyframes
@@ -38,29 +39,34 @@ class Compared:
 
 
 def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
-    """``compare.json``, ``claims.json``, figures and ``report.html`` of a run folder; the path of the report.
+    """``compare.json``, ``ranking.json``, figures and ``report.html`` of a run folder; the path of the report.
 
     Without matplotlib the report has no figures and says so.
     """
-    found = claims(evaluations, config.evaluation)
+    found = rank(evaluations, config.evaluation)
     with run_folder.writing(folder):
         write_evaluations(folder / "compare.json", evaluations)
-        run_folder.write_json(folder / "claims.json", {"claims": [claim.to_json() for claim in found]})
+        RankingRecord.of(found).write(folder / "ranking.json")
         run = run_folder.read_run_json(folder)
         return write_report(
             folder / "report.html",
             title,
             evaluations,
             _figures(folder, evaluations, run, config.evaluation) if evaluations and can_draw() else (),
-            config.model_dump(mode="json"),
-            summary=[*_summary(evaluations, config), *(() if can_draw() else (f"There are {NO_FIGURES}.",))],
-            claims=found,
-            events=[Lived(event["time_s"], mode, event["kind"], event["detail"]) for mode, event in told_events(run)],
+            ReportContent(
+                config.model_dump(mode="json"),
+                [*_summary(evaluations, config), *(() if can_draw() else (f"There are {NO_FIGURES}.",))],
+                found,
+                [
+                    ReportedEvent(event["time_s"], mode, event["kind"], event["detail"])
+                    for mode, event in told_events(run)
+                ],
+            ),
         )
 
 
 def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]) -> Path:
-    """``compare.json``, ``claims.json`` and ``report.html`` over several recordings, whose own reports are there.
+    """``compare.json``, ``ranking.json`` and ``report.html`` over several recordings, whose own reports are there.
 
     Args:
         folder: of the whole.
@@ -70,11 +76,8 @@ def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]
     Returns:
         The path of the page.
     """
-    found = {name: claims(one.evaluations, one.config.evaluation) for name, one in compared.items()}
-    values = {
-        name: {estimator: evaluation.to_json() for estimator, evaluation in one.evaluations.items()}
-        for name, one in compared.items()
-    }
+    found = {name: rank(one.evaluations, one.config.evaluation) for name, one in compared.items()}
+    evaluations = {name: one.evaluations for name, one in compared.items()}
     entries = {
         name: Entry(
             f"{one.folder.relative_to(folder).as_posix()}/report.html",
@@ -84,18 +87,16 @@ def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]
         )
         for name, one in compared.items()
     }
-    table = TableOne.of({name: one.evaluations for name, one in compared.items()})
+    table = TableOne.of(evaluations)
     with run_folder.writing(folder):
-        run_folder.write_json(folder / "compare.json", values)
-        run_folder.write_json(
-            folder / "claims.json", {name: [claim.to_json() for claim in one] for name, one in found.items()}
-        )
+        ComparisonsRecord.of(evaluations).write(folder / "compare.json")
+        RankingsRecord.of(found).write(folder / "ranking.json")
         return write_index(folder / "report.html", title, table, entries)
 
 
 def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None:
     """An object per estimator."""
-    run_folder.write_json(path, {name: evaluation.to_json() for name, evaluation in evaluations.items()})
+    ComparisonRecord.of(evaluations).write(path)
 
 
 def told_events(run: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -114,7 +115,7 @@ def _summary(evaluations: Mapping[str, Evaluation], config: RunConfig) -> list[s
     who = "A body" if config.robot is None else f"The robot {config.robot.name}"
     first, *others = least_drift(evaluations, config.evaluation)
     near = f"; too close to tell: {', '.join(others)}" if others else ""
-    end = in_units(end_error_m(evaluations[first], config.evaluation))
+    end = length_text(end_error_m(evaluations[first], config.evaluation))
     faults = config.faults.model_dump(mode="json", exclude_defaults=True)
     wrong = "; ".join(
         f"{name} {' '.join(map(str, value)) if isinstance(value, list) else value}" for name, value in faults.items()

@@ -7,32 +7,26 @@ next step, instead of failing later at a key that is missing.
 
 import json
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, RootModel, ValidationError, ValidationInfo, model_validator
 
 from coclo_vio.values.config import first_problem
 from coclo_vio.values.errors import DatasetError
 
 
-class Record(BaseModel):
-    """A frozen set of results: unknown keys refused, no NaN and no infinity.
-
-    A subclass declares its version as ``schema_version: Literal[1] = 1`` and raises it with every change of its keys.
+class JsonModel(BaseModel):
+    """A model with a JSON file of its own.
 
     Attributes:
         next_step: what to do with a file that cannot be read, for the error message.
-        schema_version: of the keys.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     next_step: ClassVar[str] = "run again"
-
-    schema_version: int
 
     @classmethod
     def parse(cls, values: object, source: str) -> Self:
-        """The record in plain values, as ``json`` gives them.
+        """The model of plain values, as ``json`` reads them.
 
         Raises:
             DatasetError: another schema version, a key missing or unknown, or a value of another type; names
@@ -45,24 +39,38 @@ class Record(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """The record in a JSON file.
+        """The model in a JSON file.
 
         Raises:
-            DatasetError: the file cannot be read, is not JSON, or holds no such record.
+            DatasetError: the file cannot be read, is not JSON, or holds no such model.
         """
         return cls.parse(read_json(path, cls.next_step), str(path))
 
     def to_json(self) -> dict[str, Any]:
-        """The record in plain values that ``json`` writes."""
+        """The model in plain values that ``json`` writes."""
         return self.model_dump(mode="json")
 
     def write(self, path: Path) -> None:
-        """Write the record as JSON.
+        """Write the model as JSON.
 
         Raises:
             OSError: the file cannot be written.
         """
         write_json(path, self.to_json())
+
+
+class Record(JsonModel):
+    """A frozen set of results: unknown keys refused, no NaN and no infinity.
+
+    A subclass declares its version as ``schema_version: Literal[1] = 1`` and raises it with every change of its keys.
+
+    Attributes:
+        schema_version: of the keys.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    schema_version: int
 
     @model_validator(mode="before")
     @classmethod
@@ -74,6 +82,18 @@ class Record(BaseModel):
                 version = "no schema version" if found is None else f"schema version {found}"
                 raise ValueError(f"it has {version}, this release reads version {current}")
         return values
+
+
+Content = TypeVar("Content", bound=JsonModel)
+
+
+class RecordMapping(JsonModel, RootModel[dict[str, Content]], Generic[Content]):
+    """Records by name: a JSON object whose values hold their own schema versions."""
+
+    model_config = ConfigDict(frozen=True)
+
+    def __getitem__(self, name: str) -> Content:
+        return self.root[name]
 
 
 def read_json(path: Path, next_step: str) -> object:

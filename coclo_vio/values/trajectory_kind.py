@@ -13,7 +13,6 @@ from coclo_vio.values.errors import ConfigError
 
 # Okabe and Ito, "Color universal design", 2008: distinguishable with any colour vision.
 _UNREGISTERED_COLOURS = ("#d55e00", "#56b4e9", "#8c5a2b", "#5a5a5a")
-_NONE: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,7 @@ class TrajectoryKind:
     layer: int = 4
     standalone: str | None = None
     is_featured: bool = False
-    paper_drift_percent: Mapping[str, float] = field(default=_NONE)
+    paper_drift_percent: Mapping[str, float] = field(default_factory=lambda: _NONE)
 
     def __post_init__(self) -> None:
         if not self.label:

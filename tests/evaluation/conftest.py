@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A walk with turns, rocking and rests whose pose is known at any time: what the clocks and metrics are tried on."""
+"""Walks whose pose is known at any time, and kinds of trajectories that belong to no mode of the package."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -10,8 +10,46 @@ from scipy.spatial.transform import Rotation
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.trajectory_kind import (
+    TrajectoryKind,
+    register_trajectory_kind,
+    registered_trajectory_kinds,
+    unregister_trajectory_kind,
+)
 
 Walk = Callable[..., Trajectory]
+KINDS = (
+    TrajectoryKind(
+        "legs", "Legs", "#0000ff", is_featured=True, paper_drift_percent={"flat": 1.0, "ramp": 6.0, "stairs": 7.0}
+    ),
+    TrajectoryKind("vision", "Vision", "#ff8000", is_featured=True, paper_drift_percent={"flat": 2.0, "ramp": 22.0}),
+    TrajectoryKind(
+        "fused_legs",
+        "fused Legs",
+        "#00a000",
+        layer=6,
+        standalone="legs",
+        is_featured=True,
+        paper_drift_percent={"flat": 1.5},
+    ),
+    TrajectoryKind("fused_vision", "fused Vision", "#c000c0", layer=5, standalone="vision", is_featured=True),
+    TrajectoryKind("naive", line_style="--", layer=2),
+)
+
+
+@pytest.fixture(autouse=True)
+def kinds() -> Iterator[tuple[TrajectoryKind, ...]]:
+    """``KINDS`` are registered and no others: the evaluation depends on registered kinds, not on the modes there are."""
+    registered = dict(registered_trajectory_kinds())
+    for name in registered:
+        unregister_trajectory_kind(name)
+    for kind in KINDS:
+        register_trajectory_kind(kind)
+    yield KINDS
+    for name in dict(registered_trajectory_kinds()):
+        unregister_trajectory_kind(name)
+    for kind in registered.values():
+        register_trajectory_kind(kind)
 
 
 def _pose(seconds: Array, seed: int) -> Array:

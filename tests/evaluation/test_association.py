@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What has no ground truth beside it is left out and counted."""
+"""Poses without ground truth beside them are left out and counted."""
 
 import numpy as np
 import pytest
@@ -14,9 +14,9 @@ def test_gaps_are_intervals_longer_than_the_limit():
     stamps = np.array([0, 1, 2, 5, 6, 10]) * NS
     assert gaps_ns(stamps, 1.0).tolist() == [[2 * NS, 5 * NS], [6 * NS, 10 * NS]]
     assert gaps_ns(stamps, 4.0).shape == (0, 2)
-    asked = np.array([0, 2, 3, 5, 6, 9, 10, 12]) * NS
-    assert in_gap(asked, gaps_ns(stamps, 1.0)).tolist() == [False, False, True, False, False, True, False, False]
-    assert not in_gap(asked, gaps_ns(stamps, 9.0)).any()
+    stamps_ns = np.array([0, 2, 3, 5, 6, 9, 10, 12]) * NS
+    assert in_gap(stamps_ns, gaps_ns(stamps, 1.0)).tolist() == [False, False, True, False, False, True, False, False]
+    assert not in_gap(stamps_ns, gaps_ns(stamps, 9.0)).any()
 
 
 def test_poses_in_holes_and_outside_are_left_out_and_counted(line):

@@ -53,7 +53,7 @@ def test_offset_survives_a_hole_in_the_ground_truth(walk):
     assert fit.offset_s == pytest.approx(0.8, abs=2e-3)
 
 
-def test_positions_have_no_say(walk):
+def test_positions_are_not_used(walk):
     estimate, truth = walk(np.arange(0.0, 25.0, 0.005), 6), walk(np.arange(0.0, 25.0, 0.01), 6, 0.5)
     misled = replace(truth, T_world_body=se3.transform(truth.rotations, np.roll(truth.positions, 300, axis=0)))
     fits = [fit_clock(estimate, GroundTruth(each, True, "vicon"), ClockConfig()) for each in (truth, misled)]
@@ -125,17 +125,17 @@ def test_given_clock_is_used(walk):
 
 def test_half_a_clock_is_refused(walk):
     estimate = walk(np.arange(0.0, 25.0, 0.01))
-    with pytest.raises(EvaluationError, match="give both"):
+    with pytest.raises(EvaluationError, match="set both"):
         fit_clock(estimate, GroundTruth(estimate, False, "mocap"), ClockConfig(rate_hz=60.0))
     with pytest.raises(EvaluationError, match="has stamps"):
         fit_clock(estimate, GroundTruth(estimate, True, "vicon"), ClockConfig(rate_hz=60.0))
 
 
-def test_without_turning_stamps_are_taken_as_they_are_and_said_so(line):
+def test_without_rotation_the_offset_is_zero_and_the_problem_is_reported(line):
     fit = fit_clock(line(5.0), GroundTruth(line(5.0), True, "vicon"), ClockConfig())
     assert (fit.offset_s, fit.is_estimated) == (0.0, False)
     assert "hardly turns" in fit.problem
-    with pytest.raises(EvaluationError, match=r"hardly turns.*give clock.offset_s and clock.rate_hz"):
+    with pytest.raises(EvaluationError, match=r"hardly turns.*set clock.offset_s and clock.rate_hz"):
         fit_clock(line(5.0), GroundTruth(line(5.0), False, "mocap"), ClockConfig())
 
 

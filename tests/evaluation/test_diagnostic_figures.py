@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of what goes on inside: bands of stance, keyframes, and errors within what the filter gives for them."""
+"""Diagnostic figures: bands of stance, keyframes, and errors within the filter's sigmas."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need 
 
 
 def coloured(path, least: float = 0.2) -> int:
-    """Pixels that are not grey; what is pale counts where ``least`` is small."""
+    """Pixels that are not grey; pale ones count where ``least`` is small."""
     assert path.read_bytes().startswith(b"\x89PNG")
     return int((np.ptp(matplotlib_image.imread(path)[..., :3], axis=2) > least).sum())
 
@@ -33,15 +33,15 @@ def test_keyframes_of_every_smoother_are_shown(tmp_path):
         stamps_ns = 1e18 + np.arange(50) * 2e8
         return {"stamp_ns": stamps_ns, "tracks": np.full(50, 100 * level), "reprojection_px": np.full(50, level)}
 
-    one = plot_keyframes({"vins": columns(1.0)}, tmp_path / "one.png")
-    two = plot_keyframes({"vins": columns(1.0), "stereo": columns(0.5)}, tmp_path / "two.png")
+    one = plot_keyframes({"vision": columns(1.0)}, tmp_path / "one.png")
+    two = plot_keyframes({"vision": columns(1.0), "stereo": columns(0.5)}, tmp_path / "two.png")
     assert coloured(two) > coloured(one) > 100
     with pytest.raises(EvaluationError, match="there is none; run a visual mode first"):
-        plot_keyframes({"vins": {"stamp_ns": np.zeros(0)}}, tmp_path / "none.png")
+        plot_keyframes({"vision": {"stamp_ns": np.zeros(0)}}, tmp_path / "none.png")
 
 
 def test_errors_and_sigmas_are_in_the_axes_of_the_world(line):
-    """A body that looks left: its forward error is the world's y, its roll is no yaw."""
+    """A body that faces left: its forward error is the world's y, its roll is no yaw."""
     truth = line(1.0, seconds=1.0)
     left = se3.transform(so3.about_z(0.5 * np.pi), np.zeros(3))
     apart = se3.exp(np.array([0.0, 0.0, 0.02, 0.3, 0.0, 0.0]))
@@ -62,13 +62,13 @@ def test_a_wider_band_covers_more(line, tmp_path):
         covariance = np.tile(np.eye(6) * sigma_m**2, (len(truth), 1, 1))
         off = truth.moved(se3.transform(np.eye(3), np.array([0.3, 0.0, 0.0])))
         estimate = replace(off, covariance=covariance)
-        return coloured(plot_error_bands({"coclo": estimate}, {"coclo": truth}, tmp_path / name), 0.05)
+        return coloured(plot_error_bands({"legs": estimate}, {"legs": truth}, tmp_path / name), 0.05)
 
     assert drawn(0.1, "wide.png") > 1.15 * drawn(0.001, "narrow.png")
 
 
 def test_bands_need_a_covariance(line, tmp_path):
-    with pytest.raises(EvaluationError, match="needs its covariance"):
-        plot_error_bands({"coclo": line(1.0)}, {"coclo": line(1.0)}, tmp_path / "bands.png")
+    with pytest.raises(EvaluationError, match="need the covariance"):
+        plot_error_bands({"legs": line(1.0)}, {"legs": line(1.0)}, tmp_path / "bands.png")
     with pytest.raises(EvaluationError, match="at least one estimate"):
         plot_error_bands({}, {}, tmp_path / "bands.png")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures are PNG files with something in them, and say what they need."""
+"""Figures are PNG files with lines in them; errors name what is missing."""
 
 import sys
 from dataclasses import replace
@@ -21,8 +21,8 @@ def coloured(path) -> int:
 
 def test_every_figure_shows_every_estimate(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.02))
-    one = {"coclo": walk(np.arange(0.0, 25.0, 0.02), 1)}
-    both = {**one, "vins": walk(np.arange(0.0, 25.0, 0.1), 2)}
+    one = {"legs": walk(np.arange(0.0, 25.0, 0.02), 1)}
+    both = {**one, "vision": walk(np.arange(0.0, 25.0, 0.1), 2)}
     few = write_figures(one, dict.fromkeys(one, truth), tmp_path / "one")
     many = write_figures(both, dict.fromkeys(both, truth), tmp_path / "two")
     names = ["overview.png", "path.png", "positions.png", "velocities.png", "position_error.png"]
@@ -32,52 +32,52 @@ def test_every_figure_shows_every_estimate(walk, tmp_path):
 
 
 def test_figures_without_ground_truth(walk, tmp_path):
-    written = write_figures({"coclo": walk(np.arange(0.0, 25.0, 0.1))}, None, tmp_path)
+    written = write_figures({"legs": walk(np.arange(0.0, 25.0, 0.1))}, None, tmp_path)
     assert [path.name for path in written] == ["path.png", "positions.png", "velocities.png"]
 
 
-def test_what_runs_together_stands_beside_what_runs_alone(walk, tmp_path):
+def test_fused_trajectories_are_beside_standalone_ones(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.1))
-    alone = {"coclo": truth, "vins": truth}
+    alone = {"legs": truth, "vision": truth}
     narrow = plot_positions(alone, truth, tmp_path / "alone.png")
-    wide = plot_positions({**alone, "combined_coclo": truth}, truth, tmp_path / "both.png")
+    wide = plot_positions({**alone, "fused_legs": truth}, truth, tmp_path / "both.png")
     assert matplotlib_image.imread(wide).shape[1] > 1.3 * matplotlib_image.imread(narrow).shape[1]
 
 
 def test_of_a_long_recording_velocities_show_twenty_seconds_of_the_middle(line, tmp_path):
-    """What happens at its ends does not change the picture."""
-    calm = line(6.0, seconds=60.0)
-    jumpy = replace(calm, velocity_world=np.where(calm.times_s[:, None] < 15.0, 3.0, 0.1) * np.ones(3))
-    steady = replace(calm, velocity_world=np.full((len(calm), 3), 0.1))
+    """Changes at its ends do not change the figure."""
+    steady_truth = line(6.0, seconds=60.0)
+    jumpy = replace(steady_truth, velocity_world=np.where(steady_truth.times_s[:, None] < 15.0, 3.0, 0.1) * np.ones(3))
+    steady = replace(steady_truth, velocity_world=np.full((len(steady_truth), 3), 0.1))
     pictures = [
-        plot_velocities({"coclo": estimate}, calm, tmp_path / f"{index}.png").read_bytes()
+        plot_velocities({"legs": estimate}, steady_truth, tmp_path / f"{index}.png").read_bytes()
         for index, estimate in enumerate((jumpy, steady))
     ]
     assert pictures[0] == pictures[1]
 
 
-def test_time_is_counted_from_where_it_is_said_to_begin(line, tmp_path):
+def test_time_is_counted_from_the_given_start(line, tmp_path):
     truth = line(1.0, seconds=2.0)
     pictures = [
-        plot_positions({"coclo": truth}, truth, tmp_path / f"{name}.png", start_ns=start_ns).read_bytes()
-        for name, start_ns in (("unsaid", None), ("first", int(truth.stamps_ns[0])), ("earlier", -5_000_000_000))
+        plot_positions({"legs": truth}, truth, tmp_path / f"{name}.png", start_ns=start_ns).read_bytes()
+        for name, start_ns in (("default", None), ("first", int(truth.stamps_ns[0])), ("earlier", -5_000_000_000))
     ]
     assert pictures[0] == pictures[1] != pictures[2]
 
 
 def test_events_are_marked_in_the_errors(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.1))
-    estimates, references = {"coclo": walk(np.arange(0.0, 25.0, 0.1), 1)}, {"coclo": truth}
+    estimates, references = {"legs": walk(np.arange(0.0, 25.0, 0.1), 1)}, {"legs": truth}
     quiet = plot_position_error(estimates, references, tmp_path / "quiet.png")
     eventful = plot_position_error(
-        estimates, references, tmp_path / "eventful.png", events={"vins: blind": [5_000_000_000, 9_000_000_000]}
+        estimates, references, tmp_path / "eventful.png", events={"vins: vision_lost": [5_000_000_000, 9_000_000_000]}
     )
     assert coloured(eventful) > coloured(quiet) + 300
 
 
 def test_a_baseline_that_is_far_off_does_not_flatten_the_others(line, tmp_path):
     truth = line(5.0)
-    near = {"coclo": line(5.0, scale=1.01)}
+    near = {"legs": line(5.0, scale=1.01)}
     far = {**near, "naive": line(5.0, scale=3.0)}
     alone = plot_position_error(near, dict.fromkeys(near, truth), tmp_path / "near.png")
     beside = plot_position_error(far, dict.fromkeys(far, truth), tmp_path / "far.png")
@@ -95,7 +95,7 @@ def test_no_estimate_is_an_error(line, tmp_path):
         write_figures({}, None, tmp_path)
 
 
-def test_missing_matplotlib_says_how_to_install_it(line, tmp_path, monkeypatch):
+def test_missing_matplotlib_is_an_error_with_the_command_that_installs_it(line, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(EvaluationError, match=r"pip install 'coclo-vio\[viz\]'"):
-        write_figures({"coclo": line(1.0)}, {"coclo": line(1.0)}, tmp_path)
+        write_figures({"legs": line(1.0)}, {"legs": line(1.0)}, tmp_path)

@@ -57,27 +57,27 @@ def test_rpe_of_a_scale_error_is_the_scale_error(line):
     assert metrics.rpe_percent(line(0.5), line(0.5), metrics.travelled_m(line(0.5), 0.1), 1.0) is None
 
 
-def test_drift_over_pieces_of_a_scale_error_is_the_scale_error(line):
+def test_drift_over_segments_of_a_scale_error_is_the_scale_error(line):
     assert metrics.segment_drift_percent(line(10.0, scale=1.01), line(10.0), 2.0) == pytest.approx(1.0, abs=1e-6)
     assert metrics.segment_drift_percent(line(0.5), line(0.5), 1.0) is None
 
 
-def test_drift_over_pieces_is_a_mean_over_all_of_them():
-    """Of four steps of a metre the third comes out 0.1 m too long: two of the three pieces of 2 m hold it."""
+def test_drift_over_segments_is_a_mean_over_all_of_them():
+    """Of four steps of a metre the third comes out 0.1 m too long: two of the three segments of 2 m hold it."""
     reference = _along([0.0, 1.0, 2.0, 3.0, 4.0])
     estimate = _along([0.0, 1.0, 2.0, 3.1, 4.1])
     assert metrics.segment_drift_percent(estimate, reference, 2.0) == pytest.approx(100.0 * (0.1 + 0.1) / 3 / 2.0)
     assert metrics.segment_drift_percent(estimate, reference, 4.0) == pytest.approx(100.0 * 0.1 / 4.0)
 
 
-def test_drift_over_pieces_forgets_the_heading_before_them():
-    """A turn of 90 degrees that is missed ruins the pieces that hold it, and no other."""
+def test_drift_over_segments_is_free_of_the_heading_before_them():
+    """A turn of 90 degrees that is missed ruins the segments that hold it, and no other."""
     straight = _along([0.0, 1.0, 2.0, 3.0, 4.0])
     bent = np.array(straight.T_world_body)
     bent[2:, :3, :3] = so3.about_z(0.5 * np.pi)
     bent[2:, :3, 3] = [[2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [2.0, 2.0, 0.0]]
     estimate = replace(straight, T_world_body=bent)
-    # pieces 0-2 and 2-4 are exact; 1-3 ends at (1, 1) instead of (2, 0)
+    # segments 0-2 and 2-4 are exact; 1-3 ends at (1, 1) instead of (2, 0)
     assert metrics.segment_drift_percent(estimate, straight, 2.0) == pytest.approx(100.0 * np.sqrt(2.0) / 3 / 2.0)
 
 

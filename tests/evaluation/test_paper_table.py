@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The paper's Table I, copied once."""
+"""The paper's figures are those that the kinds of trajectories declare."""
 
-from coclo_vio.evaluation.paper_table import PAPER_TABLE_I
-
-
-def test_the_papers_legs_beat_its_eyes_on_every_trial_as_its_text_says() -> None:
-    assert set(PAPER_TABLE_I) == {"flat", "ramp", "stairs"}
-    assert all(drifts["coclo"] < drifts["vins"] for drifts in PAPER_TABLE_I.values())
+from coclo_vio.evaluation.paper_table import is_in_paper, paper_table
 
 
-def test_the_paper_combined_both_on_flat_ground_and_stairs_only() -> None:
-    assert PAPER_TABLE_I["stairs"] == {"coclo": 7.28, "vins": 8.55, "combined_coclo": 2.61, "combined_vins": 5.28}
-    assert "combined_coclo" in PAPER_TABLE_I["flat"]
-    assert "combined_coclo" not in PAPER_TABLE_I["ramp"]
+def test_the_table_has_the_declared_figures_by_trial() -> None:
+    assert paper_table() == {
+        "flat": {"legs": 1.0, "vision": 2.0, "fused_legs": 1.5},
+        "ramp": {"legs": 6.0, "vision": 22.0},
+        "stairs": {"legs": 7.0},
+    }
+
+
+def test_trajectories_without_declared_figures_are_not_in_the_paper() -> None:
+    assert is_in_paper(["naive", "fused_legs"])
+    assert not is_in_paper(["naive", "fused_vision", "unregistered"])
