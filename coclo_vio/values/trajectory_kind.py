@@ -41,7 +41,7 @@ class TrajectoryKind:
     layer: int = 4
     standalone: str | None = None
     is_featured: bool = False
-    paper_drift_percent: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    paper_drift_percent: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.label:
