@@ -22,6 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from coclo_vio.evaluation.evaluate import evaluate
+from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs import pipeline
@@ -75,7 +76,8 @@ def _figures(trial: Trial, mode: str) -> Row:
         np.array([each.nav.velocity_world for each in estimates]),
         np.array([each.covariance[:6, :6] for each in estimates]),
     )
-    told = evaluate(trajectory, trial.vicon, config.evaluation, realtime_factor=summary.realtime_factor).to_json()
+    evaluation = evaluate(trajectory, trial.vicon, config.evaluation, realtime_factor=summary.realtime_factor)
+    told = EvaluationRecord.of(evaluation).to_json()
     return {**told, "contact_right": _contact_right(trial, estimates), "failure": summary.failure}
 
 

@@ -33,6 +33,7 @@ import yaml
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.metrics import relative_errors_m
+from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.runs.comparison import evaluate_run, run_all
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_folder import read_estimates
@@ -139,7 +140,7 @@ def _run(
         for name in MODES[mode]:
             seen: Row = {"failure": failures.get(name, run[name]["failure"]), "events": run[name]["events"]}
             if name in evaluations:
-                figures = evaluations[name].to_json()
+                figures = EvaluationRecord.of(evaluations[name]).to_json()
                 moments_s, errors_m = moments(read_estimates(folder, name).trajectory, truth.trajectory)
                 seen |= {key: figures[key] for key in FIGURES} | {"usual_m": float(np.percentile(errors_m, _USUAL))}
                 if fault_s is not None and name in usual:

@@ -28,6 +28,7 @@ from coclo_vio.datasets.dataset import Dataset, open_dataset
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
+from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.geometry import se3, so3
 from coclo_vio.runs import comparison, run_folder
 from coclo_vio.runs.run_config import RunConfig, resolve
@@ -72,7 +73,7 @@ def _follow(dataset: Dataset, path: Path, mode: str, config: RunConfig) -> Row:
         seen = _health(told["estimators"][mode], frames) | {"cpu_ms_per_frame": MS_PER_S * cpu_s / frames}
         if mode not in evaluations:
             return seen | {"failure": failures[mode]}
-        seen |= _figures(evaluations[mode].to_json())
+        seen |= _figures(EvaluationRecord.of(evaluations[mode]).to_json())
         truth = dataset.ground_truth()
         if "kitti_stereo" in path.stem and truth is not None:
             seen["ends"] = _ends(run_folder.read_estimates(folder, mode).trajectory, truth.trajectory)
@@ -110,7 +111,7 @@ def _dead_reckoning(twists: list[BodyTwistSample], truth: GroundTruth) -> Row:
         delta = odometry.delta_until(twist.stamp_ns)
         poses.append(poses[-1] if delta is None else delta.T_start_end)
     path = Trajectory(np.array([each.stamp_ns for each in twists]), np.array(poses))
-    return _figures(evaluate(path, truth, _SAME_CLOCK, is_gravity_aligned=False).to_json())
+    return _figures(EvaluationRecord.of(evaluate(path, truth, _SAME_CLOCK, is_gravity_aligned=False)).to_json())
 
 
 def _ends(estimate: Trajectory, truth: Trajectory) -> Row:

@@ -30,6 +30,7 @@ import numpy as np
 
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.runs import comparison
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.simulation.simulated_recording import (
@@ -82,7 +83,7 @@ def _see(path: Path, mode: str) -> Row:
     seen = _health(told, cpu_s)
     for reference, (evaluations, failures) in against.items():
         if mode in evaluations:
-            figures = evaluations[mode].to_json()
+            figures = EvaluationRecord.of(evaluations[mode]).to_json()
             seen[reference] = {key: figures[key] for key in FIGURES}
         else:
             seen |= {reference: None, "failure": failures[mode]}
