@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """SE(3) as plain 4x4 matrices. Tangent vectors are ``[rotation (3), translation (3)]`` as in GTSAM's Pose3.
 
-exp and log are Pinocchio's, which is translation first: the permutation stands only here. Its Jacobians are not used:
+exp and log are Pinocchio's, which is translation first: the permutation is only here. Its Jacobians are not used:
 between 1e-4 and 1e-2 rad they lose up to eleven digits (8e-5 of an entry of 20 at 3e-4 rad).
 """
 
@@ -52,12 +52,12 @@ def log(T: Array) -> Array:
 def right_jacobian(twist: Array) -> Array:
     """``J_r (6, 6)``: ``exp(x + d) = exp(x) exp(J_r d)`` to first order.
 
-    ``J_r = sum over k of (-ad_x)^k / (k + 1)!``, read from the exponential of ``[[-ad_x, 1], [0, 0]]`` (Van Loan,
-    "Computing integrals involving the matrix exponential", 1978): as exact near zero as anywhere.
+    ``J_r = sum over k of (-ad_x)^k / (k + 1)!``, a block of the exponential of ``[[-ad_x, 1], [0, 0]]`` (Van Loan,
+    "Computing integrals involving the matrix exponential", 1978): accurate at zero too.
     """
-    turn = so3.hat(twist[:3])
+    rotation_hat = so3.hat(twist[:3])
     block = np.zeros((12, 12))
-    block[:3, :3] = block[3:6, 3:6] = -turn
+    block[:3, :3] = block[3:6, 3:6] = -rotation_hat
     block[3:6, :3] = -so3.hat(twist[3:])
     block[:6, 6:] = np.eye(6)
     return np.asarray(expm(block)[:6, 6:], dtype=np.float64)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """SO(3) on stacks of rotations: every function takes ``(..., 3)`` vectors or ``(..., 3, 3)`` matrices.
 
-Written for batches of sigma points: a handful of NumPy calls, exact at zero. ``log`` goes through SciPy's
+For batches of sigma points: few NumPy calls, exact at zero. ``log`` goes through SciPy's
 quaternions, exact near pi. Source: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in
 robotics", 2018, appendix B.
 """
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from coclo_vio.geometry.array_types import Array
 
 _SMALL_ANGLE_RAD = 1e-4
-_NO_ZERO = 1e-300  # added to a square, it keeps a quotient from 0 / 0 and changes no other
+_TINY = 1e-300  # added to a square, it avoids 0 / 0 and changes no other quotient
 _IDENTITY = np.eye(3)
 
 
@@ -31,9 +31,9 @@ def hat(vectors: Array) -> Array:
 def exp(rotvecs: Array) -> Array:
     """Rotation matrices ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` in radians (Rodrigues).
 
-    ``I + sin(t)/t K + 2 (sin(t/2)/t)^2 K^2``: both quotients lose no digit however small t, unless it is zero.
+    ``I + sin(t)/t K + 2 (sin(t/2)/t)^2 K^2``: both quotients are accurate for every t above zero.
     """
-    angle = np.sqrt(np.einsum("...i,...i->...", rotvecs, rotvecs) + _NO_ZERO)
+    angle = np.sqrt(np.einsum("...i,...i->...", rotvecs, rotvecs) + _TINY)
     sinc = np.sin(angle) / angle
     half = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
     skew = hat(rotvecs)
@@ -48,10 +48,10 @@ def log(rotations: Array) -> Array:
 
 
 def log_below_pi(rotations: Array) -> Array:
-    """``log`` several times faster, from the matrix alone; loses digits within 1e-3 rad of pi."""
+    """The same as ``log``, several times faster; loses digits within 1e-3 rad of pi."""
     skew = 0.5 * (rotations - np.swapaxes(rotations, -1, -2))
     axis_sine = np.stack((skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]), axis=-1)
-    sine = np.sqrt(np.einsum("...i,...i->...", axis_sine, axis_sine) + _NO_ZERO)
+    sine = np.sqrt(np.einsum("...i,...i->...", axis_sine, axis_sine) + _TINY)
     cosine = 0.5 * (np.einsum("...ii->...", rotations) - 1.0)
     return np.asarray((np.arctan2(sine, cosine) / sine)[..., None] * axis_sine)
 
@@ -82,7 +82,7 @@ def right_jacobian_inverse(rotvecs: Array) -> Array:
 
 
 def from_quat_xyzw(quat_xyzw: Array) -> Array:
-    """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)``, normalised on the way in."""
+    """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)``, which need not be normalised."""
     return np.asarray(Rotation.from_quat(quat_xyzw).as_matrix(), dtype=np.float64)
 
 

@@ -20,7 +20,7 @@ class DatasetError(CocloError):
     """A recording cannot be read as requested."""
 
 
-class TopicNotFound(DatasetError):  # noqa: N818 -- the field says "topic not found"
+class TopicNotFound(DatasetError):  # noqa: N818 -- a condition, as in "topic not found"
     """A recording has no such column, topic or file."""
 
 

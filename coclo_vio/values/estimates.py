@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""States as estimators give them, with covariance, as frozen values."""
+"""States of an estimator and their covariance, as frozen values."""
 
 from dataclasses import dataclass
 
@@ -34,12 +34,12 @@ class NavState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootState:
-    """Where the feet are and whether they stand, in the order of the robot's legs.
+    """Positions and contacts of the feet, in the order of the robot's legs.
 
     Attributes:
         position_world: foot centres, m, world frame, (legs, 3).
         contact_probability: in 0..1, (legs,).
-        is_stance: the feet that hold the body in this estimate, (legs,).
+        is_stance: the feet that the estimate treats as stance, (legs,).
     """
 
     position_world: Array
@@ -67,7 +67,7 @@ class StateEstimate:
         nav: the mean.
         covariance: of the error [rotation (rad, body), position (m, body), velocity (m/s, world)], (9, 9).
             Rotation and position are right/local: ``T = T_mean exp([rotation, position])``.
-        feet: the feet, where the estimator knows any.
+        feet: None for an estimator without legs.
     """
 
     stamp_ns: int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What leg odometry and the sliding window exchange about keyframes: relative motion, marginals, evidence."""
+"""Values that leg odometry and the sliding window exchange at keyframes: relative motion, marginals, evidence."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from coclo_vio.values.outputs import Event, KeyframeHealth
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryDelta:
-    """Relative motion between two times, what ties two keyframes together.
+    """Relative motion between two times, for a factor between two keyframes.
 
     Attributes:
         start_ns: time of the earlier pose in nanoseconds.
@@ -39,7 +39,7 @@ class OdometryDelta:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseMarginal:
-    """Where the body was at one time, as somebody believes.
+    """Marginal of the body's pose at one time.
 
     Attributes:
         stamp_ns: time in nanoseconds.
@@ -58,7 +58,7 @@ class PoseMarginal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePair:
-    """Where the body was at two times, as somebody believes, and how the two errors hang together.
+    """Joint marginal of the body's poses at two times.
 
     Attributes:
         start_ns: time of the earlier pose in nanoseconds.
@@ -100,15 +100,15 @@ def relative_motion(pair: PosePair, floor_m: float) -> OdometryDelta:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEvidence:
-    """What something says of the poses at two times, as a log-likelihood that may leave directions open.
+    """Evidence on the poses at two times, as a log-likelihood; it may be singular.
 
-    ``-x^T information x / 2 + vector^T x`` of the right/local errors ``x`` (12,) of both poses about the given ones,
-    the earlier one first. Evidence of independent things adds up.
+    ``-x^T information x / 2 + vector^T x`` of the right/local errors ``x`` (12,) of both poses about their linearisation
+    points, the earlier one first. Independent evidence adds up.
 
     Attributes:
         start_ns: time of the earlier pose in nanoseconds.
         end_ns: time of the later pose in nanoseconds.
-        T_world_start: where the errors of the earlier pose are counted from, (4, 4).
+        T_world_start: linearisation point of the earlier pose, (4, 4).
         T_world_end: the same of the later pose, (4, 4).
         information: positive semi-definite, (12, 12).
         vector: (12,).
@@ -130,7 +130,7 @@ class PoseEvidence:
     def rows(self, least: float = 1e-9) -> tuple[Array, Array]:
         """The same as independent measurements of unit noise: ``H x = z + N(0, 1)``, (r, 12) and (r,).
 
-        Directions of which less than ``least`` of the strongest information is known are left out.
+        Directions with less than ``least`` of the largest eigenvalue of the information are left out.
         """
         values, axes = np.linalg.eigh(0.5 * (self.information + self.information.T))
         kept = values > least * max(float(values[-1]), 0.0)
@@ -140,12 +140,12 @@ class PoseEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyframeResult:
-    """What the window knows once a frame has become a keyframe.
+    """Result of the window for a new keyframe.
 
     Attributes:
-        marginal: of the keyframe's pose, everything included.
-        evidence: of this keyframe and the one before it from landmarks and the window alone, without the relative
-            motion that tied the two; None where the keyframe is the first of its window, or the two are not determined.
+        marginal: of the keyframe's pose, from all factors.
+        evidence: on this keyframe and the one before it from landmarks and the window alone, without the odometry
+            factor between the two; None if the keyframe is the first of its window or the two are not determined.
     """
 
     marginal: PoseMarginal
@@ -154,13 +154,13 @@ class KeyframeResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameResult:
-    """What a smoother makes of one frame.
+    """Result of a smoother for one frame.
 
     Attributes:
         estimate: of the frame; None before the start.
-        keyframe: None where the frame is no keyframe, or nobody asked for what a keyframe knows.
-        events: what happened since the last frame.
-        health: of the window, where it was solved.
+        keyframe: None if the frame is not a keyframe, or results of keyframes were not requested.
+        events: since the last frame.
+        health: of the window, one per solve.
     """
 
     estimate: StateEstimate | None = None

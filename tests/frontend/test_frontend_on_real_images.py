@@ -84,7 +84,7 @@ def test_rows_agree_after_rectification(shared_data: Path) -> None:
     rectifier = Rectifier(calibration)
     errors = []
     for frame in frames_of(path)[::10]:
-        pair = rectifier.rectified(frame)
+        pair = rectifier.rectify(frame)
         corners = cv2.goodFeaturesToTrack(pair.left, 200, 0.02, 15, mask=rectifier.valid_left)
         there, found, _ = cv2.calcOpticalFlowPyrLK(pair.left, pair.right, corners, None, winSize=(21, 21), maxLevel=5)
         back, returned, _ = cv2.calcOpticalFlowPyrLK(pair.right, pair.left, there, None, winSize=(21, 21), maxLevel=5)

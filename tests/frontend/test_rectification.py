@@ -106,7 +106,7 @@ def test_pixels_without_a_source_are_masked() -> None:
 def test_a_rectified_pair_is_passed_on_unchanged(room: Room) -> None:
     calibration = rig()
     rectifier = Rectifier(calibration)
-    frame = room.frame(0, np.eye(4) + np.diag([0.4], 3)[[3, 1, 0, 2]] * 0)
+    frame = room.frame(0, np.eye(4))
     rectified = rectifier.rectify(frame)
     assert np.shares_memory(rectified.left, frame.left)
     assert np.shares_memory(rectified.right, frame.right)
