@@ -102,8 +102,8 @@ def relative_motion(pair: PosePair, floor_m: float) -> OdometryDelta:
 class PoseEvidence:
     """Evidence on the poses at two times, as a log-likelihood; it may be singular.
 
-    ``-x^T information x / 2 + vector^T x`` of the right/local errors ``x`` (12,) of both poses about their linearisation
-    points, the earlier one first. Independent evidence adds up.
+    ``-x^T information x / 2 + vector^T x`` of the right/local errors ``x`` (12,) of both poses about their
+    linearisation points, the earlier one first. Independent evidence adds up.
 
     Attributes:
         start_ns: time of the earlier pose in nanoseconds.
