@@ -11,7 +11,7 @@ import pytest
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.measurement_model import specific_force_at_rest
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.filter.remembered_poses import delta_from_clone
+from coclo_vio.filter.remembered_poses import frame_pair, frame_pose
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.geometry import se3, so3
@@ -21,6 +21,7 @@ from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, Se
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.keyframes import relative_motion
 from coclo_vio.values.measurements import ImuSample
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -42,8 +43,8 @@ def _pose(state: State) -> Array:
     return se3.transform(state.rotation, state.vector[POSITION])
 
 
-def _clone_pose(state: State) -> Array:
-    return se3.transform(state.keyframe_rotation, state.vector[_LAYOUT.keyframe_position])
+def _keyframe_pose(state: State) -> Array:
+    return se3.transform(state.keyframe_rotation, state.vector[state.layout.keyframe_position])
 
 
 @pytest.fixture(scope="module")
@@ -174,16 +175,21 @@ def test_a_turned_world_changes_nothing_that_legs_or_imu_see() -> None:
 
 
 def test_covariance_of_a_delta_is_of_its_right_local_error() -> None:
-    """T_start_end = T_mean exp([rotation, translation]), the clone being the start."""
-    mean = _state(15)
-    core = SquareRootFilter(mean, np.ones(_LAYOUT.dimension), is_wide=False)
+    """T_start_end = T_mean exp([rotation, translation]), from the keyframe to the frame."""
+    layout = StateLayout(legs=2, has_contacts=False, has_frame=True)
+    rng = np.random.default_rng(15)
+    vector = rng.normal(size=layout.dimension)
+    vector[layout.camera] = 0.0
+    mean = State(layout, np.eye(3), vector, *(so3.exp(rng.normal(size=3)) for _ in range(3)))
+    core = SquareRootFilter(mean, np.ones(layout.dimension), is_wide=False)
     for seed in range(5):
-        error = _SMALL * np.random.default_rng(seed).normal(size=_LAYOUT.dimension)
-        core.factor = np.zeros((_LAYOUT.dimension, _LAYOUT.dimension))
+        error = _SMALL * np.random.default_rng(seed).normal(size=layout.dimension)
+        error[layout.camera] = 0.0
+        core.factor = np.zeros((layout.dimension, layout.dimension))
         core.factor[:, 0] = error  # a covariance of this one error
-        delta = delta_from_clone(core, 3, 8)
-        np.testing.assert_allclose(delta.T_start_end, se3.inverse(_clone_pose(mean)) @ _pose(mean), atol=1e-14)
+        delta = relative_motion(frame_pair(core, 3, 8), floor_m=0.0)
+        np.testing.assert_allclose(delta.T_start_end, se3.inverse(_keyframe_pose(mean)) @ frame_pose(mean), atol=1e-13)
         moved = mean.corrected(error)
-        other = se3.inverse(_clone_pose(moved)) @ _pose(moved)
+        other = se3.inverse(_keyframe_pose(moved)) @ frame_pose(moved)
         local = se3.log(se3.inverse(delta.T_start_end) @ other) / _SMALL
         np.testing.assert_allclose(delta.covariance / _SMALL**2, np.outer(local, local), atol=1e-3)

@@ -81,7 +81,7 @@ class InvariantLegOdometry:
             self._advance(self._filter, sample.stamp_ns, rate, 0.5 * (before.specific_force + sample.specific_force))
 
     def _take_force(self, sample: FootForceSample) -> None:
-        self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
+        self._counts["foot_force_stamp_refused"] += not self._load.push(sample)
 
     def _take_joints(self, sample: JointSample) -> StateEstimate | None:
         self._check_length("joint", len(sample.position), len(self._robot.joint_names))
@@ -90,7 +90,7 @@ class InvariantLegOdometry:
             return None
         self._standstill.push(sample)
         rate = None if self._imu is None else self._T_body_imu[:3, :3] @ self._imu.angular_velocity
-        contact = self._contact.update(sample.stamp_ns, self._load.at(sample, self._up_body(), rate))
+        contact = self._contact.update(sample.stamp_ns, self._load.loads_at(sample, self._up_body(), rate))
         self._joints = sample
         rest, imu = self._standstill.rest, self._imu
         self._filter = self._filter or self._started(sample.stamp_ns, rest)

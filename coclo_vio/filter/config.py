@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters of the filter. Noise that belongs to a robot's sensors stands in its description, not here."""
+"""Parameters of the filter. The noise of a robot's sensors is in its description, not here."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
@@ -17,11 +17,13 @@ Noise = Annotated[float, Field(gt=0)]
 class InitialConfig(StageConfig):
     """One-sigma uncertainties at the start from rest. Yaw and position are zero by definition of the world."""
 
-    tilt_rad: Annotated[float, Field(gt=0, lt=1, description="before gravity has been seen, rad")] = 0.2
+    tilt_rad: Annotated[float, Field(gt=0, lt=1, description="before gravity has been measured, rad")] = 0.2
     moving_tilt_rad: Annotated[float, Field(gt=0, lt=1, description="tilt of a start without rest, rad")] = 0.1
     velocity_mps: Annotated[float, Field(gt=0, description="at rest, m/s")] = 0.01
     moving_velocity_mps: Annotated[float, Field(gt=0, description="of a start without rest, m/s")] = 1.0
-    gyroscope_bias_radps: Annotated[float, Field(gt=0, description="before rest has been seen, rad/s")] = 0.02
+    gyroscope_bias_radps: Annotated[float, Field(gt=0, description="before a standstill has been measured, rad/s")] = (
+        0.02
+    )
     accelerometer_bias_mps2: Annotated[float, Field(gt=0, description="m/s^2")] = 0.05
     rest_force_noise_mps2: Annotated[
         float, Field(gt=0, description="mean specific force at rest, beyond its bias, m/s^2")
@@ -34,7 +36,7 @@ class InitialConfig(StageConfig):
         Field(ge=0, lt=0.2, description="error of the cameras' mounting, each axis, where there are cameras, rad"),
     ] = 0.004
     stereo_scale_sigma: Annotated[
-        float, Field(ge=0, lt=0.2, description="relative error of what stereo says of lengths, where there are cameras")
+        float, Field(ge=0, lt=0.2, description="relative error of lengths by stereo, where there are cameras")
     ] = 0.01
 
 
@@ -63,7 +65,7 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, description="one sigma of a window's specific force less the body's acceleration, m/s^2")
     ] = 0.1
     gravity_dwell_s: Annotated[
-        float, Field(ge=0, description="all feet must have stood this long before gravity is listened to, s")
+        float, Field(ge=0, description="all feet must have stood this long before gravity is measured, s")
     ] = 0.03
     gravity_window_s: Annotated[
         float, Field(gt=0, le=2, description="gravity is the mean over windows of this length, s")
@@ -77,24 +79,31 @@ class RobustConfig(StageConfig):
     ] = 0.05
     leg_scale_walk: Annotated[float, Field(ge=0, description="its random walk, 1/sqrt(s)")] = 0.001
     estimates_leg_compliance: Annotated[
-        bool, Field(description="whether it is estimated how far a leg gives under load, from legs against each other")
+        bool, Field(description="whether leg compliance under load is estimated, by comparing legs with each other")
     ] = True
     leg_compliance_sigma_m: Annotated[
-        float, Field(gt=0, lt=0.1, description="how far a leg may give under the load from which it stands, m")
+        float,
+        Field(gt=0, lt=0.1, description="one sigma of the compression of a leg under the load from which it stands, m"),
     ] = 0.002
     leg_compliance_walk_m: Annotated[float, Field(ge=0, description="its random walk, m/sqrt(s)")] = 1e-5
     slip_share: Annotated[
-        float, Field(ge=0, lt=1, description="speed at which all standing feet seem to slip, as a share of the body's")
+        float,
+        Field(
+            ge=0, lt=1, description="one sigma of the common slip of all standing feet, as a share of the body's speed"
+        ),
     ] = 0.015
     slip_turn_per_m: Annotated[
-        float, Field(ge=0, lt=1, description="how far they seem to turn the body for each metre walked, rad/m")
+        float,
+        Field(
+            ge=0, lt=1, description="one sigma of the rotation of the body by that slip for each metre walked, rad/m"
+        ),
     ] = 0.01
-    slip_memory_s: Annotated[float, Field(gt=0, description="for how long a slip goes on, s")] = 10.0
+    slip_memory_s: Annotated[float, Field(gt=0, description="time constant of that slip, s")] = 10.0
     gate_probability: Annotated[
-        float, Field(gt=0.5, lt=1, description="share of good leg measurements that pass the innovation gate")
+        float, Field(gt=0.5, lt=1, description="share of correct leg measurements that pass the innovation gate")
     ] = 0.997
     recovery_s: Annotated[
-        float, Field(gt=0, description="time without any accepted stance leg after which all are believed again, s")
+        float, Field(gt=0, description="time without any accepted stance leg after which all are accepted again, s")
     ] = 0.1
     standstill_velocity_noise_mps: Annotated[
         float, Field(gt=0, description="one sigma of the body velocity at standstill, m/s")
@@ -130,11 +139,11 @@ class PaperConfig(StageConfig):
 
 
 class FilterConfig(StageConfig):
-    """COCLO: the profile, its parameters, and how a run starts and copes with gaps."""
+    """COCLO: the profile, its parameters, the start, and gaps in the data."""
 
     @classmethod
     def of_robot(cls, robot: RobotDescription, changes: Mapping[str, Any] | None = None) -> Self:
-        """The defaults, changed by what the robot's description says of the filter, then by ``changes``.
+        """The defaults, changed by ``filter`` in the robot's description, then by ``changes``.
 
         Raises:
             ConfigError: a key that does not exist, or a value out of bounds.
@@ -142,19 +151,19 @@ class FilterConfig(StageConfig):
         return cls.parse(merged(robot.filter, changes or {}), f"filter of robot {robot.name!r}")
 
     profile: Annotated[
-        Literal["robust", "paper"], Field(description="paper: section III as printed; robust: what we recommend")
+        Literal["robust", "paper"], Field(description="paper: section III as printed; robust: recommended")
     ] = "robust"
     robust: Annotated[RobustConfig, Field(description="parameters of the robust profile")] = RobustConfig()
     paper: Annotated[PaperConfig, Field(description="parameters of the paper profile")] = PaperConfig()
     initial: Annotated[InitialConfig, Field(description="uncertainty at the start")] = InitialConfig()
-    feedback_gate: Annotated[GateConfig, Field(description="what evidence from outside (eyes) has to pass")] = (
+    feedback_gate: Annotated[GateConfig, Field(description="innovation gate of evidence from outside (vision)")] = (
         GateConfig()
     )
-    standstill: Annotated[StandstillConfig, Field(description="what counts as standing still")] = StandstillConfig()
+    standstill: Annotated[StandstillConfig, Field(description="limits of a standstill")] = StandstillConfig()
     rest_timeout_s: Annotated[
-        float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")
+        float, Field(ge=0, description="time to wait for a standstill before starting on the move, s")
     ] = 0.45
     max_gap_s: Annotated[
-        float, Field(gt=0, description="a longer pause between joint samples lets go of every foothold, s")
+        float, Field(gt=0, description="a longer gap between joint samples ends every foothold, s")
     ] = 0.1
     force_timeout_s: Annotated[float, Field(gt=0, description="foot forces older than this count as missing, s")] = 0.1

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Gravity from the accelerometer while all feet stand, without what the body itself accelerates.
 
-A standing robot still sways and rings: half a m/s^2 tilts "up" by three degrees, and keeps the sign for many samples.
-The legs know how the velocity changed meanwhile; over a window the mean specific force less that change is gravity.
+A standing robot still sways and vibrates: half a m/s^2 tilts the measured vertical by three degrees, and keeps its
+sign for many samples. The legs measure how the velocity changed meanwhile; over a window the mean specific force less
+that change is gravity.
 """
 
 from dataclasses import dataclass
@@ -12,12 +13,12 @@ import numpy as np
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
-_TIMEOUT_NS = 100_000_000  # an accelerometer that said nothing for so long has missed what happened
+_TIMEOUT_NS = 100_000_000  # a window with a longer gap between samples is dropped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GravityReading:
-    """What the accelerometer says of gravity after one window.
+    """Gravity as measured over one window.
 
     Attributes:
         force_world: mean specific force less the body's acceleration, world, m/s^2, (3,): up, and 9.81.
@@ -31,11 +32,11 @@ class GravityReading:
 class GravityWindow:
     """Collects specific force and velocity over windows that follow one another without overlap.
 
-    A gait leaves all feet on the ground for a tenth of a second at a time, so a window that a lifting foot cuts short
+    A gait leaves all feet on the ground for a tenth of a second at a time, so a window that a lifting foot ends early
     still counts if it lasted half its length.
 
     Args:
-        dwell_s: all feet must have stood so long before a window opens, s.
+        dwell_s: all feet must have stood for this long before a window opens, s.
         length_s: of a window, s.
     """
 
@@ -47,14 +48,14 @@ class GravityWindow:
         self._impulse = self._velocity_then = self._velocity_now = np.zeros(3)
 
     def close(self) -> GravityReading | None:
-        """A foot has left the ground, or nobody knows: what was collected until then, if it was long enough."""
+        """End the window because not all feet are known to stand; its reading, if it was long enough."""
         collected_ns = 0 if self._opened_ns is None else self._last_ns - self._opened_ns
         reading = self._reading() if 2 * collected_ns >= self._length_ns else None
         self._clear()
         return reading
 
     def add(self, stamp_ns: int, force_world: Array, velocity_world: Array) -> GravityReading | None:
-        """Take a sample of a moment in which all feet stand; a reading where it completes a window.
+        """Take a sample at which all feet stand; a reading where it completes a window.
 
         Args:
             stamp_ns: time in nanoseconds.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The filter's first state: from rest where the robot stands still, from the last readings where it never does."""
+"""The filter's first state: from rest where the robot stands still, otherwise from the mean specific force so far."""
 
 from dataclasses import dataclass
 
@@ -28,21 +28,21 @@ from coclo_vio.robot.standstill import Rest
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
 
-_MIN_FORCE_MPS2 = 1.0  # a mean specific force smaller than this shows no direction: the body is taken as level
+_MIN_FORCE_MPS2 = 1.0  # a smaller mean specific force has no usable direction: the body is taken as level
 _ZERO_SIGMA = 1e-9  # sigma of what is zero by definition: position and yaw at the start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootPrior:
-    """What is not known of where the feet are at the start; a sigma is 0 where its error is not estimated.
+    """Uncertainty of the feet at the start; a sigma is 0 where its error is not estimated.
 
     Attributes:
         noise_m: one sigma of a foot position in the body frame by itself, m.
         scale: one sigma of the relative error of the effective leg length.
-        compliance_m: one sigma of how far a leg gives under the load from which it stands, m.
-        slip: one sigma of how all feet slip together, as a share of the speed.
-        slip_turn: one sigma of how far they turn the body on the way, rad/m.
-        load_ratio: load on each foot, in loads from which a foot stands, (n,).
+        compliance_m: one sigma of the compression of a leg under the load from which it stands, m.
+        slip: one sigma of the common slip of all feet, as a share of the speed.
+        slip_turn: one sigma of the rotation of the body by that slip, for each metre walked, rad/m.
+        load_ratio: load on each foot as a multiple of the load from which a foot stands, (n,).
     """
 
     noise_m: float
@@ -71,7 +71,7 @@ def initial_filter(
         reading: the first reading; unknown legs start under the body.
         rest: mean readings at rest, None to start on the move.
         moving_force: mean specific force for a start on the move, body frame, m/s^2, (3,); None: level.
-        unsure: what is not known of the feet.
+        foot_prior: uncertainty of the feet.
         is_wide: see ``SquareRootFilter``.
     """
     force = moving_force if rest is None else rest.specific_force
@@ -113,9 +113,9 @@ def _sigmas(layout: StateLayout, config: InitialConfig, foot_prior: FootPrior, *
 
 
 def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
-    """The feet are where legs that do not give would have them: they share the error of that.
+    """Correlate the feet with the leg compliance: they are placed as by rigid legs and share the error of that.
 
-    Without it the first footholds, seen from the very same joint angles, would say that no leg gives.
+    Without it the first footholds, measured by the same joint angles, would determine the compliance to be zero.
     """
     feet = core.mean.layout.feet
     core.factor[feet.start + 2 : feet.stop : 3, LEG_COMPLIANCE] = (
@@ -124,7 +124,7 @@ def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
 
 
 def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:
-    """One update with gravity (tilt and accelerometer bias become correlated) and with the rate of rest."""
+    """One update with gravity (tilt and accelerometer bias become correlated) and with the rate at rest."""
 
     def model(stack: State) -> Array:
         return np.concatenate(

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measurements of the ``robust`` profile, built from blocks of rows. A block that has nothing to say is not there.
+"""Measurements of the ``robust`` profile, built from blocks of rows. A block without data is left out.
 
-Blocks (paper section III-D): gyroscope, gravity while all feet stand, body velocity and rate seen by each stance leg
-(the rows of the least squares of eq. (6), so that the filter weighs them itself and one leg can be turned down),
-relative position of each foot that holds; and rest, while the robot stands still. While no foot carries the body (it
-lies, or its contact sensing fails) every foot is asked, and hardly believed: better than coasting.
+Blocks (paper section III-D): gyroscope; body velocity and rate from each stance leg (the rows of the least squares of
+eq. (6), so that the filter weighs them itself and can reject a single leg); relative position of each foot that holds;
+zero velocity and rate while the robot stands still. While no foot is in stance (the robot lies, or its contact sensing
+fails) every known leg is used with a large noise, which bounds the drift of dead reckoning. Gravity is an update of
+its own (``gravity``).
 """
 
 from collections.abc import Callable
@@ -26,12 +27,11 @@ from coclo_vio.filter.state import (
     State,
 )
 from coclo_vio.geometry import so3
-from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 
 NO_LEG = -1
-CURVED_COLUMNS = 4  # rotation and leg scale bend these models; all else is linear given them
+CURVED_COLUMNS = 4  # the models are nonlinear in rotation and leg scale, and linear in all else given them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class Block:
         measured: (3 k,).
         model: from a stack of states to predicted measurements (points, 3 k).
         noise: lower factors of the noise covariance of each three rows, (k, 3, 3).
-        legs: the leg that each three rows come from, (k,); ``NO_LEG`` for what is no leg's.
+        legs: the leg that each three rows come from, (k,); ``NO_LEG`` for rows of no leg.
     """
 
     measured: Array
@@ -68,14 +68,15 @@ def _rest(stack: State) -> Array:
     return np.concatenate((stack.vector[:, VELOCITY], stack.vector[:, RATE]), axis=1)
 
 
-def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[State], Array]:
-    """Velocities ``R^T v + w x lever`` of the body points at contacts, body frame, as legs of nominal length see them.
+def _velocity_of(levers: Array, rolling: Array, compliance_velocity: Array) -> Callable[[State], Array]:
+    """Velocities ``R^T v + w x lever`` of body points at contacts, body frame, as legs of nominal length measure them.
 
     Args:
         levers: from the body origin to each contact, m, body frame, (k, 3).
-        rolling: the part of the velocity that the turning foot link makes, m/s, body frame, (k, 3): not scaled.
-        giving: velocity at which each leg gives way, m/s, body frame, (k, 3), as far as is known: nothing is learned
-            from it, for the rate of a noisy load is mostly noise, and what varies with noise seems not to give at all.
+        rolling: the part of the velocity due to the rotation of the foot link, m/s, body frame, (k, 3): not scaled.
+        compliance_velocity: velocity at which each leg is compressed, m/s, body frame, (k, 3), at the mean of the leg
+            compliance: a constant here, because the rate of a noisy load is mostly noise, and an estimate from it would
+            be biased to zero.
     """
     cross = np.concatenate(list(so3.hat(levers)), axis=1)
 
@@ -85,58 +86,72 @@ def _velocity_of(levers: Array, rolling: Array, giving: Array) -> Callable[[Stat
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
         velocity -= slip_velocity(stack, levers)
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
-        velocity += giving
+        velocity += compliance_velocity
         return np.asarray(velocity.reshape(count, -1))
 
     return model
 
 
-def _position_of(legs: IntArray, positions_body: Array, hips_body: Array, given: Array) -> Callable[[State], Array]:
-    """Positions ``R^T (p - r)`` of foot centres in the body frame, (k, 3), as rigid legs of nominal length see them.
+def _position_of(
+    legs: IntArray, positions_body: Array, hips_body: Array, compliance_axes: Array
+) -> Callable[[State], Array]:
+    """Positions ``R^T (p - r)`` of foot centres in the body frame, (k, 3), as measured by rigid legs of nominal length.
 
     Args:
         legs: which, (k,).
-        positions_body: where the joints say the feet are, m, body frame, (k, 3).
-        hips_body: where each leg begins, m, body frame, (k, 3).
-        given: upward direction times how hard each leg is pressed, body frame, (k, 3).
+        positions_body: feet by the kinematics, m, body frame, (k, 3).
+        hips_body: first joint of each leg, m, body frame, (k, 3).
+        compliance_axes: upward direction times load ratio of each leg, body frame, (k, 3).
     """
 
     def model(stack: State) -> Array:
         relative = stack.feet[:, legs] - stack.vector[:, None, POSITION]
         position = relative @ stack.rotation - leg_scale_offset(stack.vector[:, LEG_SCALE], positions_body, hips_body)
-        position -= stack.vector[:, LEG_COMPLIANCE, None] * given
+        position -= stack.vector[:, LEG_COMPLIANCE, None] * compliance_axes
         return np.asarray(position.reshape(len(position), -1))
 
     return model
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LegSensing:
+    """What the measurement model knows of the robot and its parameters; the same at every sample.
+
+    Attributes:
+        radii_m: radius of each foot, (n,).
+        hips_body: first joint of each leg, body frame, m, (n, 3).
+        joint_velocity_noise_radps: one sigma of a joint velocity, rad/s.
+        config: parameters.
+    """
+
+    radii_m: Array
+    hips_body: Array
+    joint_velocity_noise_radps: float
+    config: RobustConfig
+
+
 def blocks(
+    sensing: LegSensing,
     reading: Reading,
     motion: FootMotion,
     mean: State,
     *,
-    radii_m: Array,
-    hips_body: Array,
     foot_noise: Array,
-    robot: RobotDescription,
-    config: RobustConfig,
     gyroscope_noise_radps: float,
     dt_s: float,
 ) -> list[Block]:
     """The measurements of one joint sample.
 
     Args:
-        reading: what the sensors say.
+        sensing: the legs and the parameters.
+        reading: the measured values.
         motion: how the feet moved.
         mean: the predicted mean, for the direction of the ground under a rolling foot.
-        radii_m: radius of each foot, (n,).
-        hips_body: where each leg begins, body frame, m, (n, 3).
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
-        robot: noise of its sensors.
-        config: parameters.
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
         dt_s: time since the last joint sample, s.
     """
+    config = sensing.config
     result: list[Block] = []
     if reading.angular_velocity is not None:
         result.append(_imu_block(reading.angular_velocity, gyroscope, gyroscope_noise_radps))
@@ -144,33 +159,51 @@ def blocks(
     if reading.is_stationary:
         sigmas = (config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps)
         result.append(_imu_block(np.zeros(6), _rest, *sigmas))
-    carries = bool(stance.any())
-    legs = np.flatnonzero(stance if carries else reading.is_known)
+    has_stance = bool(stance.any())
+    legs = np.flatnonzero(stance if has_stance else reading.is_known)
     if not len(legs):
         return result
     up_body = mean.rotation.T @ UP
-    feet = reading.feet
-    slip = config.foot_velocity_noise_mps if carries else config.no_contact_velocity_density / np.sqrt(dt_s)
-    arms = radii_m[legs, None] * up_body
-    arms_cross = so3.hat(arms)
-    jacobian = feet.jacobian[legs]
-    contact_jacobian = jacobian[:, 3:] + arms_cross @ jacobian[:, :3]
-    squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * robot.joint_velocity_noise_radps**2
-    rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
-    measured = rolling - feet.velocity_body[legs]
-    giving = mean.vector[LEG_COMPLIANCE] * motion.load_ratio_rate[legs, None] * up_body
-    model = _velocity_of(feet.position_body[legs] - arms, rolling, giving)
-    noise = np.asarray(np.linalg.cholesky(squared + slip**2 * np.eye(3)))
-    result.append(Block(measured.ravel(), model, noise, legs))
+    sigma_mps = config.foot_velocity_noise_mps if has_stance else config.no_contact_velocity_density / np.sqrt(dt_s)
+    result.append(_velocity_block(sensing, reading, motion, mean, legs, sigma_mps))
     held = legs[motion.holds[legs]]
     if len(held):
-        centres = feet.position_body[held]
-        model = _position_of(held, centres, hips_body[held], motion.load_ratio[held, None] * up_body)
+        centres = reading.feet.position_body[held]
+        compliance_axes = motion.load_ratio[held, None] * up_body
+        model = _position_of(held, centres, sensing.hips_body[held], compliance_axes)
         result.append(Block(centres.ravel(), model, foot_noise[held], held))
     return result
 
 
+def _velocity_block(
+    sensing: LegSensing, reading: Reading, motion: FootMotion, mean: State, legs: IntArray, sigma_mps: float
+) -> Block:
+    """Velocity of the body over the contact point of each of the ``legs`` (k,), eq. (6), 3 k rows.
+
+    Args:
+        sensing: the legs and the parameters.
+        reading: the measured values.
+        motion: how the feet moved.
+        mean: the predicted mean.
+        legs: which.
+        sigma_mps: noise of a foot's velocity beside that of its joints, m/s.
+    """
+    feet = reading.feet
+    up_body = mean.rotation.T @ UP
+    arms = sensing.radii_m[legs, None] * up_body
+    arms_cross = so3.hat(arms)
+    jacobian = feet.jacobian[legs]
+    contact_jacobian = jacobian[:, 3:] + arms_cross @ jacobian[:, :3]
+    squared = contact_jacobian @ np.swapaxes(contact_jacobian, 1, 2) * sensing.joint_velocity_noise_radps**2
+    rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
+    measured = rolling - feet.velocity_body[legs]
+    compliance_velocity = mean.vector[LEG_COMPLIANCE] * motion.load_ratio_rate[legs, None] * up_body
+    model = _velocity_of(feet.position_body[legs] - arms, rolling, compliance_velocity)
+    noise = np.asarray(np.linalg.cholesky(squared + sigma_mps**2 * np.eye(3)))
+    return Block(measured.ravel(), model, noise, legs)
+
+
 def _imu_block(measured: Array, model: Callable[[State], Array], *sigmas: float, owner: int = NO_LEG) -> Block:
-    """Rows that belong to no leg; one sigma for each three."""
+    """Rows of no leg; one sigma for each three."""
     noise = np.array(sigmas)[:, None, None] * np.eye(3)
     return Block(measured, model, noise, np.full(len(sigmas), owner))

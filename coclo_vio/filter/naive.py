@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Naive leg odometry, the baseline that shows what each idea of the filter is worth.
+"""Naive leg odometry: the baseline that shows what each part of the filter contributes.
 
-Attitude is the integrated gyroscope, velocity the mean of what the stance legs say, position its sum. No covariance
-worth the name: it is reported as growing with the path, for the format's sake, and is no claim.
+Attitude is the integrated gyroscope, velocity the mean of the velocities that the stance legs measure, position its
+integral. There is no estimate of the uncertainty: the reported covariance grows with the path only to fill the format.
 """
 
 from collections import Counter
@@ -24,7 +24,7 @@ _DRIFT_RATIO = 0.1  # of the travelled distance, for the covariance
 
 
 class NaiveLegOdometry:
-    """Stance feet averaged, gyroscope attitude; started from rest like the filter.
+    """Mean over the stance feet, attitude from the gyroscope; started from rest like the filter.
 
     Args:
         robot: the legs.
@@ -88,7 +88,7 @@ class NaiveLegOdometry:
         self._rate, self._velocity_world, self._stamp_ns = rate, velocity, reading.stamp_ns
 
     def _velocity(self, reading: Reading, rate: Array) -> Array:
-        """World velocity, m/s, (3,): the stance legs' mean, or the last one where no leg stands."""
+        """World velocity, m/s, (3,): the mean over the stance legs, or the last one where no leg stands."""
         stance = reading.is_stance
         if not stance.any():
             self._counts["no_stance_leg"] += 1
@@ -96,10 +96,10 @@ class NaiveLegOdometry:
         feet = reading.feet
         arm = self._radii_m[stance, None] * self._rotation[2]
         turning = np.cross(rate + feet.angular_velocity_body[stance], arm)
-        seen = turning - feet.velocity_body[stance] - np.cross(rate, feet.position_body[stance])
+        velocity = turning - feet.velocity_body[stance] - np.cross(rate, feet.position_body[stance])
         load = np.nan_to_num(reading.contact.load[stance])
-        weights = np.maximum(load, 1e-6) if self._weighs_load else np.ones(len(seen))
-        return np.asarray(self._rotation @ (weights @ seen / weights.sum()))
+        weights = np.maximum(load, 1e-6) if self._weighs_load else np.ones(len(velocity))
+        return np.asarray(self._rotation @ (weights @ velocity / weights.sum()))
 
     def _estimate(self, reading: Reading) -> StateEstimate:
         nav = NavState(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""COCLO from the outside: measurements in one at a time, an estimate out at every joint sample."""
+"""The leg odometry COCLO: measurements in, one at a time; an estimate out at every joint sample."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -27,13 +27,13 @@ from coclo_vio.values.outputs import Calibration
 from coclo_vio.values.units import NS_PER_S
 
 _ADVICE = (
-    "what was estimated before stays valid; look there for wild readings, or for stamps in another unit than their "
-    "column says"
+    "earlier estimates stay valid; look at the samples before that time for outliers, or for stamps in another unit "
+    "than given by the name of their column"
 )
 
 
 class LegOdometryFilter:
-    """Where a legged robot is, from joints, torques or foot forces, and a cheap IMU (paper section III).
+    """Pose and velocity of a legged robot from joints, torques or foot forces, and a cheap IMU (paper section III).
 
     The world is z up with its origin and heading at the body's first estimate. The filter waits for the robot to
     stand still (gravity, gyroscope bias), for at most ``rest_timeout_s``.
@@ -50,7 +50,7 @@ class LegOdometryFilter:
         """Take a robot and a configuration.
 
         Args:
-            robot: whose legs they are.
+            robot: the legs.
             config: of the filter; the robot's own if None.
             remembers_frames: keep the poses of a camera frame and of the anchor keyframe in the state, and the errors
                 of the cameras' calibration, for ``mark_frame``.
@@ -61,7 +61,7 @@ class LegOdometryFilter:
         contact = robot.description.contact
         self._profile: RobustProfile | PaperProfile
         if self.config.profile == "paper":
-            contact = contact.model_copy(update={"method": "paper", "compensation": "none"})
+            contact = contact.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
             self._profile = PaperProfile(robot, self.config.paper, self._counts, has_frame=remembers_frames)
         else:
             self._profile = RobustProfile(robot, self.config.robust, self._counts, has_frame=remembers_frames)
@@ -95,7 +95,7 @@ class LegOdometryFilter:
         is_gap = dt_s > self.config.max_gap_s
         if is_gap:
             self._counts["gap"] += 1
-            reading, dt_s = self._bridge(self._core, reading)
+            reading, dt_s = self._predict_gap(self._core, reading)
         try:
             is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
         except np.linalg.LinAlgError as error:
@@ -148,12 +148,12 @@ class LegOdometryFilter:
         robust, reach = self.config.robust, float(np.sqrt(dt_s**3 / 3.0))
         return dt_s, (robust.angular_acceleration_density * reach, robust.acceleration_density * reach)
 
-    def _bridge(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
-        """Turn with the gyroscope while the joints were silent; returns what is left of the reading and of the step.
+    def _predict_gap(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
+        """Predict across a gap of the joints with the gyroscope; returns the rest of the reading and of the step.
 
         The paper's profile takes the whole gap in one step, as printed.
         """
-        rest_of = reading
+        remaining = reading
         if isinstance(self._profile, RobustProfile):
             for stamp_ns, rate in reading.gyroscope:
                 if stamp_ns <= self._stamp_ns or stamp_ns >= reading.stamp_ns:
@@ -163,8 +163,8 @@ class LegOdometryFilter:
                 self._stamp_ns = stamp_ns
             last = reading.gyroscope[-1] if reading.gyroscope else None
             is_current = last is not None and last[0] >= reading.stamp_ns
-            rest_of = replace(reading, angular_velocity=last[1] if last is not None and is_current else None)
-        return rest_of, (reading.stamp_ns - self._stamp_ns) / NS_PER_S
+            remaining = replace(reading, angular_velocity=last[1] if last is not None and is_current else None)
+        return remaining, (reading.stamp_ns - self._stamp_ns) / NS_PER_S
 
     def _gyroscope_noise(self, dt_s: float) -> float:
         """One sigma of the gyroscope averaged over a step, rad/s."""
@@ -198,7 +198,7 @@ class LegOdometryFilter:
         rows = mean.plain_jacobian() @ core.factor
         covariance = rows @ rows.T
         if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
-            raise FilterError(f"the state is not finite any more at {reading.stamp_ns} ns: {_ADVICE}")
+            raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")
         nav = NavState(
             se3.transform(mean.rotation, vector[POSITION]),
             vector[VELOCITY],

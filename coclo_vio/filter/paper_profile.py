@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The ``paper`` profile: sections III-B to III-E as printed.
 
-Where the paper contradicts itself or falls silent:
+Where the paper contradicts itself or leaves something open:
 
 * it counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33;
 * its angular velocity is a world rate in the state and a body rate in the quaternion product: here a body rate;
-* it is used less the gyroscope bias in the prediction but measured raw: so it is here;
+* the prediction subtracts the gyroscope bias from it, the measurement does not add it: so it is here;
 * a swing foot moves with eq. (4), the foot's velocity relative to the body: the body's own velocity is left out;
-* the right side of eq. (6) has to carry a minus for the equation above it to hold: here it does;
-* with fewer than three stance feet eq. (6) has no unique solution: the least squares is of smallest norm there, and a
-  rate that two feet do not show is the gyroscope's alone;
+* the right side of eq. (6) needs a minus for the equation above it to hold: here it has one;
+* with fewer than three stance feet eq. (6) has no unique solution: least squares of smallest norm is used there, with
+  the rate of the gyroscope alone;
 * "we set the innovation to be zero" for gravity unless all feet stand: so it is here, which shrinks the covariance all
   the same. The ``robust`` profile drops the rows.
 """
@@ -38,11 +38,11 @@ from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 
-CURVED_COLUMNS = 10  # rotation, (leg scale,) rate and gyroscope bias bend the prediction
+CURVED_COLUMNS = 10  # the prediction is nonlinear in rotation, (leg scale,) rate and gyroscope bias
 
 
 class PaperProfile:
-    """The steps of the filter as the paper prints them."""
+    """The steps of the filter as printed in the paper."""
 
     def __init__(
         self, robot: RobotModel, config: PaperConfig, counts: Counter[str], *, has_frame: bool = False
@@ -54,19 +54,19 @@ class PaperProfile:
         self._imu = robot.description.imu
 
     def start(self, reading: Reading) -> None:
-        """Nothing is remembered outside the state."""
+        """Do nothing: this profile has no memory outside the state."""
 
     def foot_prior(self, reading: Reading) -> FootPrior:
-        """What is not known of the feet at the start."""
-        none = np.zeros(self.layout.legs)
+        """Uncertainty of the feet at the start."""
+        no_load = np.zeros(self.layout.legs)
         return FootPrior(
-            self._config.foot_noise_m, scale=0.0, compliance_m=0.0, slip=0.0, slip_turn=0.0, load_ratio=none
+            self._config.foot_noise_m, scale=0.0, compliance_m=0.0, slip=0.0, slip_turn=0.0, load_ratio=no_load
         )
 
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool
     ) -> BoolArray:
-        """Predict to the reading and take it; returns the legs that count as stance, (n,)."""
+        """Predict to the reading and update by it; returns the legs that count as stance, (n,)."""
         config, layout = self._config, self.layout
         swings = core.mean.vector[layout.contacts] < config.swing_probability
         velocity = np.where(reading.is_known[:, None], reading.feet.velocity_body, 0.0) * swings[:, None]

@@ -5,7 +5,7 @@ Body: white acceleration on velocity and rate, with the exact correlation to pos
 measured at both ends of a step integrates as a trapezoid.
 Foot in stance: the contact point is at rest, not the centre of the spherical foot, so the centre moves by the foot
 link's rotation, ``dp = phi x (radius normal)``. Foot in swing: carried with the body by its own kinematics, which
-is what integrating its joint velocities aims at (paper section III-C), without their noise.
+is the integral of its joint velocities (paper section III-C) without their noise.
 """
 
 from dataclasses import replace
@@ -32,14 +32,14 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 
 UP = np.array([0.0, 0.0, 1.0])
-CURVED_COLUMNS = 7  # rotation, leg scale and rate bend the prediction; all else is linear given them
-_LOST_LEG_NOISE_M = 0.1  # of a foot whose joints say nothing: it is somewhere near where it was
+CURVED_COLUMNS = 7  # the prediction is nonlinear in rotation, leg scale and rate, and linear in all else given them
+_UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its last known position
 _HAT_UP = so3.hat(UP)
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
 
 def leg_scale_offset(scale: Array, position_body: Array, hips_body: Array) -> Array:
-    """What legs longer by a fraction (points, 1) add to foot positions (n, 3): (points, n, 3), m, body frame.
+    """Offset of foot positions (n, 3) by legs longer by a fraction (points, 1): (points, n, 3), m, body frame.
 
     Only the horizontal part is scaled: bending and rolling shorten the sweep of a leg, not the height of the body.
     """
@@ -49,10 +49,10 @@ def leg_scale_offset(scale: Array, position_body: Array, hips_body: Array) -> Ar
 
 
 def slip_velocity(stack: State, position_body: Array) -> Array:
-    """Velocity at which standing feet at ``position_body`` (n, 3) seem to slip, body axes, m/s, (points, n, 3).
+    """Velocity at which standing feet at ``position_body`` (n, 3) slip together, body axes, m/s, (points, n, 3).
 
-    In proportion to the speed, as far as that is known (the stack's first point is its centre): nothing is learned of
-    the speed from it, and a body at rest says nothing of how its feet slip while it walks.
+    In proportion to the speed of the mean (the stack's first point is its centre), which is a constant here: the slip
+    does not correct the speed, and a body at rest has no slip that would be observed.
     """
     speed = float(np.linalg.norm(stack.vector[0, VELOCITY]))
     slip = stack.vector[:, None, SLIP] - position_body @ so3.hat(stack.vector[:, SLIP_TURN])
@@ -67,10 +67,10 @@ def predict(
     Args:
         stack: sigma points of the state.
         dt_s: the step, s.
-        motion: what the joints say of the feet.
-        radii_m: radius of each foot, (n,); 0 lets the foot centre itself hold.
-        hips_body: where each leg begins, body frame, m, (n, 3).
-        slip_memory_s: time constant with which a slip is forgotten.
+        motion: of the feet, by the joints.
+        radii_m: radius of each foot, (n,); with 0 the foot centre itself is at rest.
+        hips_body: first joint of each leg, body frame, m, (n, 3).
+        slip_memory_s: time constant with which a slip decays, s.
     """
     turn = stack.vector[:, RATE] * dt_s
     rotation = stack.rotation @ so3.exp(turn)
@@ -102,9 +102,9 @@ def noise_rows(
 ) -> Array:
     """Rows ``N``, (20 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
-    Rate and velocity change by white accelerations and run straight from one sample to the next: what is measured at
-    both ends of a step fixes what was turned and travelled between them. A rate that wandered between samples (white
-    acceleration in continuous time) would make tilt as unsure as 9e-4 rad a step, many times what a gyroscope leaves.
+    Rate and velocity change by white accelerations and are linear from one sample to the next: their measurements at
+    both ends of a step determine the rotation and the motion in it. A rate that varied between samples (white
+    acceleration in continuous time) would add 9e-4 rad to the tilt at each step, many times the noise of a gyroscope.
 
     Args:
         mean: the predicted mean.
@@ -116,15 +116,32 @@ def noise_rows(
         imu: bias walks.
     """
     layout = mean.layout
-    legs = layout.legs
-    rows = np.zeros((20 + 3 * legs, layout.dimension))
-    root = np.sqrt(dt_s)
-    identity = np.eye(3)
-    turn_rows, move_rows = rows[0:3], rows[3:6]
-    turn_rows[:, ROTATION] = config.angular_acceleration_density * root * 0.5 * dt_s * mean.rotation.T
-    turn_rows[:, RATE] = config.angular_acceleration_density * root * identity
-    move_rows[:, POSITION] = config.acceleration_density * root * 0.5 * dt_s * identity
-    move_rows[:, VELOCITY] = config.acceleration_density * root * identity
+    rows = np.zeros((20 + 3 * layout.legs, layout.dimension))
+    _set_body_rows(rows, mean, dt_s, config, imu)
+    world_turn, moved = rows[0:3, ROTATION], rows[3:6, POSITION]
+    lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
+    feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
+    feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
+    feet[3:6, ~motion.holds] = moved[:, None]
+    carried = np.where(motion.is_known[:, None, None], foot_noise, _UNKNOWN_LEG_NOISE_M * np.eye(3))
+    creep = config.foothold_creep * np.sqrt(dt_s) * np.eye(3)
+    own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
+    each = np.arange(layout.legs)
+    feet[20:].reshape(layout.legs, 3, layout.legs, 3)[each, :, each] = own
+    rows[:, layout.feet] = feet.reshape(len(rows), -1)
+    world = mean.vector[layout.world].reshape(-1, 3)
+    turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)
+    rows[0:3, layout.world] -= turned.reshape(3, -1)
+    return rows
+
+
+def _set_body_rows(rows: Array, mean: State, dt_s: float, config: RobustConfig, imu: ImuCalibration) -> None:
+    """Write the noise of body, biases, leg scale, leg compliance and slip into the first 20 of the rows."""
+    root, identity = np.sqrt(dt_s), np.eye(3)
+    rows[0:3, ROTATION] = config.angular_acceleration_density * root * 0.5 * dt_s * mean.rotation.T
+    rows[0:3, RATE] = config.angular_acceleration_density * root * identity
+    rows[3:6, POSITION] = config.acceleration_density * root * 0.5 * dt_s * identity
+    rows[3:6, VELOCITY] = config.acceleration_density * root * identity
     rows[6:9, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * root * identity
     rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
     rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
@@ -132,18 +149,3 @@ def noise_rows(
     slip = root * np.sqrt(2.0 / config.slip_memory_s)
     rows[14:17, SLIP_TURN] = config.slip_turn_per_m * slip * identity
     rows[17:20, SLIP] = config.slip_share * slip * identity
-    world_turn = turn_rows[:, ROTATION]
-    lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
-    feet = rows[:, layout.feet].reshape(len(rows), legs, 3)  # a copy: written back below
-    feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
-    feet[3:6, ~motion.holds] = move_rows[:, None, POSITION]
-    carried = np.where(motion.is_known[:, None, None], foot_noise, _LOST_LEG_NOISE_M * identity)
-    creep = config.foothold_creep * root * identity
-    own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
-    each = np.arange(legs)
-    feet[20:].reshape(legs, 3, legs, 3)[each, :, each] = own
-    rows[:, layout.feet] = feet.reshape(len(rows), -1)
-    world = mean.vector[layout.world].reshape(-1, 3)
-    turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)
-    rows[0:3, layout.world] -= turned.reshape(3, -1)
-    return rows

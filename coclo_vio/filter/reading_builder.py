@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From single measurements to one reading a joint sample: order, averaging, contact.
+"""From single measurements to one reading at each joint sample: order, averaging, contact.
 
-Everything odd is counted.
+Every refused or missing sample is counted.
 """
 
 from collections import Counter
@@ -19,14 +19,13 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
-_MAX_FORCES = 200  # accelerometer readings that are kept while no joint sample comes
+_MAX_FORCES = 200  # accelerometer samples that are kept while no joint sample comes
 
 
 class ReadingBuilder:
     """Collects measurements until a joint sample completes a reading.
 
-    A sample whose stamp does not pass the last of its kind is refused and counted; the state it would have spoiled
-    stays as it was.
+    A sample whose stamp is not later than the last of its kind is refused and counted, and changes nothing.
     """
 
     def __init__(self, robot: RobotModel, config: FilterConfig, contact: ContactConfig, counts: Counter[str]) -> None:
@@ -39,19 +38,19 @@ class ReadingBuilder:
         self._imu_ns: int | None = None
         self._force_sum: Array = np.zeros(3)
         self._force_count = 0
-        self._rates: list[tuple[int, Array]] = []  # stamp and rate of each reading since the last joint sample
+        self._rates: list[tuple[int, Array]] = []  # stamp and rate of each sample since the last joint sample
         self._forces_body: list[Array] = []  # since the last joint sample, and the one before
         self._load = FootLoad(robot, contact, config.force_timeout_s)
         self._joint_ns: int | None = None
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What contact and standstill counted."""
+        """Counts of contact and standstill."""
         return {**self._contact.counts, **self._standstill.counts}
 
     @property
     def rest(self) -> Rest | None:
-        """Mean readings while the robot stands still, turned to the body frame; None while it moves."""
+        """Mean IMU samples while the robot stands still, rotated to the body frame; None while it moves."""
         rest = self._standstill.rest
         if rest is None:
             return None
@@ -60,14 +59,14 @@ class ReadingBuilder:
 
     @property
     def mean_force(self) -> Array | None:
-        """Mean specific force of all readings so far, body frame, m/s^2, (3,): gravity, if the robot sways about."""
+        """Mean specific force of all samples so far, body frame, m/s^2, (3,): near gravity if the robot only sways."""
         return None if self._force_count == 0 else self._force_sum / self._force_count
 
     @property
     def specific_force(self) -> Array | None:
-        """Mean of the accelerometer since the last joint sample, the reading before it too, body frame, m/s^2, (3,).
+        """Mean of the accelerometer since the last joint sample and the one before, body frame, m/s^2, (3,).
 
-        With one reading a joint sample it is the mean of two of section III-D.
+        With one accelerometer sample for each joint sample it is the mean of two of section III-D.
         """
         if not self._forces_body:
             return None
@@ -81,8 +80,8 @@ class ReadingBuilder:
             up_body: the upward direction in the body frame, (3,), or None before the start.
 
         Raises:
-            FilterError: the sample is not of this robot: another number of joints.
-            RobotModelError: another number of legs.
+            FilterError: the sample has another number of joints than the robot.
+            RobotModelError: it has another number of legs.
         """
         match measurement:
             case ImuSample():
@@ -105,7 +104,7 @@ class ReadingBuilder:
         self._forces_body = [*self._forces_body[-_MAX_FORCES:], self._rotation_body_imu @ sample.specific_force]
 
     def _take_force(self, sample: FootForceSample) -> None:
-        self._counts["foot_force_stamp_refused"] += not self._load.take(sample)
+        self._counts["foot_force_stamp_refused"] += not self._load.push(sample)
 
     def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
         joints = len(self._robot.joint_names)
@@ -118,13 +117,13 @@ class ReadingBuilder:
             self._counts["joint_stamp_refused"] += 1
             return None
         self._standstill.push(sample)
-        force = self.specific_force if self._rates else None  # an IMU that fell silent shows no gravity
+        force = self.specific_force if self._rates else None  # without new IMU samples gravity is unknown
         if up_body is None:
             up_body = np.array([0.0, 0.0, 1.0]) if force is None else force / max(float(np.linalg.norm(force)), 1e-6)
         feet = self._robot.feet(sample.position, sample.velocity)
         rates = tuple(self._rates)
         rate = np.asarray(np.mean([each for _, each in rates], axis=0)) if rates else None
-        contact = self._contact.update(sample.stamp_ns, self._load.at(sample, up_body, rate))
+        contact = self._contact.update(sample.stamp_ns, self._load.loads_at(sample, up_body, rate))
         if rate is None:
             self._counts["imu_missing"] += 1
         self._rates = []

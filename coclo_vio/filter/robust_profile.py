@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One step of the ``robust`` profile: predict with the feet, turn down what slips, update with the rest."""
+"""One step of the ``robust`` profile: predict with the feet, reject legs that slip, update with the others."""
 
 from collections import Counter
 
@@ -10,7 +10,7 @@ from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.initialisation import FootPrior
-from coclo_vio.filter.measurement_model import NO_LEG, Block
+from coclo_vio.filter.measurement_model import NO_LEG, Block, LegSensing
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading, load_ratio_of
 from coclo_vio.filter.state import RATE, SLIP, VELOCITY, State, StateLayout
@@ -30,20 +30,22 @@ class RobustProfile:
         self._robot: RobotDescription = robot.description
         self._config = config
         self._counts = counts
-        self._hips_body = robot.hip_position_body
-        self._radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
+        radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
+        self._sensing = LegSensing(
+            radii_m, robot.hip_position_body, robot.description.joint_velocity_noise_radps, config
+        )
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
         self._footholds: Footholds | None = None
-        self._without_legs_s = 0.0
+        self._rejecting_s = 0.0
         self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
 
     def start(self, reading: Reading) -> None:
-        """Take the first reading; feet that stand in it are footholds."""
+        """Take the first reading; its feet in stance become footholds."""
         self._footholds = Footholds(reading, self._robot.contact.on_force)
-        self._without_legs_s = 0.0
+        self._rejecting_s = 0.0
 
     def foot_prior(self, reading: Reading) -> FootPrior:
-        """What is not known of the feet at the start; as noise the largest of any foot."""
+        """Uncertainty of the feet at the start; the noise is the largest of any foot."""
         config = self._config
         return FootPrior(
             noise_m=float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
@@ -63,22 +65,18 @@ class RobustProfile:
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool
     ) -> BoolArray:
-        """Predict to the reading and take it; returns the legs that held the body, (n,)."""
+        """Predict to the reading and update by it; returns the legs that were used as stance, (n,)."""
         assert self._footholds is not None, "start() comes first"
-        config = self._config
         motion = self._footholds.advance(reading, is_gap=is_gap)
         foot_noise = self._foot_noise(reading)
         self._counts["no_contact"] += not reading.is_stance.any()
         self._predict(core, motion, dt_s, foot_noise)
         blocks = measurement_model.blocks(
+            self._sensing,
             reading,
             motion,
             core.mean,
-            radii_m=self._radii_m,
-            hips_body=self._hips_body,
             foot_noise=foot_noise,
-            robot=self._robot,
-            config=config,
             gyroscope_noise_radps=gyroscope_noise_radps,
             dt_s=dt_s,
         )
@@ -91,7 +89,7 @@ class RobustProfile:
         return stance
 
     def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
-        """One step on the gyroscope alone, body frame, rad/s, (3,): the joints say nothing."""
+        """One step without joints, with the rate of the gyroscope alone, body frame, rad/s, (3,)."""
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.carried()
         self._predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
@@ -101,13 +99,13 @@ class RobustProfile:
     def _predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         core.predict(
             lambda stack: process_model.predict(
-                stack, dt_s, motion, self._radii_m, self._hips_body, self._config.slip_memory_s
+                stack, dt_s, motion, self._sensing.radii_m, self._sensing.hips_body, self._config.slip_memory_s
             ),
             lambda mean: process_model.noise_rows(
                 mean,
                 dt_s,
                 motion,
-                radii_m=self._radii_m,
+                radii_m=self._sensing.radii_m,
                 foot_noise=foot_noise,
                 config=self._config,
                 imu=self._robot.imu,
@@ -129,11 +127,11 @@ class RobustProfile:
         keep = np.ones(len(owner), dtype=np.bool_)
         rejected = self._rejected(covariance, innovation, owner)
         stance = reading.is_stance & ~rejected
-        is_refusing = bool(reading.is_stance.any() and not stance.any())
-        self._without_legs_s = self._without_legs_s + dt_s if is_refusing else 0.0
-        if self._without_legs_s > self._config.recovery_s and rejected.any():
+        is_rejecting_all = bool(reading.is_stance.any() and not stance.any())
+        self._rejecting_s = self._rejecting_s + dt_s if is_rejecting_all else 0.0
+        if self._rejecting_s > self._config.recovery_s and rejected.any():
             self._counts["recovery"] += 1
-            self._without_legs_s = 0.0
+            self._rejecting_s = 0.0
             rejected[:] = False
             stance = reading.is_stance
         if rejected.any():
@@ -147,7 +145,7 @@ class RobustProfile:
         return stance
 
     def _update_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
-        """Listen to the accelerometer while all feet stand, and update where a window of it is complete."""
+        """Collect specific force while all feet stand, and update by gravity where a window is complete."""
         mean = core.mean
         if is_gap:
             self._gravity.close()

@@ -12,7 +12,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
 MAX_ROTATION_SIGMA_RAD = 0.6
-"""Larger uncertainties of a rotation are reported as this; narrow sigma points stand up to sqrt(7) times as far."""
+"""Upper limit of the sigma of a rotation; sigma points lie up to sqrt(7) times as far from the mean."""
 
 
 class SquareRootFilter:
@@ -32,12 +32,12 @@ class SquareRootFilter:
         self.is_wide = is_wide
 
     def spread(self, curved: int) -> SigmaSpread:
-        """The sigma points for a model that bends in the first ``curved`` errors."""
+        """The sigma points for a model that is nonlinear in the first ``curved`` errors."""
         dimension = len(self.factor)
         return SigmaSpread(dimension, curved, float(dimension if self.is_wide else max(curved, 1)))
 
     def predict(self, process: Callable[[State], State], noise: Callable[[State], Array], curved: int) -> None:
-        """Move the state: ``process`` maps sigma points, ``noise`` gives the rows of Q at the new mean."""
+        """Predict: ``process`` maps sigma points, ``noise`` returns the rows of Q at the new mean."""
         points = self.spread(curved)
         moved = process(self.mean.spread(points.points(self.factor)))
         self.mean, deviations = moved.mean_and_deviations(points)
@@ -47,8 +47,8 @@ class SquareRootFilter:
     def _bound_rotation(self) -> None:
         """Keep the rotation sigmas below ``MAX_ROTATION_SIGMA_RAD``, so that no sigma point passes half a turn.
 
-        Yaw is never observed and its uncertainty grows without end, which a rotation cannot follow. Its errors are
-        scaled, here and in the clones, with all their correlations: nothing is learned from it.
+        Yaw is not observable and its uncertainty grows without bound, which a rotation cannot represent. Its errors are
+        scaled, here and in the remembered poses, with all their correlations: the mean does not change.
         """
         layout = self.mean.layout
         for rows in (ROTATION, layout.keyframe_rotation, layout.frame_rotation, layout.anchor_rotation):
@@ -66,16 +66,16 @@ class SquareRootFilter:
         return mean, points.rows(images - mean)
 
     def update(self, rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)) -> Correction:
-        """Take a measurement whose ``observe`` gave ``rows``; ``noise_rows`` ``N`` has ``N^T N = R``.
+        """Update by a measurement with the ``rows`` of ``observe``; ``noise_rows`` ``N`` has ``N^T N = R``.
 
-        Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean learns nothing.
+        Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean is not corrected.
         """
         correction = correct(self.factor, rows, noise_rows, innovation, considered)
         self.apply(correction)
         return correction
 
     def apply(self, correction: Correction) -> None:
-        """Move to where a correction leads."""
+        """Apply a correction to mean and factor."""
         self.factor = correction.factor
         self.mean = self.mean.corrected(correction.step)
 

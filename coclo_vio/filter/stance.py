@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What one joint sample says about the legs, and how each foot moved since the last one."""
+"""The reading at one joint sample, and how each foot moved since the last one."""
 
 from dataclasses import dataclass
 
@@ -11,20 +11,20 @@ from coclo_vio.robot.model import FeetKinematics
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.units import NS_PER_S
 
-_MAX_LOAD_RATIO = 20.0  # beyond it a load is a fault of its sensor
+_MAX_LOAD_RATIO = 20.0  # a larger load is a sensor fault
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """All that the sensors say at one joint sample; what said nothing is None or NaN.
+    """All sensors at one joint sample; missing values are None or NaN.
 
     Attributes:
         stamp_ns: time in nanoseconds.
         feet: foot kinematics; rows of an unknown leg are NaN.
         contact: probability and decision for each leg.
         angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
-        gyroscope: each reading behind that mean with its stamp in nanoseconds, oldest first.
-        specific_force: accelerometer mean since the last joint sample and the reading before, body frame, m/s^2, (3,).
+        gyroscope: each sample of that mean with its stamp in nanoseconds, oldest first.
+        specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
     """
 
@@ -43,7 +43,7 @@ class Reading:
 
     @property
     def is_stance(self) -> BoolArray:
-        """Legs that stand, (n,): by contact, or all of them while the robot stands still; unknown legs never."""
+        """Legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never."""
         return self.is_known & (self.contact.is_stance | self.is_stationary)
 
 
@@ -52,8 +52,8 @@ class FootMotion:
     """How the feet moved from one joint sample to the next.
 
     Attributes:
-        holds: feet that stood at both ends and whose foothold is trusted, (n,).
-        position_body: foot centres now, m, body frame, (n, 3); for an unknown leg its last known place.
+        holds: feet in stance at both ends whose foothold is valid, (n,).
+        position_body: foot centres now, m, body frame, (n, 3); for an unknown leg its last known position.
         turn_body: rotation of the foot link relative to the body, as a rotation vector in the body axes of the
             earlier time, (n, 3): ``exp(turn) = R_body_foot(now) R_body_foot(before)^T``.
         is_known: legs whose kinematics are known now, (n,).
@@ -71,15 +71,15 @@ class FootMotion:
 
 
 def load_ratio_of(reading: Reading, standing_load: float, before: Array) -> Array:
-    """Load on each foot in loads from which a foot stands, (n,): unit-free; ``before`` (n,) where it is unknown."""
+    """Load on each foot over the load from which a foot stands, (n,); ``before`` (n,) where it is unknown."""
     load = reading.contact.load
     return np.where(np.isfinite(load), np.clip(load / standing_load, 0.0, _MAX_LOAD_RATIO), before)
 
 
 class Footholds:
-    """Remembers the last kinematics and which footholds can still be trusted.
+    """Remembers the last kinematics and which footholds are still valid.
 
-    A foot that swings, slips or says nothing is carried along with the body until it stands again.
+    A foot that swings, slips or is unknown is carried with the body until it stands again.
     """
 
     def __init__(self, reading: Reading, standing_load: float) -> None:
@@ -88,18 +88,18 @@ class Footholds:
         self._stamp_ns = reading.stamp_ns
         self._load_ratio = load_ratio_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
         self._is_loaded = np.isfinite(reading.contact.load)
-        self._is_anchored = reading.is_stance
+        self._has_foothold = reading.is_stance
         self._rotation_body_foot = np.nan_to_num(reading.feet.rotation_body_foot)
         self._position_body = np.nan_to_num(reading.feet.position_body)
 
     def advance(self, reading: Reading, *, is_gap: bool) -> FootMotion:
-        """Take the next reading; after a gap no foothold is trusted."""
+        """Take the next reading; after a gap no foothold is valid."""
         is_known = reading.is_known
-        holds = self._is_anchored & reading.is_stance & (not is_gap)
+        holds = self._has_foothold & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
         relative = np.where(holds[:, None, None], rotation @ np.swapaxes(self._rotation_body_foot, 1, 2), np.eye(3))
         position = np.where(is_known[:, None], reading.feet.position_body, self._position_body)
-        self._is_anchored = reading.is_stance
+        self._has_foothold = reading.is_stance
         self._rotation_body_foot = rotation
         self._position_body = position
         load_ratio = load_ratio_of(reading, self._standing_load, before=self._load_ratio)
@@ -109,11 +109,11 @@ class Footholds:
         return FootMotion(holds, position, so3.log_below_pi(relative), is_known, load_ratio, load_ratio_rate)
 
     def carried(self) -> FootMotion:
-        """All feet carried with the body from where they were last known, while the joints say nothing."""
-        legs = len(self._is_anchored)
-        nothing = np.zeros(legs, dtype=np.bool_)
-        return FootMotion(nothing, self._position_body, np.zeros((legs, 3)), nothing, self._load_ratio, np.zeros(legs))
+        """All feet carried with the body from their last known positions, while there is no joint sample."""
+        legs = len(self._has_foothold)
+        none = np.zeros(legs, dtype=np.bool_)
+        return FootMotion(none, self._position_body, np.zeros((legs, 3)), none, self._load_ratio, np.zeros(legs))
 
     def release(self, legs: BoolArray) -> None:
-        """Stop trusting the footholds of these legs (n,): they slipped."""
-        self._is_anchored = self._is_anchored & ~legs
+        """Drop the footholds of these legs (n,): they slipped."""
+        self._has_foothold = self._has_foothold & ~legs

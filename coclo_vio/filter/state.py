@@ -3,18 +3,18 @@
 
 Paper section III-B lists position, velocity, quaternion, angular velocity, gyroscope and accelerometer bias, feet and
 contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
-here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models bend stand first (see
-``square_root``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the right.
-Four kinds of states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), how far a leg
-gives under the load from which it stands (``LEG_COMPLIANCE``, m), and how all standing feet seem to slip together
-(``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, both in body axes) stay zero and certain where they
-are not estimated; what is wrong with the cameras is there where frames are remembered, in either profile.
+here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models are nonlinear come first (see
+``unscented_transform``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the
+right. Four kinds of states are not the paper's: the relative error of the effective leg length (``LEG_SCALE``), the
+compression of a leg under the load from which it stands (``LEG_COMPLIANCE``, m), and the common slip of all standing
+feet (``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, both in body axes) are zero and certain where
+they are not estimated; the errors of the cameras' calibration are there where frames are remembered, in either profile.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
 ``v = exp(e) (v_mean + e_v)`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
-invariant extended Kalman filter as a stable observer", 2017). Legs and IMU cannot see a turned or shifted world, and
-with this error their sigma points do not see it either: yaw never becomes falsely observable, however large its
-uncertainty. ``plain_jacobian`` leads from these errors to ordinary ones.
+invariant extended Kalman filter as a stable observer", 2017). Legs and IMU cannot observe a rotation about the vertical
+or a shift of the world, and with this error neither do their sigma points: yaw never becomes falsely observable,
+however large its uncertainty. ``plain_jacobian`` leads from these errors to ordinary ones.
 """
 
 from dataclasses import dataclass, field, replace
@@ -39,15 +39,15 @@ POSITION = slice(23, 26)
 _BODY = 26
 
 
-@dataclass(frozen=True)  # no slots: where things stand is worked out once
+@dataclass(frozen=True)  # no slots: each slice is computed once
 class StateLayout:
-    """Where the errors of feet, contacts and cloned poses stand behind the 26 of the body.
+    """Order of the errors of feet, contacts, remembered poses and cameras behind the 26 of the body.
 
     Attributes:
         legs: number of legs.
         has_contacts: whether contact probabilities are states (paper) or taken from the detector (robust).
-        has_frame: whether two further poses are cloned: that of a camera frame whose result is still to come, and the
-            anchor, where whoever looks at frames began.
+        has_frame: whether two further poses are remembered, of a camera frame whose result is still to come and of the
+            anchor keyframe, and the errors of the cameras' calibration.
     """
 
     legs: int
@@ -71,12 +71,12 @@ class StateLayout:
 
     @cached_property
     def keyframe_rotation(self) -> slice:
-        """Rotation error of the cloned keyframe pose, turning its position."""
+        """Rotation error of the keyframe's pose, which rotates its position."""
         return slice(self.contacts.stop, self.contacts.stop + 3)
 
     @cached_property
     def keyframe_position(self) -> slice:
-        """Position of the cloned keyframe pose, world frame, m."""
+        """Position of the keyframe, world frame, m."""
         return slice(self.contacts.stop + 3, self.contacts.stop + 6)
 
     @cached_property
@@ -105,7 +105,7 @@ class StateLayout:
 
     @cached_property
     def camera(self) -> slice:
-        """How eyes see the world wrongly: turn (3, rad) and stretch (1); empty where no frame is remembered."""
+        """Errors of the cameras: mounting (3, rad), relative error of stereo lengths; empty without frames."""
         start = self.anchor_position.stop
         return slice(start, start + 4 * self.has_frame)
 
@@ -122,7 +122,7 @@ class State:
     Attributes:
         layout: the order of ``vector``.
         rotation: ``R_world_body``, (..., 3, 3).
-        vector: everything else, (..., L); the places of the rotations are zero and mean nothing.
+        vector: everything else, (..., L); the entries of the rotations are zero and unused.
         keyframe_rotation: ``R_world_keyframe`` of the mean, (3, 3).
         frame_rotation: ``R_world_frame`` of the mean, (3, 3).
         anchor_rotation: ``R_world_anchor`` of the mean, (3, 3).
@@ -141,7 +141,7 @@ class State:
         return self.vector[..., self.layout.feet].reshape(*self.vector.shape[:-1], self.layout.legs, 3)
 
     def spread(self, errors: Array) -> "State":
-        """The stack of states that differ from this mean by error vectors (points, L); clones are left alone."""
+        """The stack of states that differ from this mean by error vectors (points, L); remembered poses do not move."""
         return self._spread(errors, so3.exp(errors[:, ROTATION]))
 
     def _spread(self, errors: Array, turn: Array) -> "State":
@@ -152,7 +152,7 @@ class State:
         return replace(self, rotation=turn @ self.rotation, vector=vector)
 
     def corrected(self, step: Array) -> "State":
-        """This mean moved by one error vector (L,), the clones with it."""
+        """This mean moved by one error vector (L,), remembered poses included."""
         layout = self.layout
         steps = [step[ROTATION], step[layout.keyframe_rotation]]
         if layout.has_frame:

@@ -11,11 +11,11 @@ Two exact savings, neither of which changes a result:
   ``(y+ + y-) / 2``, an orthogonal change of rows under which ``A^T A`` stays the same.
 * The factor is lower triangular, so column j moves only the states from j on. Where the model is linear in all of
   those (the *flat* columns), the pair is symmetric whatever its distance: one point is enough, and its even half is
-  the centre's. The states that bend the model (rotation, leg scale, rate) stand first and only their
-  columns need both points.
+  the centre's. The states in which the model is nonlinear (rotation, leg scale, rate) come first and only their
+  columns (the *curved* ones) need both points.
 
-Since the distance of the flat points does not matter, the curved ones alone decide how wide the points have to lie
-for the weights to stay non-negative: sqrt(7) instead of sqrt(50) standard deviations for six legs.
+Since the distance of the flat points does not matter, the curved ones alone decide how far from the mean the points
+have to lie for the weights to be non-negative: sqrt(7) instead of sqrt(50) standard deviations for six legs.
 """
 
 from dataclasses import dataclass
@@ -28,14 +28,14 @@ from coclo_vio.values.arrays import Array
 
 @dataclass(frozen=True, slots=True)
 class SigmaSpread:
-    """Where the sigma points of a state lie and what their images weigh.
+    """Positions of the sigma points of a state and weights of their images.
 
     Points are ordered: the centre, ``+`` of the curved columns, ``-`` of the curved columns, ``+`` of the flat ones.
-    A point of a column weighs ``1 / (2 c^2)``, the centre the rest.
+    The point of a column has the weight ``1 / (2 c^2)``, the centre the rest.
 
     Attributes:
         dimension: L, the length of the error state.
-        curved: the number of leading columns in which the model is not linear.
+        curved: number of leading columns in which the model is not linear.
         width_squared: c^2, squared distance of the points in standard deviations, at least ``curved``; L gives the
             2 L points of the unscented transform with alpha = 1, kappa = 0.
     """
@@ -83,7 +83,7 @@ def lower_factor(rows: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """What an update says.
+    """The result of an update.
 
     Attributes:
         step: the error-state correction, (L,).
@@ -102,15 +102,15 @@ def correct(
     """Measurement update: one QR yields the innovation factor, the gain and the new factor together.
 
     The triangle of ``[[A_y, A_x], [R^(1/2), 0]]`` is ``[[S_y^T, (gain S_y)^T], [0, S_new^T]]``. Errors that are only
-    considered (Schmidt, 1966) take no step, and what the step would have told of them is added back: with a gain that
-    is wrong by ``D``, the covariance is larger by ``D S_y S_y^T D^T``.
+    considered (Schmidt, 1966) take no step, and the information of the step on them is taken back: with a gain that
+    is changed by ``D``, the covariance is larger by ``D S_y S_y^T D^T``.
 
     Args:
         factor: lower factor of the prior, (L, L); its transpose is ``A_x``, padded with zeros.
         observed_rows: ``SigmaSpread.rows`` of the predicted measurements, (L + extra, M).
         noise_rows: ``N`` with ``N^T N = R``, (M, M).
         innovation: measured less predicted, (M,).
-        considered: errors whose mean learns nothing.
+        considered: errors whose mean is not corrected.
     """
     length, width = len(factor), len(innovation)
     observed = len(observed_rows)

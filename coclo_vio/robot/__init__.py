@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robot: its legs from a URDF through Pinocchio, which feet carry it, and whether it stands still."""
+"""The robot: its legs from a URDF through Pinocchio, which feet are in contact, and whether it stands still."""

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From the load on a foot to contact: a probability and a decision for each leg.
 
-The load comes from a foot sensor or from joint torques (``RobotModel.foot_forces``); the filter takes the answer.
+The load comes from a foot sensor or from joint torques (``FootLoad``); the filter uses the resulting ``ContactState``.
+Contact estimators are registered by name; ``contact.method`` of the configuration chooses one.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,23 +15,27 @@ from scipy.special import expit
 
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.config import StageConfig
+from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.units import NS_PER_S
 
 
 class ContactConfig(StageConfig):
     """How the load on a foot becomes contact. Forces are in N, or in the raw counts of a foot sensor."""
 
-    source: Annotated[Literal["torque", "force_sensor"], Field(description="what the load is taken from")] = "torque"
+    source: Annotated[Literal["torque", "force_sensor"], Field(description="where the load comes from")] = "torque"
     method: Annotated[
-        Literal["paper", "logistic", "hysteresis"],
-        Field(description="paper: |F| / (|Fmax| - |Fmin|); logistic; hysteresis: Schmitt trigger with dwell"),
+        str,
+        Field(description="contact estimator: paper, logistic, hysteresis, or the name of a registered one"),
     ] = "hysteresis"
+    parameters: dict[str, float] = Field(
+        default_factory=dict, description="parameters of a registered contact estimator, by name"
+    )
     compensation: Annotated[
         Literal["none", "gravity", "inertia"],
-        Field(description="what of the leg's own dynamics is taken out of the joint torques"),
+        Field(description="which part of the leg's own dynamics is compensated in the joint torques"),
     ] = "gravity"
-    on_force: Annotated[float, Field(gt=0, description="load from which on a swing foot stands, N or counts")] = 20.0
-    off_force: Annotated[float, Field(ge=0, description="load below which a stance foot lifts, N or counts")] = 12.0
+    on_force: Annotated[float, Field(gt=0, description="load from which a swing foot is in stance, N or counts")] = 20.0
+    off_force: Annotated[float, Field(ge=0, description="load below which a stance foot swings, N or counts")] = 12.0
     on_dwell_s: Annotated[float, Field(ge=0, le=1, description="time above on_force before stance, s")] = 0.0
     off_dwell_s: Annotated[float, Field(ge=0, le=1, description="time below off_force before swing, s")] = 0.0
     logistic_centre: Annotated[
@@ -47,15 +52,23 @@ class ContactConfig(StageConfig):
         None
     )
     stance_probability: Annotated[
-        float, Field(gt=0, lt=1, description="probability from which on a foot stands (paper and logistic)")
+        float, Field(gt=0, lt=1, description="probability from which a foot is in stance (paper and logistic)")
     ] = 0.5
+
+    @model_validator(mode="after")
+    def _estimator_is_registered(self) -> Self:
+        try:
+            _registered(self.method).check(self.parameters)
+        except ConfigError as error:  # pydantic adds where it is
+            raise ValueError(str(error)) from error
+        return self
 
     @model_validator(mode="after")
     def _forces_are_in_order(self) -> Self:
         if self.off_force >= self.on_force:
             raise ValueError(f"off_force = {self.off_force} must lie below on_force = {self.on_force}")
         if (self.max_force is None) != (self.min_force is None):
-            raise ValueError("max_force and min_force are recorded together; give both or neither")
+            raise ValueError("max_force and min_force are recorded together; set both or neither")
         if self.max_force is not None and self.min_force is not None and self.min_force >= self.max_force:
             raise ValueError(f"min_force = {self.min_force} must lie below max_force = {self.max_force}")
         return self
@@ -73,7 +86,7 @@ class ContactConfig(StageConfig):
 
     @property
     def span(self) -> float:
-        """The paper's ``|Fmax| - |Fmin|``; where nothing was recorded, on + off: 0.5 falls midway between them."""
+        """The paper's ``|Fmax| - |Fmin|``; without these two on + off, which puts 0.5 midway between on and off."""
         if self.max_force is None or self.min_force is None:
             return self.on_force + self.off_force
         return self.max_force - self.min_force
@@ -86,12 +99,93 @@ class ContactState:
     Attributes:
         probability: in 0..1, (legs,); 0 where the load is unknown.
         is_stance: the decision, (legs,).
-        load: as given, N or counts, (legs,).
+        load: as measured, N or counts, (legs,); NaN where unknown.
     """
 
     probability: Array
     is_stance: BoolArray
     load: Array
+
+
+class ContactEstimator(Protocol):
+    """Decides which feet are in stance, one sample after the other."""
+
+    def update(self, stamp_ns: int, load: Array) -> ContactState:
+        """The contact of every leg at a stamp.
+
+        Args:
+            stamp_ns: time in nanoseconds, never before the last one.
+            load: on each foot, N or counts, (legs,); NaN where unknown: such a leg has probability 0 and is in swing.
+        """
+
+
+ContactFactory = Callable[[ContactConfig, int], ContactEstimator]
+"""From the configuration and the number of legs to a fresh estimator."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Registration:
+    name: str
+    factory: ContactFactory
+    description: str
+    parameters: tuple[str, ...]
+
+    def check(self, given: Mapping[str, float]) -> None:
+        unknown = set(given) - set(self.parameters)
+        if unknown and not self.parameters:
+            raise ConfigError(
+                f"the contact estimator {self.name!r} takes no parameters, but {listing(unknown)} is given; remove it "
+                "from `parameters`, or name it in register_contact_estimator(parameters=...) of an own estimator"
+            )
+        if unknown:
+            raise ConfigError(
+                f"the contact estimator {self.name!r} has no parameter {listing(unknown)}; it has: "
+                f"{listing(self.parameters)}"
+            )
+
+
+_REGISTERED: dict[str, _Registration] = {}
+
+
+def register_contact_estimator(
+    name: str, factory: ContactFactory, description: str, *, parameters: Iterable[str] = ()
+) -> None:
+    """Make a contact estimator available as ``contact.method``.
+
+    Args:
+        name: value of ``contact.method`` that chooses it.
+        factory: makes a fresh one from the configuration and the number of legs.
+        description: of its rule, in one line.
+        parameters: names that ``contact.parameters`` may hold; the factory reads them from the configuration.
+
+    Raises:
+        ConfigError: another estimator has this name.
+    """
+    new = _Registration(name, factory, description, tuple(parameters))
+    if _REGISTERED.setdefault(name, new) != new:
+        raise ConfigError(
+            f"a contact estimator named {name!r} is registered already: {_REGISTERED[name].description}; choose "
+            "another name"
+        )
+
+
+def unregister_contact_estimator(name: str) -> None:
+    """Remove a contact estimator, if there is one of this name."""
+    _REGISTERED.pop(name, None)
+
+
+def contact_estimators() -> Mapping[str, str]:
+    """The description of each registered contact estimator, by name."""
+    return {name: registration.description for name, registration in _REGISTERED.items()}
+
+
+def _registered(name: str) -> _Registration:
+    if name not in _REGISTERED:
+        raise ConfigError(
+            f"there is no contact estimator {name!r}; there are: {listing(_REGISTERED)}; an own one has to be "
+            "registered first, by register_contact_estimator()"
+        )
+    return _REGISTERED[name]
 
 
 def paper_probability(load: Array, span: float) -> Array:
@@ -109,21 +203,20 @@ def logistic_probability(load: Array, centre: float, width: float) -> Array:
 
 
 class ContactDetector:
-    """Decides which feet stand, sample by sample, and how sure that is.
+    """The configured contact estimator, guarded against stamps that go backwards.
 
-    ``hysteresis`` starts with every foot in swing. A load of NaN ends stance at once, with probability 0, and is
-    counted; a stamp before the last one changes nothing and is counted.
+    A load of NaN is counted; a stamp before the last one changes nothing and is counted.
+
+    Raises:
+        ConfigError: the estimator is not registered any more, or returns another number of legs than the robot has.
     """
 
     def __init__(self, config: ContactConfig, legs: int) -> None:
         self.config = config
-        self._on_dwell_ns = round(config.on_dwell_s * NS_PER_S)
-        self._off_dwell_ns = round(config.off_dwell_s * NS_PER_S)
-        self._is_stance: BoolArray = np.zeros(legs, dtype=np.bool_)
-        self._since_ns = np.zeros(legs, dtype=np.int64)
-        self._is_changing: BoolArray = np.zeros(legs, dtype=np.bool_)
+        self._estimator = _registered(config.method).factory(config, legs)
+        self._legs = legs
         self._stamp_ns: int | None = None
-        self._state = ContactState(np.zeros(legs), self._is_stance, np.full(legs, np.nan))
+        self._state = ContactState(np.zeros(legs), np.zeros(legs, dtype=np.bool_), np.full(legs, np.nan))
         self._counts = {"contact_load_missing": 0, "contact_stamp_backwards": 0}
 
     @property
@@ -137,32 +230,69 @@ class ContactDetector:
             self._counts["contact_stamp_backwards"] += 1
             return self._state
         self._stamp_ns = stamp_ns
-        missing = np.isnan(load)
-        has_missing = bool(missing.any())
-        known = load
-        if has_missing:
-            self._counts["contact_load_missing"] += int(missing.sum())
-            known = np.where(missing, -np.inf, load)
-        probability = self._probability(known)
-        if self.config.method == "hysteresis":
-            is_stance = self._schmitt(stamp_ns, known, missing)
-        else:
-            is_stance = probability >= self.config.stance_probability
-        self._state = ContactState(probability, is_stance, load)
+        self._counts["contact_load_missing"] += int(np.isnan(load).sum())
+        self._state = self._estimator.update(stamp_ns, load)
+        for name, values in (("probability", self._state.probability), ("is_stance", self._state.is_stance)):
+            if np.shape(values) != (self._legs,):
+                raise ConfigError(
+                    f"contact estimator {self.config.method!r}: {name} has shape {np.shape(values)}, but the robot has "
+                    f"{self._legs} legs; return one value for each leg, shape ({self._legs},)"
+                )
         return self._state
 
-    def _probability(self, load: Array) -> Array:
-        if self.config.method == "paper":
-            return paper_probability(load, self.config.span)
-        return logistic_probability(load, self.config.centre, self.config.width)
 
-    def _schmitt(self, stamp_ns: int, load: Array, missing: BoolArray) -> BoolArray:
+class _ProbabilityThreshold:
+    """Stance from ``stance_probability`` on, without memory."""
+
+    def __init__(self, config: ContactConfig, probability: Callable[[Array], Array]) -> None:
+        self._config, self._probability = config, probability
+
+    def update(self, stamp_ns: int, load: Array) -> ContactState:
+        probability = self._probability(_without_nan(load))
+        return ContactState(probability, probability >= self._config.stance_probability, load)
+
+
+class _Hysteresis:
+    """A Schmitt trigger with dwell times; every foot starts in swing, and a load of NaN ends stance at once."""
+
+    def __init__(self, config: ContactConfig, legs: int) -> None:
+        self._config = config
+        self._on_dwell_ns = round(config.on_dwell_s * NS_PER_S)
+        self._off_dwell_ns = round(config.off_dwell_s * NS_PER_S)
+        self._is_stance: BoolArray = np.zeros(legs, dtype=np.bool_)
+        self._since_ns = np.zeros(legs, dtype=np.int64)
+        self._is_changing: BoolArray = np.zeros(legs, dtype=np.bool_)
+
+    def update(self, stamp_ns: int, load: Array) -> ContactState:
         """One step of the trigger; a change takes effect once its condition has held for the dwell time."""
-        config = self.config
-        wants_change = np.where(self._is_stance, load < config.off_force, load >= config.on_force)
-        self._since_ns = np.where(wants_change & self._is_changing, self._since_ns, stamp_ns)
+        config, known = self._config, _without_nan(load)
+        has_condition = np.where(self._is_stance, known < config.off_force, known >= config.on_force)
+        self._since_ns = np.where(has_condition & self._is_changing, self._since_ns, stamp_ns)
         dwell_ns = np.where(self._is_stance, self._off_dwell_ns, self._on_dwell_ns)
-        changes = wants_change & ((stamp_ns - self._since_ns >= dwell_ns) | missing)
+        changes = has_condition & ((stamp_ns - self._since_ns >= dwell_ns) | np.isnan(load))
         self._is_stance = self._is_stance ^ changes
-        self._is_changing = wants_change & ~changes
-        return self._is_stance
+        self._is_changing = has_condition & ~changes
+        return ContactState(logistic_probability(known, config.centre, config.width), self._is_stance, load)
+
+
+def _without_nan(load: Array) -> Array:
+    return np.where(np.isnan(load), -np.inf, load)
+
+
+register_contact_estimator(
+    "hysteresis",
+    _Hysteresis,
+    "stance from on_force for on_dwell_s on, swing from below off_force for off_dwell_s on",
+)
+register_contact_estimator(
+    "logistic",
+    lambda config, legs: _ProbabilityThreshold(
+        config, lambda load: logistic_probability(load, config.centre, config.width)
+    ),
+    "1 / (1 + exp(-(F - centre) / width)), stance from stance_probability on",
+)
+register_contact_estimator(
+    "paper",
+    lambda config, legs: _ProbabilityThreshold(config, lambda load: paper_probability(load, config.span)),
+    "|F| / (|Fmax| - |Fmin|) clipped to 0..1 (section III-D), stance from stance_probability on",
+)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a user says about a robot: which joints make a leg, where its foot is, how contact is sensed.
+"""The description of a robot: which joints make a leg, where its foot is, how contact is sensed.
 
 A description is a YAML file beside a URDF. Those of this package (``robot_names``) serve as examples.
 """
@@ -32,7 +32,7 @@ class LegDescription(StageConfig):
 
 
 class RobotDescription(StageConfig):
-    """A robot: its URDF, legs, contact sensing and IMU. No joint and no leg name stands twice."""
+    """A robot: its URDF, legs, contact sensing and IMU. Names of joints and legs are unique."""
 
     name: Annotated[str, Field(min_length=1, description="name of the robot")]
     urdf: Annotated[
@@ -49,7 +49,7 @@ class RobotDescription(StageConfig):
     )
     filter: Annotated[
         dict[str, Any],
-        Field(default_factory=dict, description="what the filter takes otherwise for this robot (see FilterConfig)"),
+        Field(default_factory=dict, description="filter parameters that differ for this robot (see FilterConfig)"),
     ]
     encoder_noise_rad: Annotated[float, Field(gt=0, lt=1, description="one sigma of a joint position, rad")] = 1e-3
     joint_velocity_noise_radps: Annotated[
@@ -60,13 +60,13 @@ class RobotDescription(StageConfig):
     def _names_are_unique(self) -> Self:
         joints = self.joint_names
         for kind, names in (("leg", self.leg_names), ("joint", joints)):
-            twice = {name for name in names if names.count(name) > 1}
-            if twice:
-                raise ValueError(f"{kind} {listing(twice)} stands twice; each {kind} belongs in one place")
-        strangers = set(self.joint_aliases.values()) - set(joints)
-        if strangers:
+            repeated = {name for name in names if names.count(name) > 1}
+            if repeated:
+                raise ValueError(f"{kind} {listing(repeated)} is listed twice; list each {kind} once")
+        unknown = set(self.joint_aliases.values()) - set(joints)
+        if unknown:
             raise ValueError(
-                f"joint_aliases lead to {listing(strangers)}, no joint of a leg; the joints are: {listing(joints)}"
+                f"joint_aliases lead to {listing(unknown)}, no joint of a leg; the joints are: {listing(joints)}"
             )
         return self
 
@@ -90,7 +90,7 @@ def robot_names() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path) -> RobotDescription:
     """The description of a packaged robot (``"go1"``) or of a YAML file (``"my_robot.yaml"``).
 
-    A relative ``urdf`` is taken from the YAML's own folder and comes out absolute.
+    A relative ``urdf`` is relative to the folder of the YAML and is returned absolute.
 
     Raises:
         ConfigError: no such robot or file, or a key or value that is wrong.
@@ -109,7 +109,7 @@ def _yaml_path(name_or_path: str) -> Path:
     if name_or_path not in robot_names():
         raise ConfigError(
             f"no robot {name_or_path!r}; the known robots are: {listing(robot_names())}; "
-            "for your own give the path of a file ending in .yaml"
+            "for an own robot use the path of a file ending in .yaml"
         )
     return Path(str(resources.files("coclo_vio.robot") / "presets" / f"{name_or_path}.yaml"))
 
@@ -129,18 +129,18 @@ def urdf_path(description: RobotDescription) -> Path:
     return path
 
 
-def _path_in_extra(robot: str, below: str) -> Path:
+def _path_in_extra(robot: str, relative: str) -> Path:
     try:
         files = metadata.files(_EXTRA_DISTRIBUTION) or []
     except metadata.PackageNotFoundError as error:
         raise RobotModelError(
-            f"robot {robot!r} takes its URDF from the package {_EXTRA_DISTRIBUTION}, which is not installed; "
+            f"robot {robot!r} has its URDF in the package {_EXTRA_DISTRIBUTION}, which is not installed; "
             "pip install coclo-vio[robots]"
         ) from error
     urdfs = {str(file).partition(_EXTRA_FOLDER)[2]: file for file in files if str(file).endswith(".urdf")}
-    if below not in urdfs:
+    if relative not in urdfs:
         raise RobotModelError(
-            f"robot {robot!r}: {_EXTRA_DISTRIBUTION} has no {below!r}; it has: {listing(urdfs)}; "
+            f"robot {robot!r}: {_EXTRA_DISTRIBUTION} has no {relative!r}; it has: {listing(urdfs)}; "
             "correct `urdf` in its YAML"
         )
-    return Path(str(urdfs[below].locate()))
+    return Path(str(urdfs[relative].locate()))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What presses on each foot, from foot sensors or joint torques: the load that contact is decided on."""
+"""The load on each foot, from foot sensors or joint torques: the input of a contact estimator."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ class FootLoad:
 
     Args:
         robot: the legs.
-        config: where the load comes from and what of the legs' own dynamics is taken out.
+        config: where the load comes from and which part of the legs' own dynamics is compensated.
         force_timeout_s: foot forces older than this count as missing, s.
     """
 
@@ -24,11 +24,11 @@ class FootLoad:
         self._robot = robot
         self._config = config
         self._timeout_ns = round(force_timeout_s * NS_PER_S)
-        self._held: FootForceSample | None = None
+        self._force: FootForceSample | None = None
         self._joints: JointSample | None = None
 
-    def take(self, sample: FootForceSample) -> bool:
-        """Remember foot forces; False where their stamp does not pass the last one's.
+    def push(self, sample: FootForceSample) -> bool:
+        """Take foot forces; False, and they are refused, where their stamp is not later than the last one's.
 
         Raises:
             RobotModelError: another number of legs.
@@ -39,13 +39,13 @@ class FootLoad:
                 f"a foot force sample has {len(sample.force)} entries, robot {self._robot.description.name!r} has "
                 f"{legs} legs; give them in the order of its legs"
             )
-        if self._held is not None and sample.stamp_ns <= self._held.stamp_ns:
+        if self._force is not None and sample.stamp_ns <= self._force.stamp_ns:
             return False
-        self._held = sample
+        self._force = sample
         return True
 
-    def at(self, sample: JointSample, up_body: Array, angular_velocity_body: Array | None) -> Array:
-        """Loads at a joint sample, N or counts, (legs,); NaN where nobody knows.
+    def loads_at(self, sample: JointSample, up_body: Array, angular_velocity_body: Array | None) -> Array:
+        """Loads at a joint sample, N or counts, (legs,); NaN where unknown.
 
         Args:
             sample: the joints, newer than those of the last call.
@@ -54,9 +54,9 @@ class FootLoad:
         """
         before, self._joints = self._joints, sample
         if self._config.source == "force_sensor":
-            if self._held is None or sample.stamp_ns - self._held.stamp_ns > self._timeout_ns:
+            if self._force is None or sample.stamp_ns - self._force.stamp_ns > self._timeout_ns:
                 return np.full(len(self._robot.leg_names), np.nan)
-            return self._held.force
+            return self._force.force
         acceleration = None
         if self._config.compensation == "inertia" and before is not None:
             acceleration = (sample.velocity - before.velocity) / ((sample.stamp_ns - before.stamp_ns) / NS_PER_S)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The legs of a robot: where the feet are, how they move, what presses on them. The importer of Pinocchio here.
+"""The legs of a robot: positions, velocities and forces of the feet. The only importer of Pinocchio in this room.
 
 Joint samples go in, foot kinematics and foot forces in the body frame come out, for all legs in one pass.
 """
@@ -44,7 +44,7 @@ class FeetKinematics:
 class RobotModel:
     """Kinematics and dynamics of the legs of a description; joints outside the legs are locked at neutral.
 
-    One instance serves one thread: Pinocchio's workspace is reused from call to call.
+    Not thread-safe: Pinocchio's workspace is reused from call to call.
 
     Raises:
         RobotModelError: the URDF cannot be read, or lacks a joint or frame that the description names.
@@ -73,9 +73,9 @@ class RobotModel:
         first_joints = [self._model.getJointId(leg.joints[0]) for leg in description.legs]
         self.hip_position_body: Array = np.array([self._data.oMi[joint].translation for joint in first_joints])
         self._frames = [_frame_id(self._model, leg.foot_frame, description) for leg in description.legs]
-        self._owns: BoolArray = np.zeros((len(self.leg_names), len(self.joint_names)), dtype=np.bool_)
+        self._is_own_joint: BoolArray = np.zeros((len(self.leg_names), len(self.joint_names)), dtype=np.bool_)
         for row, joints_of_leg in enumerate(self.leg_joint_slices):
-            self._owns[row, joints_of_leg] = True
+            self._is_own_joint[row, joints_of_leg] = True
         self._check_chains()
 
     @property
@@ -104,7 +104,7 @@ class RobotModel:
         is_incomplete = bool(unknown.any())
         rates = jacobian @ (np.where(unknown, 0.0, velocity) if is_incomplete else velocity)
         if is_incomplete:
-            rates[(self._owns & unknown).any(axis=1)] = np.nan
+            rates[(self._is_own_joint & unknown).any(axis=1)] = np.nan
         return FeetKinematics(centres, rates[:, 3:], rates[:, :3], rotations, jacobian)
 
     def foot_forces(
@@ -122,8 +122,8 @@ class RobotModel:
         Solves ``J^T F = h - tau`` for each leg, with h the torques that the leg's own weight and motion need (recursive
         Newton-Euler, and the joint friction of the URDF's ``<dynamics>``) and J the linear Jacobian of the foot centre:
         the paper's eq. (7), ``F = R J^-T tau``, with the sign of the ground's force on the foot, in the body frame, and
-        with h, which the paper leaves out. A leg of other than three joints is solved by least squares, of smallest
-        norm where joints are too few: forces that its torques cannot show come out as zero. A direction in which the
+        with h, which the paper omits. A leg of other than three joints is solved by least squares, of smallest
+        norm where joints are too few: forces that its torques do not determine are zero. A direction in which the
         singular value s of J is below 0.02 m (a stretched leg) is damped, ``1/s -> s / (s^2 + d^2)`` with
         ``d^2 = 0.02^2 - s^2``: its force tends to zero instead of infinity.
 
@@ -132,7 +132,7 @@ class RobotModel:
             velocity: joint velocities, rad/s, (J,); used only where ``acceleration`` is given.
             effort: torque of the motors on the joints, Nm, (J,).
             specific_force_body: of the body origin, m/s^2, body frame, (3,): 9.81 times "up" compensates gravity, an
-                accelerometer's reading the body's acceleration too. None: the legs are taken to weigh nothing.
+                accelerometer's reading the body's acceleration too. None: the legs are taken as massless.
             angular_velocity_body: of the body, rad/s, body frame, (3,); used only where ``acceleration`` is given.
             acceleration: joint accelerations, rad/s^2, (J,): compensates inertia and joint friction. None: the legs
                 are taken at rest.
@@ -144,13 +144,13 @@ class RobotModel:
         torque = -effort
         if specific_force_body is not None or acceleration is not None:
             torque = torque + self._own_torques(velocity, specific_force_body, angular_velocity_body, acceleration)
-        lost = (self._owns & np.isnan(torque)).any(axis=1) | np.isnan(jacobian[:, 0, 0])
+        is_unknown = (self._is_own_joint & np.isnan(torque)).any(axis=1) | np.isnan(jacobian[:, 0, 0])
         torque = np.nan_to_num(torque, copy=False, nan=0.0)
-        linear = np.where(lost[:, None, None], 0.0, jacobian[:, 3:])
+        linear = np.where(is_unknown[:, None, None], 0.0, jacobian[:, 3:])
         squared, axes = np.linalg.eigh(linear @ np.swapaxes(linear, 1, 2))
         projected = np.swapaxes(axes, 1, 2) @ (linear @ torque)[:, :, None]
         forces: Array = (axes @ (projected / np.maximum(squared, _SINGULAR**2)[:, :, None]))[:, :, 0]
-        forces[lost] = np.nan
+        forces[is_unknown] = np.nan
         return forces
 
     def holding_torques(self, position: Array, foot_force_body: Array, specific_force_body: Array) -> Array:
@@ -168,7 +168,7 @@ class RobotModel:
         return np.asarray(own - np.einsum("nij,ni->j", jacobian[:, 3:], foot_force_body))
 
     def _kinematics(self, position: Array) -> tuple[Array, Array, Array]:
-        """Foot centres (n, 3), rotations (n, 3, 3) and Jacobians (n, 6, J); leaves the configuration in ``_q``."""
+        """Foot centres (n, 3), rotations (n, 3, 3) and Jacobians (n, 6, J); sets the configuration ``_q``."""
         unknown = np.isnan(position)
         is_incomplete = bool(unknown.any())
         self._q[self._q_index] = np.where(unknown, 0.0, position) if is_incomplete else position
@@ -181,10 +181,10 @@ class RobotModel:
         jacobian = np.empty((len(placements), 6, len(self._v_index)))
         jacobian[:, :3] = columns[3:]
         jacobian[:, 3:] = columns[:3] - so3.hat(centres) @ columns[3:]
-        jacobian *= self._owns[:, None, :]
+        jacobian *= self._is_own_joint[:, None, :]
         if is_incomplete:
-            lost = (self._owns & unknown).any(axis=1)
-            centres[lost], rotations[lost], jacobian[lost] = np.nan, np.nan, np.nan
+            legs = (self._is_own_joint & unknown).any(axis=1)
+            centres[legs], rotations[legs], jacobian[legs] = np.nan, np.nan, np.nan
         return centres, rotations, jacobian
 
     def _own_torques(
@@ -194,7 +194,7 @@ class RobotModel:
         angular_velocity_body: Array | None,
         acceleration: Array | None,
     ) -> Array:
-        """Torques (J,) that weight and motion of the legs need at the configuration in ``_q``, nothing at the feet."""
+        """Torques (J,) that weight and motion of the legs need at configuration ``_q``, without forces on the feet."""
         zero, friction = np.zeros(3), np.zeros(len(self._v_index))
         rates, accelerations = np.zeros(self._model.nv), np.zeros(self._model.nv)
         force = zero if specific_force_body is None else specific_force_body
@@ -214,7 +214,7 @@ class RobotModel:
             chain = {self._model.names[joint] for joint in support if joint > _ROOT_JOINT}
             if chain != set(leg.joints):
                 raise RobotModelError(
-                    f"robot {self.description.name!r}, leg {leg.name!r}: its joints are given as "
+                    f"robot {self.description.name!r}, leg {leg.name!r}: its joints are listed as "
                     f"{listing(leg.joints)}, but the joints of legs between the body and {leg.foot_frame!r} are: "
                     f"{listing(chain)}; correct the leg's `joints` or `foot_frame`"
                 )

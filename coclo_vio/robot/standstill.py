@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the robot stands still, and what its IMU reads then.
+"""Whether the robot stands still, and the mean of its IMU then.
 
 At rest the mean specific force points up and the mean angular velocity is the gyroscope's bias: the filter starts from
-them, and later takes the standstill itself as a measurement.
+them, and later uses the standstill itself as a measurement.
 """
 
 from collections import deque
@@ -18,15 +18,15 @@ from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import ImuSample, JointSample
 from coclo_vio.values.units import NS_PER_S
 
-_FEWEST_SAMPLES = 5
-_LEAVING = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once, for a window
-_SPANNED = 0.8  # the part of the window that samples must span; slow sensors never span all of it
+_MIN_SAMPLES = 5
+_FAST_JOINT = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once, for a window
+_MIN_SPAN = 0.8  # share of the window that samples have to span; those of slow sensors never span all of it
 
 
 class StandstillConfig(StageConfig):
-    """How still is still. Every limit holds over the window; all must be kept."""
+    """Limits of a standstill, each over the window; all have to be kept."""
 
-    window_s: Annotated[float, Field(ge=0.1, le=10, description="time over which the robot is watched, s")] = 0.5
+    window_s: Annotated[float, Field(ge=0.1, le=10, description="length of the sliding window, s")] = 0.5
     gyroscope_std_radps: Annotated[
         float, Field(gt=0, le=1, description="most the angular velocity may scatter, all axes together, rad/s")
     ] = 0.05
@@ -44,13 +44,13 @@ class StandstillConfig(StageConfig):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """What the IMU read while the robot stood still: means over the window, imu frame.
+    """Means of the IMU over the window while the robot stands still, imu frame.
 
     Attributes:
-        stamp_ns: time of the newest reading, nanoseconds.
+        stamp_ns: time of the newest sample, in nanoseconds.
         angular_velocity: rad/s, (3,): at rest the gyroscope's bias.
         specific_force: m/s^2, (3,): at rest it points up, with 9.81 and the accelerometer's bias.
-        sample_count: readings in the means.
+        sample_count: samples in the means.
     """
 
     stamp_ns: int
@@ -60,11 +60,11 @@ class Rest:
 
 
 class StandstillDetector:
-    """Watches IMU and joints over a sliding window; each sample costs the same, however long the window.
+    """Detects standstill from IMU and joints over a sliding window; the cost a sample does not depend on its length.
 
-    The IMU must span the window. Joints must keep their limit where they say anything: a joint of NaN says nothing. A
-    steady rotation counts as motion once it is faster than a bias can be; a slower one, with still joints, can not be
-    told from rest. Samples whose stamp does not pass the last of their kind are left out and counted.
+    The IMU samples have to span the window. Joints have to keep their limit where they are known; NaN is unknown. A
+    steady rotation counts as motion once it is faster than a bias can be; a slower one, with still joints, cannot be
+    distinguished from rest. Samples whose stamp is not later than the last of their kind are refused and counted.
     """
 
     def __init__(self, config: StandstillConfig | None = None) -> None:
@@ -77,7 +77,7 @@ class StandstillDetector:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Samples left out for their stamp."""
+        """Samples refused for their stamp."""
         return self._counts
 
     def push(self, sample: ImuSample | JointSample) -> None:
@@ -89,7 +89,7 @@ class StandstillDetector:
             case JointSample():
                 fastest = float(np.abs(np.nan_to_num(sample.velocity, nan=0.0)).max(initial=0.0))
                 is_taken = self._joints.push(sample.stamp_ns, np.nan_to_num(sample.velocity, nan=0.0))
-                if is_taken and fastest > _LEAVING * self.config.joint_speed_radps:
+                if is_taken and fastest > _FAST_JOINT * self.config.joint_speed_radps:
                     self._fast_ns = sample.stamp_ns
         if not is_taken:
             self._counts["standstill_stamp_refused"] += 1
@@ -98,7 +98,7 @@ class StandstillDetector:
     def is_stationary(self) -> bool:
         """Whether every limit was kept over the whole window, and no joint was fast in it."""
         imu, config = self._imu, self.config
-        if imu.count < _FEWEST_SAMPLES or imu.span_ns < _SPANNED * imu.window_ns:
+        if imu.count < _MIN_SAMPLES or imu.span_ns < _MIN_SPAN * imu.window_ns:
             return False
         if self._fast_ns is not None and self._fast_ns > imu.newest_ns - imu.window_ns:
             return False
@@ -109,7 +109,7 @@ class StandstillDetector:
             return False
         if float(variance[3:].sum()) > config.accelerometer_std_mps2**2:
             return False
-        self._joints.forget_before(imu.newest_ns - imu.window_ns)
+        self._joints.drop_before(imu.newest_ns - imu.window_ns)
         return self._joints.count == 0 or float(self._joints.mean_square().max()) <= config.joint_speed_radps**2
 
     @property
@@ -122,10 +122,10 @@ class StandstillDetector:
 
 
 class _SlidingMoments:
-    """Mean and variance of the vectors of the last ``window_ns``, by sums of deviations from a first reading.
+    """Mean and variance of the vectors of the last ``window_ns``, by sums of deviations from a first sample.
 
-    A sum that is added to and taken from for ever gathers rounding of about 1e-16 times the largest square it met
-    per step; the sums start afresh once as many samples as fill the window several times have passed.
+    A running sum gathers rounding errors of about 1e-16 times the largest square in it for each step; the sums are
+    computed anew once the samples of several windows have passed.
     """
 
     def __init__(self, window_ns: int) -> None:
@@ -152,17 +152,17 @@ class _SlidingMoments:
         """Add a sample and drop those that left the window; False where the stamp is not newer than the last."""
         if self._samples and stamp_ns <= self.newest_ns:
             return False
-        self.forget_before(stamp_ns - self.window_ns)
+        self.drop_before(stamp_ns - self.window_ns)
         self._samples.append((stamp_ns, values))
         if len(self._samples) == 1 or self._dropped > 10 * len(self._samples):
-            self._start_afresh(values)
+            self._recompute(values)
         else:
             deviation = values - self._reference
             self._sum += deviation
             self._sum_of_squares += deviation * deviation
         return True
 
-    def forget_before(self, stamp_ns: int) -> None:
+    def drop_before(self, stamp_ns: int) -> None:
         while self._samples and self._samples[0][0] < stamp_ns:
             deviation = self._samples.popleft()[1] - self._reference
             self._sum -= deviation
@@ -179,7 +179,7 @@ class _SlidingMoments:
     def mean_square(self) -> Array:
         return self.variance() + self.mean() ** 2
 
-    def _start_afresh(self, reference: Array) -> None:
+    def _recompute(self, reference: Array) -> None:
         deviations = np.array([values for _, values in self._samples]) - reference
         self._reference, self._dropped = reference, 0
         self._sum = deviations.sum(axis=0)

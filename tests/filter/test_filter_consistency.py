@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Is the filter as sure as it should be? NEES of pose and of relative motion over seeds of the analytic trial.
+"""Consistency of the filter: NEES of pose and of relative motion over seeds of the analytic trial.
 
-The filter's noise is the generator's: no foot slips there, so what stands for slip and bending is small, and the
-robot's own numbers are left for encoders, joint velocities and IMU. The leg scale is not estimated.
+The filter's noise is the generator's: no foot slips there, so the noise for slip and bending is small, and the
+robot's own parameters are used for encoders, joint velocities and IMU. The leg scale is not estimated.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from coclo_vio.evaluation.consistency import anees, nees
-from coclo_vio.filter.config import FilterConfig, RobustConfig
+from coclo_vio.filter.config import FilterConfig, InitialConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import StandstillConfig
 from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.keyframes import relative_motion
 
 BODY = BodyMotionConfig(rest_s=0.6, walk_s=4.4, stop_s=0.0, ramp_s=0.6, speed_mps=0.18, curvature_per_m=0.3)
 MATCHED = FilterConfig(
@@ -30,6 +31,7 @@ MATCHED = FilterConfig(
         foot_position_noise_m=1e-5,
         foot_velocity_noise_mps=1e-3,
     ),
+    initial=InitialConfig(camera_rotation_sigma_rad=0.0, stereo_scale_sigma=0.0),
     standstill=StandstillConfig(window_s=0.4, gyroscope_std_radps=0.006, joint_speed_radps=0.065),
 )
 INTERVAL = 100  # samples: one second
@@ -42,9 +44,9 @@ class Nees:
 
 
 def nees_of(robot: RobotModel, config: FilterConfig, seed: int) -> Nees:
-    """Of the pose in the frame of the first estimate and of the motion since the last clone, once a second."""
+    """Of the pose in the frame of the first estimate and of the motion since the last keyframe, once a second."""
     trial = generate(AnalyticTrialConfig(body=BODY, substeps=1), robot, seed)
-    odometry = LegOdometryFilter(robot, config)
+    odometry, keyframe = LegOdometryFilter(robot, config, remembers_frames=True), None
     truth_at = dict(zip(trial.truth.stamps_ns.tolist(), trial.truth.T_world_body, strict=True))
     errors, covariances, delta_errors, delta_covariances = [], [], [], []
     start = np.eye(4)
@@ -54,18 +56,19 @@ def nees_of(robot: RobotModel, config: FilterConfig, seed: int) -> Nees:
         if estimate is None:
             continue
         T_true = truth_at[estimate.stamp_ns]
-        if count == 0:
+        if keyframe is None:
             start = se3.transform(so3.about_z(float(so3.yaw(T_true[:3, :3]))), T_true[:3, 3])
-            odometry.clone()
+            keyframe = odometry.mark_frame(estimate.stamp_ns).anchor()
         elif count % INTERVAL == 0:
             T_start_body = se3.inverse(start) @ T_true
             errors.append(se3.log(se3.inverse(estimate.nav.T_world_body) @ T_start_body))
             covariances.append(estimate.covariance[:6, :6])
-            delta = odometry.delta_since_clone()
+            pair = keyframe.mark_frame(estimate.stamp_ns)
+            delta = relative_motion(pair.poses(), floor_m=0.0)
             T_true_delta = se3.inverse(truth_at[delta.start_ns]) @ T_true
             delta_errors.append(se3.log(se3.inverse(delta.T_start_end) @ T_true_delta))
             delta_covariances.append(delta.covariance)
-            odometry.clone()
+            keyframe = pair.keep()
         count += 1
     return Nees(
         nees(np.array(errors), np.array(covariances)), nees(np.array(delta_errors), np.array(delta_covariances))

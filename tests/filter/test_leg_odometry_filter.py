@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The filter from the outside, with input as robots give it: late, twice, with holes, without sensors."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.geometry import se3, so3
+from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
@@ -203,124 +203,6 @@ def test_samples_of_another_robot_are_an_error(daisy: RobotModel) -> None:
         odometry.push(JointSample(0, np.zeros(17), np.zeros(17), np.zeros(17)))
     with pytest.raises(RobotModelError, match=r"4 entries, robot .* 6 legs"):
         odometry.push(FootForceSample(0, np.zeros(4)))
-
-
-def test_clones_need_a_start(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
-    odometry = LegOdometryFilter(daisy)
-    with pytest.raises(FilterError, match="not started"):
-        odometry.clone()
-    with pytest.raises(FilterError, match="not started"):
-        odometry.delta_since_clone()
-    for measurement in noisy_walk.measurements[:300]:
-        odometry.push(measurement)
-    with pytest.raises(FilterError, match="clone"):
-        odometry.delta_since_clone()
-
-
-def cloned_walk(
-    daisy: RobotModel, measurements: Sequence[Measurement], every: int, config: FilterConfig
-) -> tuple[LegOdometryFilter, list[np.ndarray], list[StateEstimate]]:
-    """The filter, its deltas from clone to clone, and its estimates at the clones."""
-    odometry, deltas, at_clones = LegOdometryFilter(daisy, config), [], []
-    count = 0
-    for measurement in measurements:
-        estimate = odometry.push(measurement)
-        if estimate is None:
-            continue
-        if count % every == 0:
-            if count:
-                deltas.append(odometry.delta_since_clone().T_start_end)
-            odometry.clone()
-            at_clones.append(estimate)
-        count += 1
-    return odometry, deltas, at_clones
-
-
-def test_a_fresh_clone_is_certain_and_is_the_identity(
-    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig
-) -> None:
-    odometry, _, _ = cloned_walk(daisy, noisy_walk.measurements[:900], 100, config)
-    odometry.clone()
-    delta = odometry.delta_since_clone()
-    assert delta.start_ns == delta.end_ns
-    np.testing.assert_allclose(delta.T_start_end, np.eye(4), atol=1e-12)
-    np.testing.assert_allclose(delta.covariance, 0.0, atol=1e-16)
-
-
-def test_the_delta_joins_the_clone_to_the_present(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
-    """The delta leads from the pose at the clone, as it is now known, to the present; it grows less sure with time."""
-    odometry, now = LegOdometryFilter(daisy, PROFILES[0]), None
-    sigmas: list[float] = []
-    cloned = None
-    for number, measurement in enumerate(noisy_walk.measurements):
-        now = odometry.push(measurement) or now
-        if number == 400:
-            odometry.clone()
-            cloned = now
-        if number > 400 and number % 200 == 0:
-            delta = odometry.delta_since_clone()
-            assert np.linalg.eigvalsh(delta.covariance)[0] > 0.0
-            sigmas.append(float(np.sqrt(np.trace(delta.covariance[3:, 3:]))))
-    assert now is not None
-    assert cloned is not None
-    assert delta.start_ns == cloned.stamp_ns
-    apart = se3.log(
-        se3.inverse(cloned.nav.T_world_body @ odometry.delta_since_clone().T_start_end) @ now.nav.T_world_body
-    )
-    assert np.abs(apart[:3]).max() < 5e-3  # the clone itself was smoothed since
-    assert np.abs(apart[3:]).max() < 5e-3
-    assert sigmas[-1] > sigmas[0]
-
-
-def test_chained_deltas_are_the_walk(daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig) -> None:
-    _, deltas, at_clones = cloned_walk(daisy, noisy_walk.measurements, 50, config)
-    chained = at_clones[0].nav.T_world_body
-    for delta in deltas:
-        chained = chained @ delta
-    apart = se3.log(se3.inverse(chained) @ at_clones[-1].nav.T_world_body)
-    assert np.linalg.norm(position(at_clones[-1])) > 0.3
-    assert np.abs(apart).max() < 0.02
-
-
-def test_a_pose_at_the_clone_pulls_the_present_along(
-    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig
-) -> None:
-    surefooted = config.robust.model_copy(update={"slip_share": 0.0, "slip_turn_per_m": 0.0})
-    odometry = LegOdometryFilter(daisy, config.model_copy(update={"robust": surefooted}))
-    last = None
-    measurements = noisy_walk.measurements
-    for number, measurement in enumerate(measurements[:900]):
-        estimate = odometry.push(measurement)
-        last = estimate or last
-        if number == 600:
-            odometry.clone()
-            cloned = last
-    assert last is not None
-    assert cloned is not None
-    step_delta = odometry.delta_since_clone().T_start_end
-    shift = np.array([0.004, -0.003, 0.002])
-    T_measured = cloned.nav.T_world_body.copy()
-    T_measured[:3, 3] += shift
-    surprise = odometry.correct_at_clone(T_measured, np.diag([1e-2] * 3 + [1e-10] * 3))
-    assert surprise > 0.0
-    after_delta = odometry.delta_since_clone().T_start_end
-    estimate = next(one for one in map(odometry.push, measurements[900:]) if one is not None)
-    pulled = position(estimate) - position(last) - (estimate.stamp_ns - last.stamp_ns) * 1e-9 * last.nav.velocity_world
-    np.testing.assert_allclose(pulled, shift, atol=2e-3)
-    np.testing.assert_allclose(after_delta[:3, 3], step_delta[:3, 3], atol=2e-3)
-    assert estimate.covariance[3:6, 3:6].trace() < last.covariance[3:6, 3:6].trace()
-
-
-def test_the_present_needs_no_clone_to_agree_with_a_run_without(
-    daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
-) -> None:
-    """Cloning only remembers: the trajectory is the same to rounding."""
-    plain, _ = clean_runs[config.profile]
-    _, _, at_clones = cloned_walk(daisy, noisy_walk.measurements, 40, config)
-    by_stamp = {estimate.stamp_ns: estimate for estimate in plain}
-    for estimate in at_clones:
-        other = by_stamp[estimate.stamp_ns]
-        np.testing.assert_allclose(estimate.nav.T_world_body, other.nav.T_world_body, atol=1e-8)
 
 
 def test_a_turn_that_begins_while_the_joints_are_silent_is_not_lost(daisy: RobotModel) -> None:

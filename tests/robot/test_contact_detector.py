@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+"""The built-in contact estimators, and the guard around every estimator."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -28,12 +30,12 @@ def test_probability_stays_in_bounds_and_grows_with_the_load(loads, method) -> N
 
 @settings(derandomize=True, max_examples=60)
 @given(loads=st.lists(st.floats(0, 40), min_size=2, max_size=60))
-def test_hysteresis_stands_above_on_swings_below_off_and_keeps_between(loads) -> None:
-    was = False
+def test_hysteresis_is_stance_above_on_swing_below_off_and_unchanged_between(loads) -> None:
+    before = False
     for value, now in zip(loads, stances(ContactConfig(on_force=20, off_force=12), loads), strict=True):
-        expected = True if value >= 20 else (False if value < 12 else was)
+        expected = True if value >= 20 else (False if value < 12 else before)
         assert now == expected
-        was = now
+        before = now
 
 
 def test_paper_probability_by_hand() -> None:
@@ -65,11 +67,11 @@ def test_stance_probability_moves_the_decision_of_the_memoryless_methods() -> No
     assert stances(config, [79.0, 80.0, 79.0]) == [False, True, False]
 
 
-def test_on_dwell_ignores_a_short_knock() -> None:
+def test_on_dwell_ignores_a_short_impact() -> None:
     config = ContactConfig(on_force=20, off_force=12, on_dwell_s=0.03)
-    knock = [0, 50, 50, 50, 5, 50, 50, 50, 50, 15, 15]
+    loads = [0, 50, 50, 50, 5, 50, 50, 50, 50, 15, 15]
     expected = [False] * 8 + [True] * 3
-    assert stances(config, knock) == expected
+    assert stances(config, loads) == expected
 
 
 def test_off_dwell_bridges_a_short_gap() -> None:
@@ -116,13 +118,19 @@ def test_states_do_not_change_afterwards() -> None:
     ("values", "message"),
     [
         ({"on_force": 10, "off_force": 12}, r"off_force = 12\.0 must lie below on_force = 10\.0"),
-        ({"max_force": 50}, "give both or neither"),
+        ({"max_force": 50}, "set both or neither"),
         ({"max_force": 50, "min_force": 60}, r"min_force = 60\.0 must lie below max_force = 50\.0"),
         ({"on_dwell_s": -1}, "greater than or equal to 0"),
-        ({"method": "schmitt"}, "'paper', 'logistic' or 'hysteresis'"),
+        (
+            {"method": "schmitt"},
+            "no contact estimator 'schmitt'; there are: hysteresis, logistic, paper; .*registered first",
+        ),
+        ({"parameters": {"gain": 2}}, "'hysteresis' takes no parameters, but gain is given; remove it"),
+        ({"method": "logistic", "parameters": {"gain": 2}}, "'logistic' takes no parameters"),
+        ({"method": "paper", "parameters": {"gain": 2}}, "'paper' takes no parameters"),
         ({"on_treshold": 3}, "there is no on_treshold; the keys there are: .*on_force"),
     ],
 )
-def test_a_wrong_configuration_says_what_is_wrong(values, message) -> None:
+def test_a_wrong_configuration_is_refused_with_the_reason(values, message) -> None:
     with pytest.raises(ConfigError, match=message):
         ContactConfig.parse(values, "contact")

@@ -37,7 +37,7 @@ def _errors(trial: AnalyticTrial, config: ContactConfig) -> Array:
     """Load less true load of every foot at every sample after the first, N, (N - 1, legs)."""
     load = FootLoad(DAISY, config, force_timeout_s=0.1)
     loads = [
-        load.at(sample, trial.body.rotation[k, 2], trial.body.angular_velocity[k])
+        load.loads_at(sample, trial.body.rotation[k, 2], trial.body.angular_velocity[k])
         for k, sample in enumerate(_joints(trial))
     ]
     return (np.array(loads) - trial.load_n)[1:]
@@ -62,7 +62,7 @@ def test_each_compensation_takes_out_what_it_says(brisk_walk) -> None:
 def test_the_loads_of_standing_feet_add_up_to_the_weight(brisk_walk) -> None:
     load = FootLoad(DAISY, ContactConfig(compensation="gravity"), force_timeout_s=0.1)
     first = next(_joints(brisk_walk))
-    loads = load.at(first, brisk_walk.body.rotation[0, 2], None)
+    loads = load.loads_at(first, brisk_walk.body.rotation[0, 2], None)
     assert loads.sum() == pytest.approx(DAISY.mass_kg * 9.81, rel=1e-6)
     np.testing.assert_allclose(loads, brisk_walk.load_n[0], atol=1e-6)
 
@@ -70,7 +70,7 @@ def test_the_loads_of_standing_feet_add_up_to_the_weight(brisk_walk) -> None:
 def test_the_first_sample_has_no_acceleration_and_is_compensated_for_gravity(brisk_walk) -> None:
     sample = list(_joints(brisk_walk))[60]
     loads = [
-        FootLoad(DAISY, ContactConfig(compensation=name), 0.1).at(sample, UP, np.zeros(3))
+        FootLoad(DAISY, ContactConfig(compensation=name), 0.1).loads_at(sample, UP, np.zeros(3))
         for name in ("gravity", "inertia")
     ]
     assert (loads[0] == loads[1]).all()
@@ -79,7 +79,7 @@ def test_the_first_sample_has_no_acceleration_and_is_compensated_for_gravity(bri
 def test_the_paper_s_method_takes_the_length_of_the_force(brisk_walk) -> None:
     sample = list(_joints(brisk_walk))[60]
     vertical, length = (
-        FootLoad(DAISY, ContactConfig(compensation="none", method=method), 0.1).at(sample, UP, None)
+        FootLoad(DAISY, ContactConfig(compensation="none", method=method), 0.1).loads_at(sample, UP, None)
         for method in ("hysteresis", "paper")
     )
     forces = DAISY.foot_forces(sample.position, sample.velocity, sample.effort)
@@ -90,7 +90,7 @@ def test_the_paper_s_method_takes_the_length_of_the_force(brisk_walk) -> None:
 def test_up_is_where_the_load_is_measured_along(brisk_walk) -> None:
     sample = next(_joints(brisk_walk))
     tilt = np.array([0.3, 0.0, np.sqrt(1.0 - 0.09)])
-    loads = FootLoad(DAISY, ContactConfig(compensation="none"), 0.1).at(sample, tilt, None)
+    loads = FootLoad(DAISY, ContactConfig(compensation="none"), 0.1).loads_at(sample, tilt, None)
     np.testing.assert_allclose(loads, DAISY.foot_forces(sample.position, sample.velocity, sample.effort) @ tilt)
 
 
@@ -98,7 +98,7 @@ def test_a_missing_torque_leaves_its_leg_unknown(brisk_walk) -> None:
     sample = next(_joints(brisk_walk))
     effort = sample.effort.copy()
     effort[4] = np.nan
-    loads = FootLoad(DAISY, ContactConfig(), 0.1).at(
+    loads = FootLoad(DAISY, ContactConfig(), 0.1).loads_at(
         JointSample(sample.stamp_ns, sample.position, sample.velocity, effort), UP, None
     )
     assert np.flatnonzero(np.isnan(loads)).tolist() == [1]
@@ -110,22 +110,22 @@ def _joints_at(stamp_ns: int) -> JointSample:
 
 def test_sensors_are_held_until_they_are_too_old() -> None:
     load = FootLoad(DAISY, SENSOR, force_timeout_s=0.1)
-    assert np.isnan(load.at(_joints_at(0), UP, None)).all()
+    assert np.isnan(load.loads_at(_joints_at(0), UP, None)).all()
     force = np.arange(6.0)
-    assert load.take(FootForceSample(10_000_000, force))
-    assert (load.at(_joints_at(20_000_000), UP, None) == force).all()
-    assert (load.at(_joints_at(110_000_000), UP, None) == force).all()
-    assert np.isnan(load.at(_joints_at(110_000_001), UP, None)).all()
+    assert load.push(FootForceSample(10_000_000, force))
+    assert (load.loads_at(_joints_at(20_000_000), UP, None) == force).all()
+    assert (load.loads_at(_joints_at(110_000_000), UP, None) == force).all()
+    assert np.isnan(load.loads_at(_joints_at(110_000_001), UP, None)).all()
 
 
 def test_an_older_or_repeated_sensor_sample_is_refused() -> None:
     load = FootLoad(DAISY, SENSOR, force_timeout_s=1.0)
-    assert load.take(FootForceSample(10, np.full(6, 1.0)))
-    assert not load.take(FootForceSample(10, np.full(6, 2.0)))
-    assert not load.take(FootForceSample(9, np.full(6, 3.0)))
-    assert (load.at(_joints_at(20), UP, None) == 1.0).all()
+    assert load.push(FootForceSample(10, np.full(6, 1.0)))
+    assert not load.push(FootForceSample(10, np.full(6, 2.0)))
+    assert not load.push(FootForceSample(9, np.full(6, 3.0)))
+    assert (load.loads_at(_joints_at(20), UP, None) == 1.0).all()
 
 
 def test_a_sensor_sample_of_another_robot_is_refused_with_the_numbers() -> None:
     with pytest.raises(RobotModelError, match="4 entries, robot 'daisy' has 6 legs"):
-        FootLoad(DAISY, SENSOR, force_timeout_s=1.0).take(FootForceSample(0, np.zeros(4)))
+        FootLoad(DAISY, SENSOR, force_timeout_s=1.0).push(FootForceSample(0, np.zeros(4)))

@@ -76,14 +76,14 @@ def test_a_missing_yaml_is_named(tmp_path) -> None:
     ("change", "message"),
     [
         (("foot_radius_m: 0.03", "foot_radius: 0.03"), r"no legs\.0\.foot_radius"),
-        (("r1, r2", "l2, r2"), "joint l2 stands twice"),
-        (("name: right", "name: left"), "leg left stands twice"),
+        (("r1, r2", "l2, r2"), "joint l2 is listed twice"),
+        (("name: right", "name: left"), "leg left is listed twice"),
         (("left_one: l1", "left_one: l9"), "lead to l9.*l1, l2, r1, r2"),
         (("0.03", "-0.03"), "greater than or equal to 0"),
         (("[r1, r2]", "[]"), r"legs\.1\.joints"),
     ],
 )
-def test_a_wrong_description_says_what_is_wrong(change, message, tmp_path) -> None:
+def test_a_wrong_description_is_refused_with_the_reason(change, message, tmp_path) -> None:
     assert change[0] in OWN_ROBOT
     with pytest.raises(ConfigError, match=message):
         load_robot(write(tmp_path, OWN_ROBOT.replace(*change)))
@@ -94,7 +94,7 @@ def test_a_missing_urdf_is_named(tmp_path) -> None:
         urdf_path(load_robot(write(tmp_path, OWN_ROBOT)))
 
 
-def test_without_the_extra_the_error_says_how_to_install_it(monkeypatch) -> None:
+def test_without_the_extra_the_error_gives_the_install_command(monkeypatch) -> None:
     def absent(name: str) -> None:
         raise metadata.PackageNotFoundError(name)
 

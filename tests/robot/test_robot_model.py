@@ -144,7 +144,7 @@ def test_the_body_frame_can_be_another_link(two_links) -> None:
         ({"foot": "fot"}, "no link or frame 'fot'; its links are: foot, head, lower, radar, root, trunk, upper"),
         ({"body": "torso"}, "no link or frame 'torso'"),
         ({"body": "upper"}, "'upper' moves with a leg"),
-        ({"joints": ("hip", "neck")}, "given as hip, neck, but .* between the body and 'foot' are: hip;"),
+        ({"joints": ("hip", "neck")}, "listed as hip, neck, but .* between the body and 'foot' are: hip;"),
         ({"joints": ("turret",), "foot": "radar"}, "'turret' has more than one degree of freedom"),
     ],
 )
