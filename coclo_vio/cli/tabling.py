@@ -4,11 +4,11 @@
 import os
 import shlex
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -24,14 +24,17 @@ from coclo_vio.values.config import parse_settings, read_yaml
 from coclo_vio.values.errors import DatasetError
 
 if TYPE_CHECKING:
-    from coclo_vio.experiments.table.text_tables import Grid
     from coclo_vio.experiments.table.plan import TablePlan
-    from coclo_vio.experiments.table.work_unit import News
+    from coclo_vio.experiments.table.records import TableRecord
+    from coclo_vio.experiments.table.text_tables import TextTable
+    from coclo_vio.experiments.table.work_unit import WorkProgress
 
 SeedsOption = Annotated[int, typer.Option(min=1, help="How many seeds of each trial.")]
 FirstSeedOption = Annotated[int, typer.Option(min=0, help="The first of the seeds; the others follow.")]
 TrialsOption = Annotated[str, typer.Option(help="Grounds, separated by commas.")]
-ModesOption = Annotated[str, typer.Option(help="Estimators, separated by commas.")]
+ModesOption = Annotated[
+    str | None, typer.Option(help="Modes, separated by commas. Default: those of the paper's table.")
+]
 PolicySeedsOption = Annotated[
     int, typer.Option(min=0, help="With so many of the seeds run combined with every feedback policy; 0 for none.")
 ]
@@ -62,7 +65,7 @@ def table(
     seeds: SeedsOption = 10,
     first_seed: FirstSeedOption = 11,
     trials: TrialsOption = "flat,ramp,stairs",
-    modes: ModesOption = "coclo,vins,combined",
+    modes: ModesOption = None,
     policy_seeds: PolicySeedsOption = 3,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -79,8 +82,8 @@ def table(
     check_simulator("a table", "sim,viz")
     from coclo_vio.experiments.table import build  # noqa: PLC0415
     from coclo_vio.experiments.table import plan as planning  # noqa: PLC0415
-    from coclo_vio.experiments.table.recordings import Recordings  # noqa: PLC0415
     from coclo_vio.experiments.table.job_store import JobStore  # noqa: PLC0415
+    from coclo_vio.experiments.table.recordings import Recordings  # noqa: PLC0415
     from coclo_vio.simulation.simulated_recording import SIMULATED_ROBOT  # noqa: PLC0415 -- an extra
 
     plan = planning.TablePlan(
@@ -88,7 +91,7 @@ def table(
         seeds=seeds,
         first_seed=first_seed,
         trials=planning.checked_trials(_names(trials)),
-        modes=planning.checked_modes(_names(modes)),
+        modes=planning.default_modes() if modes is None else planning.checked_modes(_names(modes)),
         policy_seeds=policy_seeds,
         ideal=ideal,
     )
@@ -99,8 +102,8 @@ def table(
     left = sum(len(unit.jobs) for unit in work)
     if left < total:
         say(f"{total - left} of {total} jobs are finished already, in {output}")
-    with _terminable(), _progress(total, total - left) as tell:
-        build.do(work, workers or os.cpu_count() or 1, scheduler, tell)
+    with _terminable(), _progress(total, total - left) as report:
+        build.run_work(work, workers or os.cpu_count() or 1, scheduler, report)
     lost = build.missing(plan, store)
     if lost:
         raise DatasetError(
@@ -125,31 +128,31 @@ def _command(plan: "TablePlan", settings: list[str], config: Path | None) -> str
     return shlex.join([*words, *(["-c", config.name] if config else [])])
 
 
-def _show(made: Mapping[str, Any], notes: list[str], output: Path, *, as_json: bool) -> None:
-    from coclo_vio.experiments.table.text_tables import grids, sentences  # noqa: PLC0415 -- an extra
-    from coclo_vio.experiments.table.table_page import failures  # noqa: PLC0415
+def _show(made: "TableRecord", notes: list[str], output: Path, *, as_json: bool) -> None:
+    from coclo_vio.experiments.table.table_page import against_the_paper, failures  # noqa: PLC0415
+    from coclo_vio.experiments.table.text_tables import text_tables  # noqa: PLC0415 -- an extra
 
     for line in (*failures(made), *notes):
         say(line)
     if as_json:
-        give_json(made)
+        give_json(made.to_json())
         return
-    for grid in grids(made["summary"]):
-        if not grid.is_wide:
-            _print_grid(grid)
-    for line in sentences(made["summary"]["claims"]):
+    for each in text_tables(made.summary):
+        if not each.is_wide:
+            _print_table(each)
+    for line in against_the_paper(made):
         give(line)
     give(f"table with spreads and figures: {output / 'table.html'}; beside it table.md and table.json")
 
 
-def _print_grid(grid: "Grid") -> None:
-    shown = Table(title=escape(grid.title), box=SIMPLE_HEAD, pad_edge=False, title_justify="left")
-    for number, head in enumerate(grid.head):
+def _print_table(text: "TextTable") -> None:
+    shown = Table(title=escape(text.title), box=SIMPLE_HEAD, pad_edge=False, title_justify="left")
+    for number, head in enumerate(text.head):
         shown.add_column(escape(head), justify="right" if number else "left")
-    for row in grid.rows:
+    for row in text.rows:
         shown.add_row(*(escape(cell) for cell in row))
     out.print(shown)
-    out.print(escape(grid.caption), highlight=False)
+    out.print(escape(text.caption), highlight=False)
     out.print()
 
 
@@ -171,7 +174,7 @@ def _terminable() -> Iterator[None]:
 
 
 @contextmanager
-def _progress(total: int, finished: int) -> Iterator[Callable[["News"], None]]:
+def _progress(total: int, finished: int) -> Iterator[Callable[["WorkProgress"], None]]:
     """A bar of jobs with what runs now; a line a job where there is no terminal."""
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
@@ -179,16 +182,16 @@ def _progress(total: int, finished: int) -> Iterator[Callable[["News"], None]]:
         running: dict[str, str] = {}  # by recording
         done = finished
 
-        def tell(news: "News") -> None:
+        def report(step: "WorkProgress") -> None:
             nonlocal done
-            recording = "_".join(news.name.split("_")[:2])
+            recording = "_".join(step.name.split("_")[:2])
             running.pop(recording, None)
-            if news.kind in ("simulating", "running"):
-                running[recording] = news.name if news.kind == "running" else f"simulating {news.name}"
-            elif news.kind in ("done", "failed"):
+            if step.kind in ("simulating", "running"):
+                running[recording] = step.name if step.kind == "running" else f"simulating {step.name}"
+            elif step.kind in ("done", "failed"):
                 done += 1
-                if news.kind == "failed" or not err.is_terminal:
-                    say(f"{done} of {total}: {news.name}{f' failed: {news.reason}' if news.reason else ''}")
+                if step.kind == "failed" or not err.is_terminal:
+                    say(f"{done} of {total}: {step.name}{f' failed: {step.reason}' if step.reason else ''}")
             bar.update(task, completed=done, description=escape(", ".join(running.values())))
 
-        yield tell
+        yield report

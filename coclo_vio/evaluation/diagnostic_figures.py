@@ -2,7 +2,7 @@
 """Diagnostics of an estimator as PNG files: feet in stance, health of the smoother, errors within their sigmas."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.values.units import NS_PER_S
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _SIGMAS = 3.0
 _ROWS = ("x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
 _SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])  # of m and rad, to the units of _ROWS
@@ -22,18 +25,16 @@ def plot_contacts(
     stamps_ns: IntArray,
     probability: Array,
     legs: Sequence[str],
-    path: Path,
     *,
     threshold: float = 0.5,
     start_ns: int | None = None,
-) -> Path:
+) -> "Figure":
     """One band a leg: dark in stance, with the contact probability as a line.
 
     Args:
         stamps_ns: times, ns, (N,).
         probability: contact probabilities 0..1, (N, legs).
         legs: names, one a column.
-        path: PNG file to write.
         threshold: a leg is in stance above this probability.
         start_ns: time zero; the first stamp where None.
 
@@ -63,21 +64,19 @@ def plot_contacts(
         axis.plot(times_s, low + 0.8 * column, linewidth=0.6, color="black")
     axis.set_yticks([-float(row) for row in range(len(legs))], labels=list(legs))
     axis.margins(x=0.0)
-    return finish(figure, [axis], "time [s]", path)
+    return finish(figure, [axis], "time [s]")
 
 
 def plot_keyframes(
     keyframes: Mapping[str, Mapping[str, Array]],
-    path: Path,
     *,
     events: Mapping[str, Sequence[int]] | None = None,
     start_ns: int | None = None,
-) -> Path:
+) -> "Figure":
     """Over time and for each smoother: tracks at its keyframes, the residual reprojection error, events.
 
     Args:
         keyframes: by trajectory, columns (N,) by name: ``stamp_ns``, ``tracks``, ``reprojection_px``.
-        path: PNG file to write.
         events: stamps, ns, by kind, of the events of the estimators.
         start_ns: time zero; the first keyframe where None.
 
@@ -103,7 +102,7 @@ def plot_keyframes(
     )
     for axis in axes:
         axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
-    return finish(figure, axes, "time [s]", path)
+    return finish(figure, axes, "time [s]")
 
 
 def error_and_sigma(
@@ -140,12 +139,11 @@ def error_and_sigma(
 def plot_error_bands(
     estimates: Mapping[str, Trajectory],
     references: Mapping[str, Trajectory],
-    path: Path,
     *,
     start_ns: int | None = None,
     rotation_noise_rad: float = 0.0,
     position_noise_m: float = 0.0,
-) -> Path:
+) -> "Figure":
     """Error along each axis of the world and of yaw, within three sigmas of the estimator's own covariance.
 
     A column for each estimate; a consistent one is outside its band for 0.3 % of the time.
@@ -153,7 +151,6 @@ def plot_error_bands(
     Args:
         estimates: with covariance, in the ground truth's world.
         references: the ground truth on the clock of each.
-        path: PNG file to write.
         start_ns: time zero; the first estimate where None.
         rotation_noise_rad: of the ground truth, one sigma an axis, rad.
         position_noise_m: the same of its positions, m.
@@ -179,4 +176,4 @@ def plot_error_bands(
             if column == 0:
                 axis.set_ylabel(label)
         axes[0, column].set_title(f"{name}: error and three sigmas", fontsize="medium")
-    return finish(figure, list(axes.flat), "time [s]", path, labelled=axes[-1, :-1])
+    return finish(figure, list(axes.flat), "time [s]", labelled=axes[-1, :-1])

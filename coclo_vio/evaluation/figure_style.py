@@ -87,14 +87,13 @@ def mark_events(axes: Sequence[Any], events: Mapping[str, Sequence[float]]) -> N
                 axis.axvline(time_s, color=colour, linewidth=0.9, alpha=0.55, zorder=0, label=label)
 
 
-def finish(figure: "Figure", axes: Sequence[Any], x_label: str, path: Path, *, labelled: Iterable[Any] = ()) -> Path:
-    """Grid, legend beside the curves and the label of the last axis; then the PNG file.
+def finish(figure: "Figure", axes: Sequence[Any], x_label: str, *, labelled: Iterable[Any] = ()) -> "Figure":
+    """Grid, legend beside the curves and the label of the last axis; returns the figure.
 
     Args:
-        figure: what to write.
+        figure: with its curves.
         axes: all of it.
         x_label: below the last one, and below each of ``labelled``.
-        path: PNG file to write.
         labelled: further axes that stand at the bottom.
     """
     entries: dict[str, Any] = {}
@@ -117,6 +116,15 @@ def finish(figure: "Figure", axes: Sequence[Any], x_label: str, path: Path, *, l
         )
         for line in legend.get_lines():
             line.set_linewidth(2.2)
+    return figure
+
+
+def save_png(figure: "Figure", path: Path) -> Path:
+    """Write a figure as a PNG file; returns the path.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     figure.savefig(path, dpi=_DPI, format="png")
     return path
 

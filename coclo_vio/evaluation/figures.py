@@ -7,8 +7,7 @@ is no ground truth.
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -21,6 +20,9 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.values.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _AXES = ("x", "y", "z")
 _HOLE_S = 1.0
@@ -36,15 +38,12 @@ Events = Mapping[str, Sequence[int]]
 """Stamps, ns, by kind."""
 
 
-def plot_positions(
-    estimates: Estimates, reference: Trajectory | None, path: Path, *, start_ns: int | None = None
-) -> Path:
+def plot_positions(estimates: Estimates, reference: Trajectory | None, *, start_ns: int | None = None) -> "Figure":
     """x, y and z over time of all estimates and the ground truth (the paper's ramp and stairs figures).
 
     Args:
         estimates: by name.
         reference: the ground truth, where there is any.
-        path: PNG file to write.
         start_ns: time zero; the first estimate where None.
     """
     zero_ns, shown = _zero_ns(estimates, start_ns), _within(estimates, reference)
@@ -56,18 +55,17 @@ def plot_positions(
             estimate = estimates[name]
             axis.plot(_seconds(estimate, zero_ns), _broken(estimate, estimate.positions)[:, index], **style_of(name))
 
-    return _in_columns(list(estimates), [f"{name} [m]" for name in _AXES], draw, path)
+    return _in_columns(list(estimates), [f"{name} [m]" for name in _AXES], draw)
 
 
 def plot_velocities(
     estimates: Estimates,
     reference: Trajectory | None,
-    path: Path,
     *,
     start_ns: int | None = None,
     window_s: float = 0.25,
     max_gap_s: float = 0.25,
-) -> Path:
+) -> "Figure":
     """Velocities in the world over time; those of the ground truth, and of estimates without any, from positions.
 
     So many curves hide each other: baselines are left out where there are featured trajectories, and of a long
@@ -76,7 +74,6 @@ def plot_velocities(
     Args:
         estimates: by name.
         reference: the ground truth, where there is any.
-        path: PNG file to write.
         start_ns: time zero; the first estimate where None.
         window_s: over which positions give a velocity, s.
         max_gap_s: a hole of the ground truth is longer, s.
@@ -94,10 +91,10 @@ def plot_velocities(
         if shown is not None and true is not None:
             axis.plot(_seconds(shown, zero_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
 
-    return _in_columns(names, [f"v{name} [m/s]" for name in _AXES], draw, path)
+    return _in_columns(names, [f"v{name} [m/s]" for name in _AXES], draw)
 
 
-def plot_path(estimates: Estimates, reference: Trajectory | None, path: Path) -> Path:
+def plot_path(estimates: Estimates, reference: Trajectory | None) -> "Figure":
     """The path from above, both axes to one scale (the paper's flat-ground figure), and below it from the side.
 
     The height in the view from the side is not to scale.
@@ -113,24 +110,22 @@ def plot_path(estimates: Estimates, reference: Trajectory | None, path: Path) ->
     above.set_ylabel("y [m]")
     above.set_aspect("equal", adjustable="datalim")
     _draw_side(side, estimates, shown)
-    return finish(figure, [above, side], "along the path, from the side [m]", path)
+    return finish(figure, [above, side], "along the path, from the side [m]")
 
 
 def plot_position_error(
     estimates: Estimates,
     references: Estimates,
-    path: Path,
     *,
     events: Events | None = None,
     start_ns: int | None = None,
     max_gap_s: float = 0.25,
-) -> Path:
+) -> "Figure":
     """Distance to the ground truth over time; broken where the ground truth has a hole.
 
     Args:
         estimates: by name.
         references: the ground truth on the clock of each.
-        path: PNG file to write.
         events: marked where they happened.
         start_ns: time zero; the first estimate where None.
         max_gap_s: a hole of the ground truth is longer, s.
@@ -143,23 +138,21 @@ def plot_position_error(
     zero_ns = _zero_ns(estimates, start_ns)
     _draw_error(axis, estimates, references, max_gap_s, zero_ns)
     mark_events([axis], _event_times(events or {}, zero_ns))
-    return finish(figure, [axis], "time [s]", path)
+    return finish(figure, [axis], "time [s]")
 
 
 def plot_overview(
     estimates: Estimates,
     references: Estimates,
-    path: Path,
     *,
     start_ns: int | None = None,
     max_gap_s: float = 0.25,
-) -> Path:
+) -> "Figure":
     """The path, from the side where it climbs, and the distance to the ground truth.
 
     Args:
         estimates: by name.
         references: the ground truth on the clock of each.
-        path: PNG file to write.
         start_ns: time zero; the first estimate where None.
         max_gap_s: a hole of the ground truth is longer, s.
     """
@@ -177,44 +170,10 @@ def plot_overview(
         route.set_xlabel("x [m]")
         route.set_ylabel("y [m]")
     _draw_error(error, estimates, references, max_gap_s, _zero_ns(estimates, start_ns))
-    return finish(figure, [route, error], "time [s]", path)
+    return finish(figure, [route, error], "time [s]")
 
 
-def write_figures(
-    estimates: Estimates,
-    references: Estimates | None,
-    folder: Path,
-    events: Events | None = None,
-    *,
-    start_ns: int | None = None,
-) -> list[Path]:
-    """Every figure that needs trajectories only, in ``folder``, which is made; the paths written.
-
-    Args:
-        estimates: by name, in one world.
-        references: the ground truth on the clock of each, where there is any; of the first where one is drawn.
-        folder: where to write.
-        events: marked in the figure of errors.
-        start_ns: time zero; the first estimate where None.
-
-    Raises:
-        EvaluationError: matplotlib is missing, or there is no estimate.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    reference = None if not references else next(iter(references.values()))
-    written = [
-        plot_path(estimates, reference, folder / "path.png"),
-        plot_positions(estimates, reference, folder / "positions.png", start_ns=start_ns),
-        plot_velocities(estimates, reference, folder / "velocities.png", start_ns=start_ns),
-    ]
-    if references:
-        written.insert(0, plot_overview(estimates, references, folder / "overview.png", start_ns=start_ns))
-        error = folder / "position_error.png"
-        written.append(plot_position_error(estimates, references, error, events=events, start_ns=start_ns))
-    return written
-
-
-def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any, path: Path) -> Path:
+def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any) -> "Figure":
     """A row for each axis of the world; a column for standalone estimators, and one for fused ones."""
     standalone = [name for name in names if not is_fused(name)]
     fused = [name for name in names if is_fused(name)]
@@ -228,7 +187,7 @@ def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any, path: Path
                 axes[index, column].set_ylabel(label)
         if len(columns) > 1:
             axes[0, column].set_title(title, fontsize="medium")
-    return finish(figure, list(axes.flat), "time [s]", path, labelled=axes[-1, :-1])
+    return finish(figure, list(axes.flat), "time [s]", labelled=axes[-1, :-1])
 
 
 def _draw_path(axis: Any, estimates: Estimates, reference: Trajectory | None, plane: tuple[int, int]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.evaluation.diagnostic_figures import error_and_sigma, plot_contacts, plot_error_bands, plot_keyframes
+from coclo_vio.evaluation.figure_style import save_png
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.errors import EvaluationError
 
@@ -21,11 +22,11 @@ def coloured(path, least: float = 0.2) -> int:
 
 def test_contact_bands_show_stance(tmp_path):
     stamps_ns = np.arange(200) * 10_000_000
-    standing = plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR"], tmp_path / "stand.png")
-    flying = plot_contacts(stamps_ns, np.zeros((200, 2)), ["FL", "FR"], tmp_path / "fly.png")
+    standing = save_png(plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR"]), tmp_path / "stand.png")
+    flying = save_png(plot_contacts(stamps_ns, np.zeros((200, 2)), ["FL", "FR"]), tmp_path / "fly.png")
     assert coloured(standing) > 10_000 > coloured(flying)
     with pytest.raises(EvaluationError, match=r"\(200, 3\)"):
-        plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR", "RL"], tmp_path / "wrong.png")
+        save_png(plot_contacts(stamps_ns, np.ones((200, 2)), ["FL", "FR", "RL"]), tmp_path / "wrong.png")
 
 
 def test_keyframes_of_every_smoother_are_shown(tmp_path):
@@ -33,11 +34,11 @@ def test_keyframes_of_every_smoother_are_shown(tmp_path):
         stamps_ns = 1e18 + np.arange(50) * 2e8
         return {"stamp_ns": stamps_ns, "tracks": np.full(50, 100 * level), "reprojection_px": np.full(50, level)}
 
-    one = plot_keyframes({"vision": columns(1.0)}, tmp_path / "one.png")
-    two = plot_keyframes({"vision": columns(1.0), "stereo": columns(0.5)}, tmp_path / "two.png")
+    one = save_png(plot_keyframes({"vision": columns(1.0)}), tmp_path / "one.png")
+    two = save_png(plot_keyframes({"vision": columns(1.0), "stereo": columns(0.5)}), tmp_path / "two.png")
     assert coloured(two) > coloured(one) > 100
     with pytest.raises(EvaluationError, match="there is none; run a visual mode first"):
-        plot_keyframes({"vision": {"stamp_ns": np.zeros(0)}}, tmp_path / "none.png")
+        save_png(plot_keyframes({"vision": {"stamp_ns": np.zeros(0)}}), tmp_path / "none.png")
 
 
 def test_errors_and_sigmas_are_in_the_axes_of_the_world(line):
@@ -62,13 +63,13 @@ def test_a_wider_band_covers_more(line, tmp_path):
         covariance = np.tile(np.eye(6) * sigma_m**2, (len(truth), 1, 1))
         off = truth.moved(se3.transform(np.eye(3), np.array([0.3, 0.0, 0.0])))
         estimate = replace(off, covariance=covariance)
-        return coloured(plot_error_bands({"legs": estimate}, {"legs": truth}, tmp_path / name), 0.05)
+        return coloured(save_png(plot_error_bands({"legs": estimate}, {"legs": truth}), tmp_path / name), 0.05)
 
     assert drawn(0.1, "wide.png") > 1.15 * drawn(0.001, "narrow.png")
 
 
 def test_bands_need_a_covariance(line, tmp_path):
     with pytest.raises(EvaluationError, match="need the covariance"):
-        plot_error_bands({"legs": line(1.0)}, {"legs": line(1.0)}, tmp_path / "bands.png")
+        save_png(plot_error_bands({"legs": line(1.0)}, {"legs": line(1.0)}), tmp_path / "bands.png")
     with pytest.raises(EvaluationError, match="at least one estimate"):
-        plot_error_bands({}, {}, tmp_path / "bands.png")
+        save_png(plot_error_bands({}, {}), tmp_path / "bands.png")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coclo_vio.evaluation.figure_style import save_png
 from coclo_vio.evaluation.figures import plot_position_error, plot_positions, plot_velocities, write_figures
 from coclo_vio.values.errors import EvaluationError
 
@@ -39,8 +40,8 @@ def test_figures_without_ground_truth(walk, tmp_path):
 def test_fused_trajectories_are_beside_standalone_ones(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.1))
     alone = {"legs": truth, "vision": truth}
-    narrow = plot_positions(alone, truth, tmp_path / "alone.png")
-    wide = plot_positions({**alone, "fused_legs": truth}, truth, tmp_path / "both.png")
+    narrow = save_png(plot_positions(alone, truth), tmp_path / "alone.png")
+    wide = save_png(plot_positions({**alone, "fused_legs": truth}, truth), tmp_path / "both.png")
     assert matplotlib_image.imread(wide).shape[1] > 1.3 * matplotlib_image.imread(narrow).shape[1]
 
 
@@ -50,7 +51,7 @@ def test_of_a_long_recording_velocities_show_twenty_seconds_of_the_middle(line, 
     jumpy = replace(steady_truth, velocity_world=np.where(steady_truth.times_s[:, None] < 15.0, 3.0, 0.1) * np.ones(3))
     steady = replace(steady_truth, velocity_world=np.full((len(steady_truth), 3), 0.1))
     pictures = [
-        plot_velocities({"legs": estimate}, steady_truth, tmp_path / f"{index}.png").read_bytes()
+        save_png(plot_velocities({"legs": estimate}, steady_truth), tmp_path / f"{index}.png").read_bytes()
         for index, estimate in enumerate((jumpy, steady))
     ]
     assert pictures[0] == pictures[1]
@@ -59,7 +60,7 @@ def test_of_a_long_recording_velocities_show_twenty_seconds_of_the_middle(line, 
 def test_time_is_counted_from_the_given_start(line, tmp_path):
     truth = line(1.0, seconds=2.0)
     pictures = [
-        plot_positions({"legs": truth}, truth, tmp_path / f"{name}.png", start_ns=start_ns).read_bytes()
+        save_png(plot_positions({"legs": truth}, truth, start_ns=start_ns), tmp_path / f"{name}.png").read_bytes()
         for name, start_ns in (("default", None), ("first", int(truth.stamps_ns[0])), ("earlier", -5_000_000_000))
     ]
     assert pictures[0] == pictures[1] != pictures[2]
@@ -68,9 +69,10 @@ def test_time_is_counted_from_the_given_start(line, tmp_path):
 def test_events_are_marked_in_the_errors(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.1))
     estimates, references = {"legs": walk(np.arange(0.0, 25.0, 0.1), 1)}, {"legs": truth}
-    quiet = plot_position_error(estimates, references, tmp_path / "quiet.png")
-    eventful = plot_position_error(
-        estimates, references, tmp_path / "eventful.png", events={"vins: vision_lost": [5_000_000_000, 9_000_000_000]}
+    quiet = save_png(plot_position_error(estimates, references), tmp_path / "quiet.png")
+    eventful = save_png(
+        plot_position_error(estimates, references, events={"vins: vision_lost": [5_000_000_000, 9_000_000_000]}),
+        tmp_path / "eventful.png",
     )
     assert coloured(eventful) > coloured(quiet) + 300
 
@@ -79,15 +81,15 @@ def test_a_baseline_that_is_far_off_does_not_flatten_the_others(line, tmp_path):
     truth = line(5.0)
     near = {"legs": line(5.0, scale=1.01)}
     far = {**near, "naive": line(5.0, scale=3.0)}
-    alone = plot_position_error(near, dict.fromkeys(near, truth), tmp_path / "near.png")
-    beside = plot_position_error(far, dict.fromkeys(far, truth), tmp_path / "far.png")
+    alone = save_png(plot_position_error(near, dict.fromkeys(near, truth)), tmp_path / "near.png")
+    beside = save_png(plot_position_error(far, dict.fromkeys(far, truth)), tmp_path / "far.png")
     assert coloured(beside) > 0.3 * coloured(alone)
 
 
 def test_position_error_outside_the_ground_truth_is_an_error(line, tmp_path):
     late = line(1.0).restamped(line(1.0).stamps_ns + 10**12)
     with pytest.raises(EvaluationError, match="no pose between"):
-        plot_position_error({"late": late}, {"late": line(1.0)}, tmp_path / "error.png")
+        save_png(plot_position_error({"late": late}, {"late": line(1.0)}), tmp_path / "error.png")
 
 
 def test_no_estimate_is_an_error(line, tmp_path):

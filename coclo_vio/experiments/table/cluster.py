@@ -1,38 +1,38 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Units of work on a Dask cluster. The only importer of dask (extra ``cluster``), inside the function.
 
-Every worker has to see the table's folder and that of the recordings under the same paths, and have the package
-installed; one thread a worker, and no nanny above those that simulate, which start a process that draws.
+Every worker needs the table's folder and that of the recordings under the same paths, and the package installed; one
+thread a worker, and no nanny for those that simulate, which start a process for rendering.
 """
 
 from collections.abc import Sequence
 from threading import Lock
 
-from coclo_vio.experiments.table.work_unit import Listener, News, WorkUnit, run_unit
+from coclo_vio.experiments.table.work_unit import ProgressCallback, WorkProgress, WorkUnit, run_unit
 from coclo_vio.values.errors import ConfigError, DatasetError
 
 _TOPIC = "coclo-vio-table"
 _CONNECT_S = 30.0
 
 
-def run_on_cluster(work: Sequence[WorkUnit], address: str, tell: Listener) -> None:
+def run_on_cluster(work: Sequence[WorkUnit], address: str, report: ProgressCallback) -> None:
     """All units on the workers of a scheduler.
 
     Args:
-        work: what to do.
+        work: the units.
         address: of the scheduler, such as ``tcp://10.0.0.1:8786``.
-        tell: called with what is going on.
+        report: called at each step.
 
     Raises:
         ConfigError: dask is not installed.
-        DatasetError: the scheduler does not answer, a worker was lost too often, or a finished job cannot be kept.
+        DatasetError: the scheduler does not answer, a worker was lost too often, or a finished job cannot be stored.
     """
     try:
         from distributed import Client, as_completed  # noqa: PLC0415 -- an extra
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
     except ImportError as error:
         raise ConfigError(
-            "--scheduler needs Dask, which is an extra: pip install 'coclo-vio[cluster]', or leave it out to work on "
+            "--scheduler needs Dask, which is an extra: pip install 'coclo-vio[cluster]', or leave it out to run on "
             "this machine"
         ) from error
     try:
@@ -43,13 +43,13 @@ def run_on_cluster(work: Sequence[WorkUnit], address: str, tell: Listener) -> No
             f"`dask worker --no-nanny --nthreads 1 {address}`"
         ) from error
     with client:
-        heard = _Heard(tell)
-        client.subscribe_topic(_TOPIC, lambda event: heard.tell(News(*event[1])))
+        once = _Once(report)
+        client.subscribe_topic(_TOPIC, lambda event: once.report(WorkProgress(*event[1])))
         futures = client.map(_work, list(work), pure=False, key=[f"table-{unit.name}" for unit in work])
         try:
             for future in as_completed(futures, loop=client.loop):
-                for news in future.result():
-                    heard.tell(news)
+                for step in future.result():
+                    once.report(step)
         except KilledWorker as error:
             raise DatasetError(
                 f"workers of {address} died over a recording ({error}); run again, the finished jobs are kept"
@@ -59,32 +59,32 @@ def run_on_cluster(work: Sequence[WorkUnit], address: str, tell: Listener) -> No
             client.unsubscribe_topic(_TOPIC)
 
 
-class _Heard:
-    """Hands each news on once: it comes by way of the scheduler, and again with the unit, in case that was late."""
+class _Once:
+    """Reports each step once: it arrives by way of the scheduler, and again with the unit, in case that was late."""
 
-    def __init__(self, tell: Listener) -> None:
-        self._tell = tell
-        self._heard: set[News] = set()
+    def __init__(self, report: ProgressCallback) -> None:
+        self._report = report
+        self._reported: set[WorkProgress] = set()
         self._lock = Lock()
 
-    def tell(self, news: News) -> None:
-        """Hand it on if it is new."""
+    def report(self, step: WorkProgress) -> None:
+        """Report the step if it is new."""
         with self._lock:
-            if news not in self._heard:
-                self._heard.add(news)
-                self._tell(news)
+            if step not in self._reported:
+                self._reported.add(step)
+                self._report(step)
 
 
-def _work(unit: WorkUnit) -> list[News]:
-    """What a worker does; what is going on it tells at once, and again at the end."""
+def _work(unit: WorkUnit) -> list[WorkProgress]:
+    """Run a unit on a worker; its steps are reported at once, and all of them again at the end."""
     from distributed import get_worker  # noqa: PLC0415 -- an extra
 
     worker = get_worker()
-    told: list[News] = []
+    steps: list[WorkProgress] = []
 
-    def tell(news: News) -> None:
-        told.append(news)
-        worker.log_event(_TOPIC, (news.kind, news.name, news.reason))
+    def report(step: WorkProgress) -> None:
+        steps.append(step)
+        worker.log_event(_TOPIC, (step.kind, step.name, step.reason))
 
-    run_unit(unit, tell)
-    return told
+    run_unit(unit, report)
+    return steps

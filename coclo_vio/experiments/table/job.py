@@ -1,57 +1,59 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One job, from recording to figures: what ``coclo-vio run`` and ``coclo-vio evaluate`` do, twice measured."""
+"""One job, from recording to figures: a run and its evaluation against both references."""
 
 import shutil
 import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.experiments.table.plan import Job
+from coclo_vio.evaluation.records import EvaluationRecord
+from coclo_vio.experiments.table.job_store import JobStore
+from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.job_store import JobStore, Row
-from coclo_vio.runs import comparison, run_folder
+from coclo_vio.experiments.table.records import EventTime, JobRecord, JobTrajectory
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.evaluating import evaluate_run
 from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.run_record import TrajectoryRecord
+from coclo_vio.runs.running import run_modes
 from coclo_vio.values.errors import CocloError
 
-REFERENCES = ("vicon", "truth")
-NO_ESTIMATE = "no estimate came out"
+NO_ESTIMATE = "the estimator gave no estimate"
+_Evaluated = tuple[Mapping[str, Evaluation], Mapping[str, str]]
+"""Evaluations by trajectory, and the reasons where there is none."""
 
 
-def run_job(job: Job, recordings: Recordings, config: RunConfig, store: JobStore) -> Row:
-    """Run a job whose recording is there; what goes wrong is a result too.
+def run_job(job: Job, plan: TablePlan, recordings: Recordings, store: JobStore) -> JobRecord:
+    """Run a job whose recording exists; a failure is a result too.
 
     Args:
-        job: what to run.
-        recordings: where its recording and the truth are.
-        config: of the plan.
+        job: to run.
+        plan: of the table.
+        recordings: with that of the job, and its truth.
         store: keeps the trajectories.
     """
     began_s = time.process_time()
     try:
         with run_folder.writing(store.folder):
-            told = _run(job, recordings, job.variant.configured(config), store.run_of(job))
-    except Exception as error:  # of whatever kind: one job that fails is no reason to lose the others
-        return failed(job, sentence(error, recordings))
-    lacking = [name for name in job.variant.estimators if name not in told]
-    told |= {name: _nothing(NO_ESTIMATE) for name in lacking}
-    failures = [one["failure"] for one in told.values() if one["failure"] is not None]
-    cpu_s = time.process_time() - began_s
-    return {**_named(job), "cpu_s": cpu_s, "failure": next(iter(failures), None), "estimators": told}
+            ran = _run(job, recordings, job.variant.configured(plan.config), store.run_of(job))
+    except Exception as error:  # of whatever kind: a job that fails must not end the others
+        return failed(job, plan, reason_of(error, recordings))
+    trajectories = {**ran, **{name: _nothing(NO_ESTIMATE) for name in job.variant.trajectories if name not in ran}}
+    failures = [trajectory.failure for trajectory in trajectories.values() if trajectory.failure is not None]
+    return _record(job, plan, trajectories, next(iter(failures), None), time.process_time() - began_s)
 
 
-def failed(job: Job, reason: str) -> Row:
-    """The row of a job that came to nothing."""
-    nothing = {name: _nothing(reason) for name in job.variant.estimators}
-    return {**_named(job), "cpu_s": None, "failure": reason, "estimators": nothing}
+def failed(job: Job, plan: TablePlan, reason: str) -> JobRecord:
+    """The record of a job without any result."""
+    return _record(job, plan, {name: _nothing(reason) for name in job.variant.trajectories}, reason, None)
 
 
-def sentence(error: Exception, recordings: Recordings) -> str:
-    """What an error says, in one line and wherever the recordings are; if nobody raised it on purpose, its kind too."""
+def reason_of(error: Exception, recordings: Recordings) -> str:
+    """The message of an error in one line, without the folder of the recordings; with its class if unexpected."""
     text = " ".join(str(error).replace(f"{recordings.folder}/", "").split())
     return text if isinstance(error, CocloError) else f"{type(error).__name__}: {text}"
 
@@ -63,60 +65,73 @@ def against_truth(config: EvaluationConfig) -> EvaluationConfig:
     return config.model_copy(update=exact | noiseless)
 
 
-def _run(job: Job, recordings: Recordings, config: RunConfig, folder: Path) -> dict[str, Row]:
-    """What is told of each estimator; the run folder appears whole, without the states, which are large."""
+def keeps_state(job: Job) -> bool:
+    """Whether a figure shows the velocities of this job: those of flat ground, as in the paper."""
+    return job.trial == "flat" and job.variant.feedback is None
+
+
+def _record(
+    job: Job, plan: TablePlan, trajectories: dict[str, JobTrajectory], failure: str | None, cpu_s: float | None
+) -> JobRecord:
+    return JobRecord(
+        fingerprint=plan.fingerprint(job),
+        trial=job.trial,
+        seed=job.seed,
+        variant=job.variant.name,
+        cpu_s=cpu_s,
+        failure=failure,
+        estimators=trajectories,
+    )
+
+
+def _run(job: Job, recordings: Recordings, config: RunConfig, folder: Path) -> dict[str, JobTrajectory]:
+    """The results by trajectory; the run folder appears whole, without the states, which are large."""
     path = recordings.path(job.trial, job.seed)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as scratch:
         run = Path(scratch) / folder.name
-        estimators = comparison.run_all(path, [job.variant.mode], config, run)["estimators"]
+        record = run_modes(path, [job.variant.mode], config, run)
         truth, exact = recordings.truth(job.trial, job.seed), against_truth(config.evaluation)
-        evaluated = {
-            "vicon": comparison.evaluate_run(run, config.evaluation),
-            "truth": comparison.evaluate_run(run, exact, truth),
-        }
+        vicon_result = evaluate_run(run, config.evaluation)
+        truth_result = evaluate_run(run, exact, truth)
         for state in run.glob("*_state.csv"):
             if not keeps_state(job):
                 state.unlink()
         shutil.rmtree(folder, ignore_errors=True)
         run.rename(folder)
     return {
-        name: _told(told, {reference: _of(name, *both) for reference, both in evaluated.items()})
-        for name, told in estimators.items()
+        name: _result(name, trajectory, vicon_result, truth_result) for name, trajectory in record.estimators.items()
     }
 
 
-def keeps_state(job: Job) -> bool:
-    """Whether a figure shows the velocities of this job: those of flat ground, as in the paper."""
-    return job.trial == "flat" and job.variant.feedback is None
+def _result(name: str, trajectory: TrajectoryRecord, vicon: _Evaluated, truth: _Evaluated) -> JobTrajectory:
+    """Figures of one trajectory against each reference, beside its run."""
+    reasons = (trajectory.failure, vicon[1].get(name), truth[1].get(name))
+    return JobTrajectory(
+        vicon=_evaluation(name, vicon),
+        truth=_evaluation(name, truth),
+        realtime_factor=trajectory.realtime_factor,
+        estimates=trajectory.estimates,
+        counts=dict(trajectory.counts),
+        keyframes=trajectory.keyframes,
+        events=tuple(EventTime(kind=event.kind, time_s=event.time_s) for event in trajectory.events),
+        failure=next((reason for reason in reasons if reason is not None), None),
+    )
 
 
-def _of(
-    name: str, evaluations: Mapping[str, Evaluation], failures: Mapping[str, str]
-) -> tuple[Evaluation | None, str | None]:
-    """One estimator's evaluation, or why there is none."""
-    return evaluations.get(name), failures.get(name)
+def _evaluation(name: str, evaluated: _Evaluated) -> EvaluationRecord | None:
+    evaluation = evaluated[0].get(name)
+    return None if evaluation is None else EvaluationRecord.of(evaluation)
 
 
-def _told(told: Mapping[str, Any], evaluated: Mapping[str, tuple[Evaluation | None, str | None]]) -> Row:
-    """Figures of one estimator against each reference, and how it fared."""
-    blocks = {key: None if evaluation is None else evaluation.to_json() for key, (evaluation, _) in evaluated.items()}
-    reasons = [told["failure"], *(reason for _, reason in evaluated.values())]
-    return {
-        **blocks,
-        "realtime_factor": told["realtime_factor"],
-        "estimates": told["estimates"],
-        "counts": dict(told["counts"]),
-        "keyframes": told["keyframes"],
-        "events": [{"kind": event["kind"], "time_s": event["time_s"]} for event in told["events"]],
-        "failure": next((reason for reason in reasons if reason is not None), None),
-    }
-
-
-def _nothing(reason: str) -> Row:
-    empty: Row = dict.fromkeys((*REFERENCES, "realtime_factor", "keyframes"))
-    return {**empty, "estimates": 0, "counts": {}, "events": [], "failure": reason}
-
-
-def _named(job: Job) -> Row:
-    return {"trial": job.trial, "seed": job.seed, "variant": job.variant.name}
+def _nothing(reason: str) -> JobTrajectory:
+    return JobTrajectory(
+        vicon=None,
+        truth=None,
+        realtime_factor=None,
+        estimates=0,
+        counts={},
+        keyframes=None,
+        events=(),
+        failure=reason,
+    )

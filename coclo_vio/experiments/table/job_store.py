@@ -7,16 +7,13 @@ Beside it ``runs/<recording>/<variant>/`` keeps the trajectories of each, for th
 import json
 import os
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from coclo_vio.experiments.table.plan import Job, TablePlan
+from coclo_vio.experiments.table.records import Fingerprint, JobRecord
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import DatasetError
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,48 +35,55 @@ class JobStore:
         """The run folder of a job."""
         return self.folder / "runs" / job.recording / job.variant.file_name
 
-    def write(self, job: Job, row: Mapping[str, Any]) -> None:
-        """Keep what came of a job.
+    def write(self, job: Job, record: JobRecord) -> None:
+        """Keep the result of a job.
 
         Raises:
-            DatasetError: the disk does not take it.
+            DatasetError: it cannot be written.
         """
         path = self._path(job)
         half = path.with_name(f".{path.name}.{os.getpid()}")
         with run_folder.writing(self.folder):
             try:
-                run_folder.write_json(half, row)
+                record.write(half)
                 half.replace(path)
             finally:
                 half.unlink(missing_ok=True)
 
-    def read(self, job: Job) -> Row | None:
-        """What came of a job, None where it is not finished."""
+    def read(self, job: Job) -> JobRecord | None:
+        """The result of a job, None where it is not finished: no file, or not the whole of one.
+
+        Raises:
+            DatasetError: it was written by another release.
+        """
+        path = self._path(job)
         try:
-            row = json.loads(self._path(job).read_text(encoding="utf-8"))
+            values = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
-        return row if isinstance(row, dict) else None
+        return JobRecord.parse(values, str(path))
 
-    def kept(self, plan: TablePlan) -> dict[Job, Row]:
+    def kept(self, plan: TablePlan) -> dict[Job, JobRecord]:
         """The finished jobs of a plan.
 
         Raises:
-            DatasetError: some were made with other settings, so that one table of all would be of nothing.
+            DatasetError: some were made with other settings or by another release, so they make no table together.
         """
-        rows = {job: row for job in plan.jobs() if (row := self.read(job)) is not None}
+        records = {job: record for job in plan.jobs() if (record := self.read(job)) is not None}
         differing: dict[Job, set[str]] = {}
-        for job, row in rows.items():
-            made, wanted = row.get("fingerprint") or {}, plan.fingerprint(job)
-            if made != wanted:
-                differing[job] = {key for key in wanted if made.get(key) != wanted[key]}
+        for job, record in records.items():
+            planned = plan.fingerprint(job)
+            if record.fingerprint != planned:
+                differing[job] = {
+                    key for key in Fingerprint.model_fields if getattr(record.fingerprint, key) != getattr(planned, key)
+                }
         if differing:
-            what = ", ".join(sorted(set().union(*differing.values())))
+            settings = ", ".join(sorted(set().union(*differing.values())))
             raise DatasetError(
-                f"{len(differing)} of the {len(rows)} finished jobs in {self.folder} were made otherwise ({what}); "
-                "give another folder with -o, or --fresh to forget them and begin anew"
+                f"{len(differing)} of the {len(records)} finished jobs in {self.folder} were made with other settings "
+                f"({settings}); choose another folder with -o, or --fresh to remove them and begin anew"
             )
-        return rows
+        return records
 
     def forget(self) -> None:
         """Remove all finished jobs and their trajectories."""

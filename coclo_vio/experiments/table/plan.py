@@ -1,39 +1,48 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What there is to do for a table: jobs, and the settings that decide what comes out of them.
+"""The jobs of a table, and the settings that decide their results.
 
 A job is one simulated recording through one variant of one mode; all jobs of a recording are one unit of work, so that
-its images are read while they are warm and no two workers simulate the same trial.
+its images are read while they are cached and no two workers simulate the same trial.
 """
 
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any
 
 from coclo_vio import __version__
-from coclo_vio.fusion.bridge import BridgeConfig, Policy
-from coclo_vio.fusion.combined import BY_EYES, BY_LEGS
+from coclo_vio.experiments.table.records import Fingerprint
+from coclo_vio.fusion.config import BridgeConfig
+from coclo_vio.fusion.feedback import feedback_policies
 from coclo_vio.robot.description import urdf_path
-from coclo_vio.runs.estimators import estimator_kind
+from coclo_vio.runs.modes.mode import Mode
+from coclo_vio.runs.modes.registry import mode_of, modes
 from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.simulation.simulated_recording import IDEAL_ROBOT, SIMULATED_ROBOT, SimulationConfig, simulation_config
 from coclo_vio.simulation.trial.terrain import TERRAINS, TerrainName
 from coclo_vio.values.errors import ConfigError, listing
 
-JPEG: Mapping[str, Any] = {"camera": {"encoding": "jpeg"}}  # a third as large as PNG, a little harder to see with
-COMBINED = "combined"
-DEFAULT_MODES = ("coclo", "vins", COMBINED)
-POLICIES: tuple[str, ...] = get_args(get_args(Policy)[0])
+JPEG: Mapping[str, Any] = {"camera": {"encoding": "jpeg"}}  # a third as large as PNG, slightly harder to track
+
+
+def default_modes() -> tuple[str, ...]:
+    """The modes that declare themselves as part of the table."""
+    return tuple(mode.name for mode in modes().values() if mode.table)
+
+
+def _has_feedback(mode: Mode) -> bool:
+    """Whether a feedback policy acts in a mode: several fused trajectories correct each other, a single one cannot."""
+    return sum(kind.standalone is not None for kind in mode.trajectories) > 1
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A mode, and of the combined one the policy of its feedback where it is another than the configured one.
+    """A mode, with another feedback policy than the configured one where it is given.
 
     Attributes:
-        mode: name of the estimator.
-        feedback: one of ``POLICIES``; None for the configured one.
+        mode: its name.
+        feedback: name of a feedback policy; None for the configured one.
     """
 
     mode: str
@@ -41,21 +50,21 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """``combined:ci``, or the mode alone."""
+        """Mode and policy, such as ``combined:ci``, or the mode alone."""
         return self.mode if self.feedback is None else f"{self.mode}:{self.feedback}"
 
     @property
     def file_name(self) -> str:
-        """The name without a colon, which not every file system has."""
+        """The name without a colon, which not every file system allows."""
         return self.name.replace(":", "-")
 
     @property
-    def estimators(self) -> tuple[str, ...]:
-        """Names of the trajectories that come out of it."""
-        return (BY_LEGS, BY_EYES) if self.mode == COMBINED else (self.mode,)
+    def trajectories(self) -> tuple[str, ...]:
+        """Names of its trajectories."""
+        return mode_of(self.mode).trajectory_names
 
     def configured(self, config: RunConfig) -> RunConfig:
-        """The configuration that this variant runs with."""
+        """The configuration of this variant."""
         if self.feedback is None:
             return config
         bridge = BridgeConfig.parse({**config.bridge.model_dump(), "feedback": self.feedback}, self.name)
@@ -83,26 +92,26 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class TablePlan:
-    """Everything that decides what is in a table.
+    """Everything that decides the content of a table.
 
     Attributes:
         config: of the estimators.
         seeds: how many.
         first_seed: the first of them; the others follow.
-        trials: the grounds.
-        modes: the estimators.
-        policy_seeds: with so many of the seeds the combined mode is run with every other feedback policy too.
+        trials: names of the terrains.
+        modes: their names.
+        policy_seeds: for this many of the seeds, modes with feedback are run with every other feedback policy too.
         ideal: whether the robot is exactly as described.
         simulation: changes to the trials beyond the paper's and JPEG images.
         images: whether the cameras record.
-        until_s: trials are cut short after so many seconds.
+        until_s: trials end after this long, s; None for whole trials.
     """
 
     config: RunConfig = field(default_factory=lambda: resolve(SIMULATED_ROBOT))
     seeds: int = 10
     first_seed: int = 11
     trials: tuple[TerrainName, ...] = TERRAINS
-    modes: tuple[str, ...] = DEFAULT_MODES
+    modes: tuple[str, ...] = field(default_factory=default_modes)
     policy_seeds: int = 3
     ideal: bool = False
     simulation: Mapping[str, Any] = field(default_factory=dict)
@@ -116,18 +125,21 @@ class TablePlan:
 
     @property
     def policies(self) -> tuple[Variant, ...]:
-        """The combined mode with every feedback policy, in the order of ``POLICIES``; none where nobody asks."""
-        if COMBINED not in self.modes or not self.policy_seeds:
-            return ()
-        own = self.config.bridge.feedback
-        return tuple(Variant(COMBINED, None if policy == own else policy) for policy in POLICIES)
+        """The modes with feedback, each with every feedback policy; none without seeds for them."""
+        configured = self.config.bridge.feedback
+        return tuple(
+            Variant(mode, None if policy == configured else policy)
+            for mode in (self.modes if self.policy_seeds else ())
+            if _has_feedback(mode_of(mode))
+            for policy in feedback_policies()
+        )
 
     def policy_of(self, variant: Variant) -> str:
-        """The feedback policy that a combined variant runs with."""
+        """The feedback policy of a variant."""
         return variant.feedback or self.config.bridge.feedback
 
     def jobs(self) -> Iterator[Job]:
-        """All jobs in the order of work: those of one recording together, and all grounds of a seed."""
+        """All jobs in the order of work: those of one recording together, and all trials of a seed."""
         for number, seed in enumerate(range(self.first_seed, self.first_seed + self.seeds)):
             more = self.policies if number < self.policy_seeds else ()
             variants = dict.fromkeys((*self.variants, *more))
@@ -138,22 +150,22 @@ class TablePlan:
         """How the recordings of a trial are simulated."""
         return simulation_config(trial, JPEG, IDEAL_ROBOT if self.ideal else {}, self.simulation)
 
-    def fingerprint(self, job: Job) -> dict[str, Any]:
-        """What decides the result of a job; another fingerprint is another result."""
+    def fingerprint(self, job: Job) -> Fingerprint:
+        """What decides the result of a job."""
         simulated = [self.simulation_of(job.trial).model_dump(mode="json"), self.images, self.until_s]
-        return {
-            "version": __version__,
-            "configuration": _digest(_told(job.variant.configured(self.config))),
-            "simulation": _digest(simulated),
-            "ideal": self.ideal,
-            "trial": job.trial,
-            "seed": job.seed,
-            "variant": job.variant.name,
-        }
+        return Fingerprint(
+            version=__version__,
+            configuration=_digest(_plain(job.variant.configured(self.config))),
+            simulation=_digest(simulated),
+            ideal=self.ideal,
+            trial=job.trial,
+            seed=job.seed,
+            variant=job.variant.name,
+        )
 
 
-def _told(config: RunConfig) -> dict[str, Any]:
-    """A configuration as plain values, with what the robot's URDF says instead of where it stands."""
+def _plain(config: RunConfig) -> dict[str, Any]:
+    """A configuration as plain values, with a digest of the robot's URDF instead of its path."""
     values: dict[str, Any] = config.model_dump(mode="json")
     if config.robot is not None:
         values["robot"]["urdf"] = hashlib.sha256(urdf_path(config.robot).read_bytes()).hexdigest()
@@ -169,7 +181,7 @@ def checked_trials(names: Sequence[str]) -> tuple[TerrainName, ...]:
     unknown = [name for name in names if name not in TERRAINS]
     if unknown or not names:
         raise ConfigError(
-            f"--trials {','.join(names)!r}: give some of {listing(TERRAINS)}, separated by commas, or leave it out"
+            f"--trials {','.join(names)!r}: choose some of {listing(TERRAINS)}, separated by commas, or leave it out"
         )
     return tuple(name for name in TERRAINS if name in names)
 
@@ -181,9 +193,9 @@ def checked_modes(names: Sequence[str]) -> tuple[str, ...]:
         ConfigError: no name, or one that no mode has.
     """
     if not names:
-        raise ConfigError(f"--modes names no estimator; leave it out for {', '.join(DEFAULT_MODES)}")
+        raise ConfigError(f"--modes names no mode; leave it out for {', '.join(default_modes())}")
     for name in names:
-        estimator_kind(name)
+        mode_of(name)
     return tuple(dict.fromkeys(names))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from coclo_vio.experiments.table.plan import TablePlan
 from coclo_vio.runs import run_folder
-from coclo_vio.simulation.simulated_recording import SimulationConfig, simulate_recording, truth_folder
+from coclo_vio.simulation.simulated_recording import Execution, SimulationConfig, simulate_recording, truth_folder
 from coclo_vio.simulation.trial.terrain import TerrainName
 from coclo_vio.values.config import read_yaml
 from coclo_vio.values.errors import ConfigError, DatasetError, SimulationError
@@ -24,7 +24,7 @@ class Recordings:
 
     Attributes:
         folder: of all recordings of the table.
-        plan: says how they are simulated.
+        plan: decides how they are simulated.
         keeps: whether a recording stays once all its jobs are finished.
     """
 
@@ -37,27 +37,27 @@ class Recordings:
         return self.folder / f"{trial}_{seed}"
 
     def check(self) -> None:
-        """See that the recordings which are there are those that the plan asks for.
+        """Check that existing recordings are those of the plan.
 
         Raises:
-            DatasetError: one was simulated otherwise, or its truth is missing.
+            DatasetError: one was simulated with other settings, or its truth is missing.
         """
         for trial, seed in dict.fromkeys((job.trial, job.seed) for job in self.plan.jobs()):
             if self.path(trial, seed).exists():
                 self._check(trial, seed)
 
     def is_there(self, trial: TerrainName, seed: int) -> bool:
-        """Whether the recording is there, whole."""
+        """Whether the whole recording exists."""
         return self.path(trial, seed).exists()
 
     def make(self, trial: TerrainName, seed: int) -> None:
-        """Simulate a recording if it is missing; who comes second waits for the first and takes what it made.
+        """Simulate a recording if it is missing; a second process waits for the first and uses its recording.
 
-        What a killed process left of its own try is removed.
+        Remains of a killed process are removed.
 
         Raises:
             SimulationError: it cannot be simulated.
-            DatasetError: the folder cannot be written, or what is there was simulated otherwise.
+            DatasetError: the folder cannot be written.
         """
         path = self.path(trial, seed)
         run_folder.prepare(self.folder)
@@ -66,14 +66,19 @@ class Recordings:
                 return
             if current_process().daemon:
                 raise SimulationError(
-                    f"{path} is missing, and this worker may start no process to draw it, as a Dask worker below a "
-                    "nanny: start workers with --no-nanny, or make the recordings first without --scheduler"
+                    f"{path} is missing, and this worker, a Dask worker with a nanny, cannot start a process to "
+                    "render it: start workers with --no-nanny, or make the recordings first without --scheduler"
                 )
-            for left in (truth_folder(path), *(one for one in self.folder.glob(f".{path.name}.*") if one.is_dir())):
+            for left in (
+                truth_folder(path),
+                *(found for found in self.folder.glob(f".{path.name}.*") if found.is_dir()),
+            ):
                 shutil.rmtree(left, ignore_errors=True)
             simulation = self.plan.simulation_of(trial)
             images, until_s = self.plan.images, self.plan.until_s
-            simulate_recording(path, trial, simulation, seed, images=images, until_s=until_s, workers=1)
+            simulate_recording(
+                path, trial, simulation, seed, images=images, until_s=until_s, execution=Execution(workers=1)
+            )
 
     def truth(self, trial: TerrainName, seed: int) -> GroundTruth:
         """The exact poses, on the clock of the recording."""
@@ -88,14 +93,14 @@ class Recordings:
 
     def _check(self, trial: TerrainName, seed: int) -> None:
         path = self.path(trial, seed)
-        told = truth_folder(path) / "config.yaml"
-        next_step = f"remove it, or give another folder with --recordings than {self.folder}"
-        if not (told.with_name("groundtruth.tum")).is_file():
-            raise DatasetError(f"{path} has no truth beside it in {told.parent}; {next_step}")
+        config = truth_folder(path) / "config.yaml"
+        next_step = f"remove it, or choose another folder than {self.folder} with --recordings"
+        if not config.with_name("groundtruth.tum").is_file():
+            raise DatasetError(f"{path} has no truth beside it in {config.parent}; {next_step}")
         try:
-            made = SimulationConfig.parse(read_yaml(told), str(told))
+            made = SimulationConfig.parse(read_yaml(config), str(config))
         except ConfigError as error:
-            raise DatasetError(f"{path} was simulated by another version ({error}); {next_step}") from error
+            raise DatasetError(f"{path} was simulated by another release ({error}); {next_step}") from error
         if made != self.plan.simulation_of(trial):
             parts = [
                 f"{part}.{key}"
@@ -103,12 +108,12 @@ class Recordings:
                 for key, value in getattr(made, part)
                 if value != getattr(getattr(self.plan.simulation_of(trial), part), key)
             ]
-            raise DatasetError(f"{path} was simulated otherwise (in {', '.join(parts)}); {next_step}")
+            raise DatasetError(f"{path} was simulated with other settings ({', '.join(parts)}); {next_step}")
 
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Only one process at a time is inside; the lock goes with the process that holds it."""
+    """Only one process at a time is inside; the lock ends with the process that holds it."""
     with run_folder.writing(path.parent), path.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         try:

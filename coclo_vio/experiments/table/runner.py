@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Units of work done one after the other, or in several processes of one thread each.
 
-Whoever stops the run stops its processes: they leave what is finished, and nothing half. Processes whose run was killed
-go by themselves.
+Stopping the run stops its processes: finished jobs stay, unfinished ones leave nothing. Processes whose run was killed
+end by themselves.
 """
 
 import multiprocessing
@@ -18,7 +18,7 @@ from queue import Empty
 from threading import Thread
 from types import FrameType
 
-from coclo_vio.experiments.table.work_unit import Listener, News, WorkUnit, run_unit
+from coclo_vio.experiments.table.work_unit import ProgressCallback, WorkProgress, WorkUnit, run_unit
 from coclo_vio.simulation.process_environment import environment
 from coclo_vio.values.errors import DatasetError
 
@@ -30,62 +30,62 @@ _GRACE_S = 10.0
 
 
 class _Stopped(BaseException):
-    """The run was stopped; nothing on the way may take it for a failure of a job."""
+    """The run was stopped; not an Exception, so that it is not recorded as the failure of a job."""
 
 
-def run_here(work: Sequence[WorkUnit], tell: Listener) -> None:
+def run_here(work: Sequence[WorkUnit], report: ProgressCallback) -> None:
     """One unit after the other, in this process."""
     for unit in work:
-        run_unit(unit, tell)
+        run_unit(unit, report)
 
 
-def run_in_processes(work: Sequence[WorkUnit], workers: int, tell: Listener) -> None:
-    """All units in so many processes.
+def run_in_processes(work: Sequence[WorkUnit], workers: int, report: ProgressCallback) -> None:
+    """All units in ``workers`` processes.
 
     Raises:
-        DatasetError: a process died, or a finished job could not be kept.
+        DatasetError: a process died, or a finished job could not be stored.
     """
     spawn = multiprocessing.get_context("spawn")
-    news: Queue[News] = spawn.Queue()
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=(news,))
+    steps: Queue[WorkProgress] = spawn.Queue()
+    unrelated = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=(steps,))
     try:
         with environment(_ONE_THREAD):  # processes are started while work is handed in, and inherit it
             pending = {pool.submit(_work, unit) for unit in work}
-            _follow(pending, news, tell)
+            _follow(pending, steps, report)
     except BrokenProcessPool as error:
         raise DatasetError(
-            "a worker process died; if it says no reason of its own above, it lacked memory: run again with fewer "
+            "a worker process died; without an error of its own above it ran out of memory: run again with fewer "
             "--workers, the finished jobs are kept"
         ) from error
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
-        _stop([child for child in multiprocessing.active_children() if child not in others])
+        _stop([child for child in multiprocessing.active_children() if child not in unrelated])
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-        _hand_on(news, tell)
+        _hand_on(steps, report)
 
 
-def _follow(pending: set[Future[None]], news: "Queue[News]", tell: Listener) -> None:
-    """Hand on the news until all is done."""
+def _follow(pending: set[Future[None]], steps: "Queue[WorkProgress]", report: ProgressCallback) -> None:
+    """Report the steps of the processes until all are done."""
     while pending:
         done, pending = wait(pending, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-        _hand_on(news, tell)
+        _hand_on(steps, report)
         for future in done:
             future.result()
 
 
-def _hand_on(news: "Queue[News]", tell: Listener) -> None:
+def _hand_on(steps: "Queue[WorkProgress]", report: ProgressCallback) -> None:
     while True:
         try:
-            tell(news.get(timeout=0.01))
+            report(steps.get(timeout=0.01))
         except Empty:
             return
 
 
 def _stop(children: Sequence[multiprocessing.process.BaseProcess]) -> None:
-    """Ask the processes to go, and end those that do not."""
+    """Terminate the processes, and kill those that do not end in time."""
     for child in children:
         child.terminate()
     until_s = time.monotonic() + _GRACE_S
@@ -96,33 +96,33 @@ def _stop(children: Sequence[multiprocessing.process.BaseProcess]) -> None:
             child.join()
 
 
-_NEWS: list["Queue[News]"] = []  # at most one: where this process tells its news
-_STOPPING: list[bool] = []  # not empty once this process was asked to go
+_STEPS: list["Queue[WorkProgress]"] = []  # at most one: the queue for the steps of this process
+_STOPPING: list[bool] = []  # not empty once this process has received SIGTERM
 _BUSY: list[str] = []  # the unit that this process works on
 
 
-def _prepare(news: "Queue[News]") -> None:
-    """What a worker process does first: the run, not the keyboard, stops it."""
-    _NEWS[:] = [news]
+def _prepare(steps: "Queue[WorkProgress]") -> None:
+    """Set up a worker process: the run, not the keyboard, stops it."""
+    _STEPS[:] = [steps]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stopping)
-    Thread(target=_go_with_the_run, daemon=True).start()
+    Thread(target=_end_with_the_run, daemon=True).start()
 
 
 def _stopping(_number: int, _frame: FrameType | None) -> None:
     _STOPPING.append(True)
     if not _BUSY:
-        _go()
+        _end()
     raise _Stopped
 
 
-def _go() -> None:
+def _end() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _go_with_the_run() -> None:
-    """Wait until the run is dead, then end this process: orderly if it can be, and else at once."""
+def _end_with_the_run() -> None:
+    """Wait until the run has died, then end this process: in order if possible, at once otherwise."""
     run = multiprocessing.parent_process()
     if run is not None:
         wait_for([run.sentinel])
@@ -134,8 +134,8 @@ def _go_with_the_run() -> None:
 def _work(unit: WorkUnit) -> None:
     _BUSY.append(unit.name)
     try:
-        run_unit(unit, _NEWS[0].put)
+        run_unit(unit, _STEPS[0].put)
     finally:
         _BUSY.clear()
         if _STOPPING:
-            _go()
+            _end()

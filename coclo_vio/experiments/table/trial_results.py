@@ -1,60 +1,52 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rows of finished jobs as figures by trial, seed, variant and estimator."""
+"""Records of finished jobs as figures by trial, seed, variant and trajectory."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
-from coclo_vio.experiments.table.job_store import Row
+from coclo_vio.evaluation.trajectory_roles import is_fused
+from coclo_vio.experiments.table.records import FigureSpreads, JobRecord, JobTrajectory, Reference
 
-FIGURES = (
-    "drift_percent",
-    "rpe_1m_percent",
-    "paper_drift_percent",
-    "ate_m",
-    "anees_pose",
-    "velocity_rmse_mps",
-    "yaw_drift_deg",
-)
-ERRORS: Mapping[str, str] = {"drift": "drift_percent", "rpe": "rpe_1m_percent"}  # what wins are counted by
+FIGURES = tuple(FigureSpreads.model_fields)
+DRIFT, RPE = "drift_percent", "rpe_1m_percent"
+"""The errors by which trajectories are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """What one estimator did with one recording.
+    """One trajectory on one recording.
 
     Attributes:
-        trial: name of the ground.
+        trial: name of the terrain.
         seed: of the trial.
         variant: name of the variant.
-        estimator: its name.
-        told: its part of the job's row.
+        name: of the trajectory.
+        record: its part of the job's record.
     """
 
     trial: str
     seed: int
     variant: str
-    estimator: str
-    told: Mapping[str, Any]
+    name: str
+    record: JobTrajectory
 
     @property
     def failure(self) -> str | None:
-        """Why it came to nothing, or stopped early."""
-        reason = self.told["failure"]
-        return None if reason is None else str(reason)
+        """Why there is no result, or not all of it."""
+        return self.record.failure
 
-    def figure(self, reference: str, key: str) -> float | None:
-        """A figure against a reference; yaw by its size. None of one that failed, even where it got some way."""
-        block = self.told[reference]
-        if self.failure is not None or block is None or block[key] is None:
+    def figure(self, reference: Reference, key: str) -> float | None:
+        """A figure against a reference; yaw by its size. None where the trajectory failed, even if it has poses."""
+        evaluation = self.record.against(reference)
+        value = None if self.failure is not None or evaluation is None else getattr(evaluation, key)
+        if value is None:
             return None
-        return abs(float(block[key])) if key == "yaw_drift_deg" else float(block[key])
+        return abs(float(value)) if key == "yaw_drift_deg" else float(value)
 
     @property
     def realtime_factor(self) -> float | None:
-        """Seconds of recording a second of computing; None of one that failed."""
-        value = self.told["realtime_factor"]
-        return None if self.failure is not None or value is None else float(value)
+        """Seconds of recording a second of computing; None where the trajectory failed."""
+        return None if self.failure is not None else self.record.realtime_factor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,33 +56,33 @@ class Results:
     every: tuple[Result, ...]
 
     @classmethod
-    def of(cls, rows: Iterable[Row]) -> "Results":
-        """The results in rows of jobs."""
+    def of(cls, jobs: Iterable[JobRecord]) -> "Results":
+        """The results in records of jobs."""
         return cls(
             tuple(
-                Result(row["trial"], row["seed"], row["variant"], name, told)
-                for row in rows
-                for name, told in row["estimators"].items()
+                Result(job.trial, job.seed, job.variant, name, trajectory)
+                for job in jobs
+                for name, trajectory in job.estimators.items()
             )
         )
 
-    def by_seed(self, trial: str, estimator: str, variant: str | None = None) -> dict[int, Result]:
-        """Those of one estimator on one ground; of the variant that is named as its mode if none is given."""
+    def by_seed(self, trial: str, name: str, variant: str | None = None) -> dict[int, Result]:
+        """Those of one trajectory on one terrain; of the variant that is named as its mode if none is given."""
         return {
-            one.seed: one
-            for one in self.every
-            if one.trial == trial
-            and one.estimator == estimator
-            and (one.variant == variant if variant is not None else ":" not in one.variant)
+            result.seed: result
+            for result in self.every
+            if result.trial == trial
+            and result.name == name
+            and (result.variant == variant if variant is not None else ":" not in result.variant)
         }
 
     @property
     def trials(self) -> tuple[str, ...]:
-        """The grounds, in the order of the work."""
-        return tuple(dict.fromkeys(one.trial for one in self.every))
+        """The terrains, in the order of the work."""
+        return tuple(dict.fromkeys(result.trial for result in self.every))
 
     @property
-    def estimators(self) -> tuple[str, ...]:
-        """The estimators as they are configured: what tells a separate one comes before what is combined."""
-        names = dict.fromkeys(one.estimator for one in self.every if ":" not in one.variant)
-        return tuple(sorted(names, key=lambda name: name.startswith("combined")))
+    def names(self) -> tuple[str, ...]:
+        """The trajectories of the configured variants, standalone ones before fused ones."""
+        names = dict.fromkeys(result.name for result in self.every if ":" not in result.variant)
+        return tuple(sorted(names, key=is_fused))

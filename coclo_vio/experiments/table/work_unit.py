@@ -6,33 +6,34 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal
 
-from coclo_vio.experiments.table.job import failed, run_job, sentence
+from coclo_vio.experiments.table.job import failed, reason_of, run_job
+from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.job_store import JobStore, Row
+from coclo_vio.experiments.table.records import JobRecord
 
 
 @dataclass(frozen=True, slots=True)
-class News:
-    """What is going on.
+class WorkProgress:
+    """A step of the work.
 
     Attributes:
-        kind: ``simulating`` and ``running`` begin something; ``done`` and ``failed`` end a job; ``left`` ends a unit.
-        name: of the job, or of the recording for ``simulating`` and ``left``.
+        kind: ``simulating`` and ``running`` begin a step; ``done`` and ``failed`` end a job; ``ended`` ends a unit.
+        name: of the job, or of the recording for ``simulating`` and ``ended``.
         reason: why it failed.
     """
 
-    kind: Literal["simulating", "running", "done", "failed", "left"]
+    kind: Literal["simulating", "running", "done", "failed", "ended"]
     name: str
     reason: str = ""
 
 
-Listener = Callable[[News], None]
+ProgressCallback = Callable[[WorkProgress], None]
 
 
 @dataclass(frozen=True, slots=True)
 class WorkUnit:
-    """One recording and its unfinished jobs; can be sent to another process."""
+    """One recording and its unfinished jobs; can be pickled for another process."""
 
     jobs: tuple[Job, ...]
     plan: TablePlan
@@ -41,42 +42,44 @@ class WorkUnit:
 
     @property
     def name(self) -> str:
-        """That of the recording."""
+        """Name of the recording."""
         return self.jobs[0].recording
 
 
-def units(plan: TablePlan, recordings: Recordings, store: JobStore, kept: Mapping[Job, Row]) -> list[WorkUnit]:
-    """What is left to do: jobs that are not finished, and those that failed."""
-    left = [job for job in plan.jobs() if job not in kept or kept[job].get("failure") is not None]
-    return [WorkUnit(tuple(jobs), plan, recordings, store) for _, jobs in groupby(left, lambda job: job.recording)]
+def units(plan: TablePlan, recordings: Recordings, store: JobStore, kept: Mapping[Job, JobRecord]) -> list[WorkUnit]:
+    """The remaining work: jobs that are not finished, and those that failed."""
+    remaining = [job for job in plan.jobs() if job not in kept or kept[job].failure is not None]
+    return [WorkUnit(tuple(jobs), plan, recordings, store) for _, jobs in groupby(remaining, lambda job: job.recording)]
 
 
-def run_unit(unit: WorkUnit, tell: Listener) -> None:
-    """Do all jobs of a unit, each kept as soon as it is finished.
+def run_unit(unit: WorkUnit, report: ProgressCallback) -> None:
+    """Run all jobs of a unit, each stored as soon as it is finished.
 
     Args:
-        unit: what to do.
-        tell: called with what is going on.
+        unit: the jobs.
+        report: called at each step.
 
     Raises:
-        DatasetError: a finished job cannot be kept.
+        DatasetError: a finished job cannot be stored.
     """
     first = unit.jobs[0]
     reason = None
     try:
         if not unit.recordings.is_there(first.trial, first.seed):
-            tell(News("simulating", unit.name))
+            report(WorkProgress("simulating", unit.name))
             unit.recordings.make(first.trial, first.seed)
-    except Exception as error:  # a simulation that breaks down costs its own jobs and no other
-        reason = sentence(error, unit.recordings)
-    all_well = True
+    except Exception as error:  # a simulation that fails costs its own jobs only
+        reason = reason_of(error, unit.recordings)
+    is_complete = True
     for job in unit.jobs:
-        tell(News("running", job.name))
-        ran = run_job(job, unit.recordings, unit.plan.config, unit.store) if reason is None else failed(job, reason)
-        unit.store.write(job, {"fingerprint": unit.plan.fingerprint(job), **ran})
-        failure = ran["failure"]
-        all_well = all_well and failure is None
-        tell(News("done", job.name) if failure is None else News("failed", job.name, failure))
-    if all_well:
+        report(WorkProgress("running", job.name))
+        record = (
+            run_job(job, unit.plan, unit.recordings, unit.store) if reason is None else failed(job, unit.plan, reason)
+        )
+        unit.store.write(job, record)
+        failure = record.failure
+        is_complete = is_complete and failure is None
+        report(WorkProgress("done", job.name) if failure is None else WorkProgress("failed", job.name, failure))
+    if is_complete:
         unit.recordings.discard(first.trial, first.seed)
-    tell(News("left", unit.name))
+    report(WorkProgress("ended", unit.name))

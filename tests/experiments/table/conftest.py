@@ -7,9 +7,16 @@ from typing import Any
 import pytest
 from short_walk import MadePlan, plan_of, write_walk
 
+from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.job_store import JobStore
+from coclo_vio.runs.modes.registry import modes
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _registered_modes() -> None:
+    """Pages label and order trajectories by the kinds that modes declare."""
+    modes()
 
 
 @pytest.fixture(scope="session")
@@ -29,9 +36,9 @@ def made(walk: Path, tmp_path: Path) -> Callable[..., MadePlan]:
         recordings = Recordings(tmp_path / "recordings", plan)
         for seed in range(plan.first_seed, plan.first_seed + plan.seeds):
             for suffix in ("", "_truth"):
-                there = recordings.folder / f"flat_{seed}{suffix}"
-                if not there.exists():
-                    shutil.copytree(walk / f"flat_1{suffix}", there)
+                path = recordings.folder / f"flat_{seed}{suffix}"
+                if not path.exists():
+                    shutil.copytree(walk / f"flat_1{suffix}", path)
         return MadePlan(plan, recordings, JobStore(tmp_path / "out"))
 
     return make

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording that costs nothing to make, in the place of a simulated trial; and results that nobody had to compute."""
+"""A recording that is quick to make, in the place of a simulated trial; and made-up results."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,9 +8,11 @@ from typing import Any
 
 from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder
+from coclo_vio.evaluation.records import EvaluationRecord, GapsRecord
+from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.job_store import JobStore
+from coclo_vio.experiments.table.records import EventTime, Fingerprint, JobRecord, JobTrajectory
 from coclo_vio.experiments.table.trial_results import FIGURES
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
@@ -24,7 +26,7 @@ from coclo_vio.values.trajectory import GroundTruth, write_tum
 
 @dataclass(frozen=True)
 class MadePlan:
-    """A table to be made."""
+    """A planned table."""
 
     plan: TablePlan
     recordings: Recordings
@@ -32,7 +34,7 @@ class MadePlan:
 
 
 def plan_of(**changes: Any) -> TablePlan:
-    """One seed of the flat trial through the legs, without images; with changes."""
+    """One seed of the flat trial through plain leg odometry, without images; with changes."""
     values: dict[str, Any] = {
         "config": resolve("daisy", settings=["evaluation.clock.offset_s=0"]),
         "seeds": 1,
@@ -57,23 +59,55 @@ def write_walk(path: Path, plan: TablePlan) -> None:
     write_yaml(plan.simulation_of("flat"), truth_folder(path) / "config.yaml")
 
 
-def block(**figures: float | None) -> dict[str, float | None]:
-    """What an evaluation says, 1 where nothing else is said."""
-    return dict.fromkeys(FIGURES, 1.0) | figures
+def evaluation(**figures: float | None) -> EvaluationRecord:
+    """An evaluation, 1 where nothing else is given."""
+    values: dict[str, Any] = dict.fromkeys(EvaluationRecord.model_fields, 1.0)
+    values |= {
+        "schema_version": 1,
+        "paper_drift_at": "end",
+        "velocity_source": "estimate",
+        "alignment": "yaw_position",
+        "clock_is_estimated": True,
+        "notes": (),
+        "gaps": GapsRecord(ground_truth_holes=0, estimate_holes=0, poses_outside=0, poses_in_holes=0),
+    }
+    return EvaluationRecord(**values | figures)
 
 
-def row(
-    trial: str, seed: int, variant: str, estimators: Mapping[str, Mapping[str, float | None] | str]
-) -> dict[str, Any]:
-    """The row of a job: figures of each estimator against Vicon, half of them against the truth; or why it failed."""
-    told = {name: _told(one) for name, one in estimators.items()}
-    failure = next((one["failure"] for one in told.values() if one["failure"]), None)
-    return {"trial": trial, "seed": seed, "variant": variant, "cpu_s": 1.0, "failure": failure, "estimators": told}
+def job_record(
+    trial: str,
+    seed: int,
+    variant: str,
+    trajectories: Mapping[str, Mapping[str, float | None] | str],
+    fingerprint: Fingerprint | None = None,
+) -> JobRecord:
+    """A finished job: figures of each trajectory against Vicon, half of them against the truth; or why it failed."""
+    estimators = {name: _trajectory(figures) for name, figures in trajectories.items()}
+    return JobRecord(
+        fingerprint=fingerprint
+        or Fingerprint(
+            version="", configuration="", simulation="", ideal=False, trial=trial, seed=seed, variant=variant
+        ),
+        trial=trial,
+        seed=seed,
+        variant=variant,
+        cpu_s=1.0,
+        failure=next((each.failure for each in estimators.values() if each.failure), None),
+        estimators=estimators,
+    )
 
 
-def _told(one: Mapping[str, float | None] | str) -> dict[str, Any]:
-    failure = one if isinstance(one, str) else None
-    vicon = block() if isinstance(one, str) else block(**one)
+def _trajectory(figures: Mapping[str, float | None] | str) -> JobTrajectory:
+    given = {} if isinstance(figures, str) else dict(figures)
+    vicon = {key: given.get(key, 1.0) for key in FIGURES}
     truth = {key: None if value is None else value / 2 for key, value in vicon.items()}
-    empty = {"estimates": 1, "counts": {}, "keyframes": None, "events": [{"kind": "blind", "time_s": 1.0}]}
-    return {"vicon": vicon, "truth": truth, "realtime_factor": 3.0, "failure": failure, **empty}
+    return JobTrajectory(
+        vicon=evaluation(**vicon),
+        truth=evaluation(**truth),
+        realtime_factor=3.0,
+        estimates=1,
+        counts={},
+        keyframes=None,
+        events=(EventTime(kind="vision_lost", time_s=1.0),),
+        failure=figures if isinstance(figures, str) else None,
+    )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What there is to do, in which order, and what makes two results different ones."""
+"""The jobs of a table, their order, and what makes two results different."""
 
 import pickle
 import shutil
@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from short_walk import plan_of
 
-from coclo_vio.experiments.table.plan import Job, TablePlan, Variant, checked_modes, checked_trials
+from coclo_vio.experiments.table.plan import Job, TablePlan, Variant, checked_modes, checked_trials, default_modes
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.values.errors import ConfigError
 
 
-def test_the_jobs_of_a_recording_stand_together_and_all_grounds_of_a_seed() -> None:
+def test_the_jobs_of_a_recording_follow_each_other_and_all_trials_of_a_seed() -> None:
     plan = plan_of(seeds=2, trials=("flat", "ramp"), modes=("coclo", "vins"))
     assert [job.name for job in plan.jobs()] == [
         *("flat_1_coclo", "flat_1_vins", "ramp_1_coclo", "ramp_1_vins"),
@@ -47,7 +47,7 @@ def test_a_variant_runs_with_its_own_policy_and_all_else_as_it_is_configured() -
     changed = Variant("combined", "paper").configured(config)
     assert (changed.bridge.feedback, changed.bridge.vision_latency_s) == ("paper", 0.3)
     assert Variant("combined").configured(config) is config
-    assert Variant("combined", "paper").estimators == ("combined_coclo", "combined_vins")
+    assert Variant("combined", "paper").trajectories == ("combined_coclo", "combined_vins")
     assert ":" not in Job("flat", 3, Variant("combined", "paper")).name
 
 
@@ -63,7 +63,7 @@ def test_a_result_is_another_one_with_another_setting_robot_trial_seed_or_policy
     ]
     assert plan.fingerprint(job) not in others
     assert plan_of(seeds=5, modes=("vins",)).fingerprint(job) == plan.fingerprint(job), (
-        "how many there are is no matter"
+        "the number of seeds does not matter"
     )
 
 
@@ -80,21 +80,26 @@ def test_an_ideal_robot_is_as_described() -> None:
 
 
 @pytest.mark.parametrize("names", [[], ["hill"], ["flat", "hill"]])
-def test_a_trial_that_is_not_there_is_refused_with_those_that_are(names: list[str]) -> None:
+def test_an_unknown_trial_is_refused_with_the_choices(names: list[str]) -> None:
     with pytest.raises(ConfigError, match="flat, ramp, stairs"):
         checked_trials(names)
     assert checked_trials(["stairs", "flat", "flat"]) == ("flat", "stairs")
 
 
-def test_a_mode_that_is_not_there_is_refused() -> None:
-    with pytest.raises(ConfigError, match="names no estimator"):
+def test_the_default_modes_are_those_of_the_papers_table() -> None:
+    assert default_modes() == ("coclo", "vins", "combined")
+    assert TablePlan(seeds=1).modes == default_modes()
+
+
+def test_an_unknown_mode_is_refused() -> None:
+    with pytest.raises(ConfigError, match="names no mode"):
         checked_modes([])
     with pytest.raises(ConfigError, match="there is no mode 'cocla'"):
         checked_modes(["coclo", "cocla"])
     assert checked_modes(["vins", "coclo", "vins"]) == ("vins", "coclo")
 
 
-def test_it_does_not_matter_where_a_urdf_stands_but_what_it_says(tmp_path: Path) -> None:
+def test_the_content_of_a_urdf_matters_and_not_its_path(tmp_path: Path) -> None:
     plan = plan_of()
     job = next(plan.jobs())
     robot = plan.config.robot

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run that fails, is stopped or killed goes on where it was, here, in processes and on a cluster."""
+"""A run that fails, is stopped or killed continues where it was, here, in processes and on a cluster."""
 
 import multiprocessing
 import os
@@ -15,25 +15,24 @@ import pytest
 from distributed import LocalCluster
 from short_walk import MadePlan
 
-from coclo_vio.experiments.table import cluster
-from coclo_vio.experiments.table.build import do, missing, unfinished
+from coclo_vio.experiments.table import cluster, job
+from coclo_vio.experiments.table.build import missing, run_work, unfinished
 from coclo_vio.experiments.table.runner import run_in_processes
-from coclo_vio.experiments.table.work_unit import News, WorkUnit
-from coclo_vio.runs import comparison
+from coclo_vio.experiments.table.work_unit import WorkProgress, WorkUnit
 from coclo_vio.values.errors import ConfigError, DatasetError, FilterError
 
 Made = Callable[..., MadePlan]
-# Works until the first job is finished, says which processes help, and dies without a word.
+# Works until the first job is finished, prints the ids of its processes, and is killed.
 _KILLED = """
 import multiprocessing, os, pickle, signal, sys
 from coclo_vio.experiments.table.runner import run_in_processes
 
-def tell(news):
-    if news.kind == "done":
-        print(news.name, *(child.pid for child in multiprocessing.active_children()), flush=True)
+def report(step):
+    if step.kind == "done":
+        print(step.name, *(child.pid for child in multiprocessing.active_children()), flush=True)
         os.kill(os.getpid(), signal.SIGKILL)
 
-run_in_processes(pickle.load(open(sys.argv[1], "rb")), 1, tell)
+run_in_processes(pickle.load(open(sys.argv[1], "rb")), 1, report)
 """
 
 
@@ -41,8 +40,8 @@ def work_of(table: MadePlan) -> list[WorkUnit]:
     return unfinished(table.plan, table.recordings, table.store)
 
 
-def names_run(news: list[News]) -> list[str]:
-    return [one.name for one in news if one.kind == "running"]
+def names_run(steps: list[WorkProgress]) -> list[str]:
+    return [step.name for step in steps if step.kind == "running"]
 
 
 def half_files(table: MadePlan) -> list[Path]:
@@ -56,9 +55,9 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def test_a_failed_job_is_told_kept_and_tried_again(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_job_is_reported_stored_and_run_again(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     table = made(seeds=3)
-    whole = comparison.run_all
+    whole = job.run_modes
 
     def fails(path: Path, *rest: object) -> object:
         if path.name == "flat_1":
@@ -67,32 +66,32 @@ def test_a_failed_job_is_told_kept_and_tried_again(made: Made, monkeypatch: pyte
             raise ZeroDivisionError("by zero")
         return whole(path, *rest)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(comparison, "run_all", fails)
-    news: list[News] = []
-    do(work_of(table), 1, None, news.append)
-    reasons = [one.reason for one in news if one.kind == "failed"]
+    monkeypatch.setattr(job, "run_modes", fails)
+    steps: list[WorkProgress] = []
+    run_work(work_of(table), 1, None, steps.append)
+    reasons = [step.reason for step in steps if step.kind == "failed"]
     assert reasons == ["flat_1 has no feet", "ZeroDivisionError: by zero"]
     assert missing(table.plan, table.store) == []
     assert half_files(table) == []
-    monkeypatch.setattr(comparison, "run_all", whole)
-    again: list[News] = []
-    do(work_of(table), 1, None, again.append)
-    assert names_run(again) == ["flat_1_naive", "flat_2_naive"], "what is finished is not run again"
-    assert [table.store.read(job)["failure"] for job in table.plan.jobs()] == [None] * 3  # type: ignore[index]
+    monkeypatch.setattr(job, "run_modes", whole)
+    again: list[WorkProgress] = []
+    run_work(work_of(table), 1, None, again.append)
+    assert names_run(again) == ["flat_1_naive", "flat_2_naive"], "finished jobs are not run again"
+    assert [record.failure for record in table.store.kept(table.plan).values()] == [None] * 3
     assert work_of(table) == []
     assert {unit.name for unit in unfinished(table.plan, table.recordings, table.store, fresh=True)} == {
         *("flat_1", "flat_2", "flat_3")
     }
 
 
-def test_a_mode_without_what_it_needs_fails_with_its_sentence(made: Made) -> None:
+def test_a_mode_that_lacks_a_sensor_fails_with_its_message(made: Made) -> None:
     table = made(modes=("combined",))
-    do(work_of(table), 1, None, lambda _: None)
-    (row,) = (table.store.read(job) for job in table.plan.jobs())
-    assert row is not None
-    assert set(row["estimators"]) == {"combined_coclo", "combined_vins"}
-    assert row["failure"] == row["estimators"]["combined_vins"]["failure"]
-    assert "images" in row["failure"] or "cameras" in row["failure"]
+    run_work(work_of(table), 1, None, lambda _: None)
+    (record,) = table.store.kept(table.plan).values()
+    assert set(record.estimators) == {"combined_coclo", "combined_vins"}
+    assert record.failure is not None
+    assert record.failure == record.estimators["combined_vins"].failure
+    assert "images" in record.failure or "cameras" in record.failure
 
 
 def test_a_run_that_is_killed_takes_its_processes_with_it_and_goes_on(made: Made, tmp_path: Path) -> None:
@@ -108,16 +107,16 @@ def test_a_run_that_is_killed_takes_its_processes_with_it_and_goes_on(made: Made
     while any(is_running(int(pid)) for pid in pids) and time.monotonic() < until_s:
         time.sleep(0.1)
     assert not any(is_running(int(pid)) for pid in pids)
-    news: list[News] = []
-    do(work_of(table), 1, None, news.append)
-    assert finished not in names_run(news)
+    steps: list[WorkProgress] = []
+    run_work(work_of(table), 1, None, steps.append)
+    assert finished not in names_run(steps)
     assert missing(table.plan, table.store) == []
 
 
 def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on(made: Made) -> None:
     table = made(seeds=2)
 
-    def stop(news: News) -> None:
+    def stop(step: WorkProgress) -> None:
         raise KeyboardInterrupt
 
     before = set(multiprocessing.active_children())
@@ -131,11 +130,11 @@ def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on(made: Made) -> No
     assert dict(os.environ) == threads
 
 
-def test_a_process_that_dies_is_told_in_a_sentence(made: Made) -> None:
+def test_a_process_that_dies_is_an_error_with_the_next_step(made: Made) -> None:
     table = made()
     (unit,) = work_of(table)
 
-    def kill(news: News) -> None:
+    def kill(step: WorkProgress) -> None:
         for child in multiprocessing.active_children():
             child.kill()
 
@@ -144,23 +143,23 @@ def test_a_process_that_dies_is_told_in_a_sentence(made: Made) -> None:
         run_in_processes([slow], 1, kill)
 
 
-def test_a_cluster_does_the_same_work_and_tells_of_it(made: Made, tmp_path: Path) -> None:
+def test_a_cluster_does_the_same_work_and_reports_its_steps(made: Made, tmp_path: Path) -> None:
     table = made(seeds=2)
-    news: list[News] = []
+    steps: list[WorkProgress] = []
     here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(1, threads_per_worker=1, processes=False, local_directory=str(tmp_path), **here) as local:
-        do(work_of(table), 1, local.scheduler_address, news.append)
+        run_work(work_of(table), 1, local.scheduler_address, steps.append)
     assert work_of(table) == []
-    assert sorted(one.name for one in news if one.kind == "done") == ["flat_1_naive", "flat_2_naive"], "each once"
+    assert sorted(step.name for step in steps if step.kind == "done") == ["flat_1_naive", "flat_2_naive"], "each once"
 
 
 def test_a_scheduler_that_does_not_answer_is_named(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
     with pytest.raises(DatasetError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9 .*`dask scheduler`"):
-        do(work_of(made()), 1, "tcp://127.0.0.1:9", lambda _: None)
+        run_work(work_of(made()), 1, "tcp://127.0.0.1:9", lambda _: None)
 
 
-def test_without_dask_it_is_said_how_to_get_it(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_the_error_has_the_command_that_installs_it(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"pip install 'coclo-vio\[cluster\]'"):
-        do(work_of(made()), 1, "tcp://127.0.0.1:9", lambda _: None)
+        run_work(work_of(made()), 1, "tcp://127.0.0.1:9", lambda _: None)
