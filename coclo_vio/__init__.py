@@ -1,4 +1,124 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""State estimation for legged robots from what they feel and what they see."""
+"""State estimation for legged robots from leg odometry and stereo vision: any URDF, no ROS.
+
+``import coclo_vio as cv`` loads nothing else; each name below loads what it needs when it is first used (PEP 562).
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "api.recording": ("Recording",),
+    "api.run": ("Run", "load_ground_truth", "load_run", "run"),
+    "api.comparison": ("Comparison", "compare"),
+    "api.trajectory_evaluation": ("evaluate",),
+    "api.online": ("make_estimator",),
+    "datasets.dataset": ("register_format",),
+    "datasets.sample": ("sample_path",),
+    "evaluation.evaluation": ("Evaluation",),
+    "fusion.feedback": ("Feedback", "FeedbackPolicy", "register_feedback_policy"),
+    "robot.contact": ("ContactEstimator", "ContactState", "register_contact_estimator"),
+    "robot.description": ("RobotDescription", "load_robot", "robot_names"),
+    "runs.modes.mode": ("Mode", "Need"),
+    "runs.modes.registry": ("modes", "register_mode"),
+    "runs.run_config": ("RunConfig",),
+    "values.calibration": ("ImuCalibration", "SensorCalibrations", "StereoCalibration"),
+    "values.errors": ("CocloError", "ConfigError", "DatasetError", "EvaluationError"),
+    "values.estimates": ("FootState", "NavState", "StateEstimate"),
+    "values.measurements": (
+        "BodyTwistSample",
+        "CameraImuSample",
+        "FootForceSample",
+        "ImuSample",
+        "JointSample",
+        "Measurement",
+        "StereoFrame",
+        "StereoTracks",
+    ),
+    "values.outputs": ("Calibration", "Estimate", "Estimator", "Event", "KeyframeHealth", "Output", "Picture"),
+    "values.trajectory": ("GroundTruth", "Trajectory", "read_tum", "write_tum"),
+    "values.trajectory_kind": ("TrajectoryKind",),
+}
+_MODULES = {name: module for module, names in _HOMES.items() for name in names}
+_RENAMED = {"open": ("api.recording", "open_recording")}  # the built-in's name, as numpy and PIL do
+
+__all__ = [  # noqa: PLE0604 -- made from the table above
+    "__version__",
+    "open",
+    *sorted(_MODULES),
+]
+
+
+def __getattr__(name: str) -> object:
+    module, attribute = _RENAMED.get(name) or (_MODULES.get(name), name)
+    if module is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{module}"), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+if TYPE_CHECKING:
+    from coclo_vio.api.comparison import Comparison as Comparison
+    from coclo_vio.api.comparison import compare as compare
+    from coclo_vio.api.online import make_estimator as make_estimator
+    from coclo_vio.api.recording import Recording as Recording
+    from coclo_vio.api.recording import open_recording as open
+    from coclo_vio.api.run import Run as Run
+    from coclo_vio.api.run import load_ground_truth as load_ground_truth
+    from coclo_vio.api.run import load_run as load_run
+    from coclo_vio.api.run import run as run
+    from coclo_vio.api.trajectory_evaluation import evaluate as evaluate
+    from coclo_vio.datasets.dataset import register_format as register_format
+    from coclo_vio.datasets.sample import sample_path as sample_path
+    from coclo_vio.evaluation.evaluation import Evaluation as Evaluation
+    from coclo_vio.fusion.feedback import Feedback as Feedback
+    from coclo_vio.fusion.feedback import FeedbackPolicy as FeedbackPolicy
+    from coclo_vio.fusion.feedback import register_feedback_policy as register_feedback_policy
+    from coclo_vio.robot.contact import ContactEstimator as ContactEstimator
+    from coclo_vio.robot.contact import ContactState as ContactState
+    from coclo_vio.robot.contact import register_contact_estimator as register_contact_estimator
+    from coclo_vio.robot.description import RobotDescription as RobotDescription
+    from coclo_vio.robot.description import load_robot as load_robot
+    from coclo_vio.robot.description import robot_names as robot_names
+    from coclo_vio.runs.modes.mode import Mode as Mode
+    from coclo_vio.runs.modes.mode import Need as Need
+    from coclo_vio.runs.modes.registry import modes as modes
+    from coclo_vio.runs.modes.registry import register_mode as register_mode
+    from coclo_vio.runs.run_config import RunConfig as RunConfig
+    from coclo_vio.values.calibration import ImuCalibration as ImuCalibration
+    from coclo_vio.values.calibration import SensorCalibrations as SensorCalibrations
+    from coclo_vio.values.calibration import StereoCalibration as StereoCalibration
+    from coclo_vio.values.errors import CocloError as CocloError
+    from coclo_vio.values.errors import ConfigError as ConfigError
+    from coclo_vio.values.errors import DatasetError as DatasetError
+    from coclo_vio.values.errors import EvaluationError as EvaluationError
+    from coclo_vio.values.estimates import FootState as FootState
+    from coclo_vio.values.estimates import NavState as NavState
+    from coclo_vio.values.estimates import StateEstimate as StateEstimate
+    from coclo_vio.values.measurements import BodyTwistSample as BodyTwistSample
+    from coclo_vio.values.measurements import CameraImuSample as CameraImuSample
+    from coclo_vio.values.measurements import FootForceSample as FootForceSample
+    from coclo_vio.values.measurements import ImuSample as ImuSample
+    from coclo_vio.values.measurements import JointSample as JointSample
+    from coclo_vio.values.measurements import Measurement as Measurement
+    from coclo_vio.values.measurements import StereoFrame as StereoFrame
+    from coclo_vio.values.measurements import StereoTracks as StereoTracks
+    from coclo_vio.values.outputs import Calibration as Calibration
+    from coclo_vio.values.outputs import Estimate as Estimate
+    from coclo_vio.values.outputs import Estimator as Estimator
+    from coclo_vio.values.outputs import Event as Event
+    from coclo_vio.values.outputs import KeyframeHealth as KeyframeHealth
+    from coclo_vio.values.outputs import Output as Output
+    from coclo_vio.values.outputs import Picture as Picture
+    from coclo_vio.values.trajectory import GroundTruth as GroundTruth
+    from coclo_vio.values.trajectory import Trajectory as Trajectory
+    from coclo_vio.values.trajectory import read_tum as read_tum
+    from coclo_vio.values.trajectory import write_tum as write_tum
+    from coclo_vio.values.trajectory_kind import TrajectoryKind as TrajectoryKind

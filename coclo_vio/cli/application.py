@@ -1,36 +1,92 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All commands under one name, and what becomes of errors: one sentence and a status instead of a traceback."""
+"""All commands under one name, and what becomes of errors: one sentence and a status instead of a traceback.
+
+A command's module is imported when the command runs, so that ``--help`` and ``--version`` load no stage.
+"""
 
 import sys
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
 
 from coclo_vio import __version__
-from coclo_vio.cli import comparing, estimating, showing, simulating, tabling
+from coclo_vio.cli.mode_help import ModeCommand
 from coclo_vio.cli.terminal import err, out
 from coclo_vio.values.errors import CocloError, ConfigError
 
+
+class _Entry(NamedTuple):
+    """Where a command is defined, and the first line of its help."""
+
+    module: str
+    summary: str
+
+
+COMMANDS = {
+    "demo": _Entry(
+        "comparing",
+        "Compare the estimators on the bundled recording of a Daisy that climbs stairs: table, plots, report.",
+    ),
+    "run": _Entry("estimating", "Run one mode on a recording; with ground truth, print its drift."),
+    "compare": _Entry(
+        "comparing", "Run several modes side by side against ground truth: table, plots, compare.json, report.html."
+    ),
+    "evaluate": _Entry("estimating", "Measure trajectories against ground truth."),
+    "simulate": _Entry(
+        "simulating",
+        "Simulate one of the paper's trials: a Daisy walks, records and is tracked by Vicon; the truth is kept apart.",
+    ),
+    "table": _Entry("tabling", "The paper's Table I over simulated trials; a stopped run is resumed."),
+    "inspect": _Entry(
+        "showing", "List what a recording holds: streams, gaps, clock jumps, joints, calibrations, and what modes lack."
+    ),
+    "benchmark": _Entry("showing", "Time filter, front end and smoother on one core, beside filterpy if installed."),
+    "config": _Entry("showing", "Print the resolved configuration as YAML; every key can be changed with --set."),
+    "robots": _Entry("showing", "List the known robots."),
+}
+
+
+class _LazyGroup(TyperGroup):
+    """Commands by name, each imported when it is needed."""
+
+    _lists = False
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """All names, in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command; in the listing of all commands only its name and summary."""
+        entry = COMMANDS.get(cmd_name)
+        if entry is None:
+            return None
+        if self._lists:
+            return TyperCommand(cmd_name, help=entry.summary)
+        function = getattr(import_module(f"coclo_vio.cli.{entry.module}"), cmd_name)
+        single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        single.command(cmd_name, cls=ModeCommand)(function)
+        return get_command(single)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """The listing of all commands."""
+        self._lists = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._lists = False
+
+
 app = typer.Typer(
     name="coclo-vio",
-    help="Where a legged robot is, from what it feels and what it sees.",
+    cls=_LazyGroup,
+    help="Estimates where a legged robot is, from its joints, its IMU and its stereo cameras.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (
-    comparing.demo,
-    estimating.run,
-    comparing.compare,
-    estimating.evaluate,
-    simulating.simulate,
-    tabling.table,
-    showing.inspect,
-    showing.benchmark,
-    showing.config,
-    showing.robots,
-):
-    app.command()(_command)
 
 
 def main() -> None:
@@ -44,7 +100,7 @@ def main() -> None:
 
 
 def _fail(error: CocloError, status: int) -> None:
-    sentence = " ".join(line.strip() for line in str(error).splitlines())  # a YAML error shows its place below
+    sentence = " ".join(line.strip() for line in str(error).splitlines())  # a YAML error has its place on further lines
     err.print(f"coclo-vio: {sentence}", markup=False, highlight=False, soft_wrap=True)
     sys.exit(status)
 

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The commands that estimate and measure: ``run``, ``evaluate``."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coclo_vio.api.recording import open_recording
+from coclo_vio.api.run import Run, load_ground_truth, load_run
+from coclo_vio.api.run import run as run_recording
+from coclo_vio.api.trajectory_evaluation import evaluate as evaluate_trajectory
+from coclo_vio.cli.mode_help import DEFAULTS_PLACE, MODES_PLACE
 from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
@@ -15,33 +21,26 @@ from coclo_vio.cli.options import (
     SetOption,
     with_partial,
 )
-from coclo_vio.cli.printing import print_ranking, print_table, progress_bar, run_title, tell_failures, tell_run
+from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
 from coclo_vio.cli.terminal import give, give_json
-from coclo_vio.datasets.config import DatasetConfig
-from coclo_vio.datasets.ground_truth import read_ground_truth
-from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluate import EvaluationConfig
-from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.records import ComparisonRecord
-from coclo_vio.runs import comparison
-from coclo_vio.runs.equipment import default_mode
-from coclo_vio.runs.estimators import ESTIMATORS
-from coclo_vio.runs.inspection import resolve_if_known
+from coclo_vio.evaluation.evaluation_record import ComparisonRecord
+from coclo_vio.runs.comparison_report import report_title
+from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.result_bag import write_run_bag
 from coclo_vio.runs.run_config import resolve
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, EvaluationError
+
+if TYPE_CHECKING:
+    from coclo_vio.evaluation.evaluation import Evaluation
 
 
 def run(
     dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
     mode: Annotated[
         str | None,
-        typer.Option(
-            "--mode",
-            "-m",
-            help=f"One of: {', '.join(ESTIMATORS)}. Default: combined, or coclo or vins by what there is.",
-        ),
+        typer.Option("--mode", "-m", help=f"One of: {MODES_PLACE}. Default: {DEFAULTS_PLACE}, by what there is."),
     ] = None,
     robot: RobotOption = None,
     config: ConfigOption = None,
@@ -49,45 +48,54 @@ def run(
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
     debug_images: Annotated[
-        bool, typer.Option("--debug-images", help="Draw what the eyes follow: pictures in OUT/debug_images/MODE.")
+        bool, typer.Option("--debug-images", help="Draw the tracks on frames: pictures in OUT/debug_images/MODE.")
     ] = False,
     every: Annotated[int, typer.Option("--debug-images-every", min=1, help="One picture in so many frames.")] = 10,
     bag: Annotated[
         Path | None, typer.Option("--bag", help="Write the result as a rosbag too: .mcap, .bag or a folder.")
     ] = None,
 ) -> None:
-    """Run one estimator on a recording; with ground truth, say how far it drifted."""
+    """Run one mode on a recording; with ground truth, print its drift."""
     if bag is not None:
         check_bag_path(bag)
-    resolved, _ = resolve_if_known(dataset, robot, config, with_partial(settings, allow_partial))
-    mode = mode or default_mode(dataset, resolved)
+    recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
     with progress_bar() as progress:
-        pictures_every = every if debug_images else None
-        told = comparison.run_all(dataset, [mode], resolved, output, progress, pictures_every)
-    tell_run(told, output)
-    main = next(iter(told["estimators"].values()))
-    failure = main["failure"]
-    evaluations: dict[str, Evaluation] = {}
-    if told["ground_truth"] is not None and main["estimates"]:
-        evaluations, failures = comparison.evaluate_run(output, resolved.evaluation)
-        print_table(evaluations, run_title(dataset.resolve().name, resolved))
-        tell_failures(failures)
-    if bag is not None and main["estimates"]:
-        write_run_bag(bag, output, list(told["estimators"]), evaluations)
+        done = run_recording(
+            recording, mode, folder=output, progress=progress, pictures_every=every if debug_images else None
+        )
+    print_run(done.record, output)
+    first = done.record.estimators[done.names[0]]
+    evaluations: Mapping[str, Evaluation] = {}
+    if done.record.ground_truth is not None and first.estimates:
+        evaluations, failures = done.evaluated(config=recording.config.evaluation)
+        print_table(evaluations, report_title(recording.name, recording.config))
+        print_failures(failures)
+    if bag is not None and first.estimates:
+        write_run_bag(bag, output, list(done.names), evaluations)
         give(f"bag: {bag}")
-    if failure and not main["estimates"]:
-        raise DatasetError(f"no estimate came out: {failure}")
-    if failure:
-        raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {failure}")
-    if not main["estimates"]:
+    _check(done, dataset, output)
+
+
+def _check(done: Run, dataset: Path, output: Path) -> None:
+    """A run that stopped early or gave nothing is an error.
+
+    Raises:
+        DatasetError: always then.
+    """
+    first = done.record.estimators[done.names[0]]
+    if first.failure and not first.estimates:
+        raise DatasetError(f"there is no estimate: {first.failure}")
+    if first.failure:
+        raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {first.failure}")
+    if not first.estimates:
         needed = (
-            "joint samples in time order, stamped in the unit their column says"
-            if ESTIMATORS[mode].has_legs
-            else "stereo frames in time order that show something, and where it uses an IMU its readings beside them"
+            "joint samples in time order, stamped in the unit of their column"
+            if mode_of(first.mode).has_legs
+            else "stereo frames in time order with texture, and where it uses an IMU its readings beside them"
         )
         raise DatasetError(
-            f"no estimate came out of the {main['measurements']} measurements of {dataset}: {mode} "
-            f"needs {needed}; the counts above say what came"
+            f"{first.mode} gave no estimate for the {first.measurements} measurements of {dataset}: it needs {needed}; "
+            "the counts above list what came"
         )
 
 
@@ -100,24 +108,26 @@ def evaluate(
 ) -> None:
     """Measure trajectories against ground truth."""
     evaluation = _evaluation_config(run_or_tum, config, settings)
-    truth = None if vicon is None else read_ground_truth(vicon, DatasetConfig().columns, ReadTally("ground truth", 0.1))
-    failures: dict[str, str] = {}
+    failures: Mapping[str, str] = {}
     if run_or_tum.is_dir():
-        evaluations, failures = comparison.evaluate_run(run_or_tum, evaluation, truth)
+        evaluations, failures = load_run(run_or_tum).evaluated(vicon, config=evaluation)
+    elif vicon is None:
+        raise EvaluationError(f"{run_or_tum} is a trajectory without ground truth; give one with --vicon FILE")
     else:
-        evaluations = comparison.evaluate_tum(run_or_tum, evaluation, truth)
+        measured = evaluate_trajectory(run_or_tum, load_ground_truth(vicon), config=evaluation)
+        evaluations = {run_or_tum.stem: measured}
     if as_json:
         give_json(ComparisonRecord.of(evaluations).to_json())
     else:
         print_table(evaluations, str(run_or_tum))
         print_ranking(evaluations, evaluation)
-    tell_failures(failures)
+    print_failures(failures)
     if not evaluations:
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
 
 
 def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
-    """What the run was configured with, unless a file or setting says otherwise."""
+    """As the run was configured, unless a file or setting changes it."""
     own = run_or_tum / "config.yaml"
     file = config or (own if own.is_file() else None)
     return resolve(None, file, settings or (), guess="daisy").evaluation

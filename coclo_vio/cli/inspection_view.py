@@ -21,15 +21,15 @@ _MOST_OTHERS = 8
 Section = tuple[str, list[tuple[str, str]]]  # title, and rows of label and text
 
 
-def drawn(seen: Inspection) -> Iterator[RenderableType]:
+def drawn(inspection: Inspection) -> Iterator[RenderableType]:
     """What to print, piece by piece."""
-    yield Text(f"{seen.name}: {seen.report.format}", style="bold")
-    yield _stream_table(seen.report.streams)
+    yield Text(f"{inspection.name}: {inspection.report.format}", style="bold")
+    yield _stream_table(inspection.report.streams)
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column(max_width=_WIDEST_LABEL, overflow="fold")
     grid.add_column(overflow="fold")
-    for title, rows in _sections(seen):
+    for title, rows in _sections(inspection):
         for number, (label, text) in enumerate(rows):
             mode_style = "green" if text == _READY else "yellow"
             grid.add_row(title if number == 0 else "", Text(label), Text(text, mode_style if title == "modes" else ""))
@@ -50,21 +50,30 @@ def _stream_table(streams: tuple[StreamReport, ...]) -> Table:
     return table
 
 
-def _sections(seen: Inspection) -> list[Section]:
+def _sections(inspection: Inspection) -> list[Section]:
     """What stands under the table of streams; empty ones left out."""
-    doubtful = [(stream.name, _doubts(stream)) for stream in seen.report.streams if _doubts(stream)]
+    doubtful = [(stream.name, _doubts(stream)) for stream in inspection.report.streams if _doubts(stream)]
     all_sections: list[Section] = [
         ("stamps", doubtful),
-        ("robot", _robot_rows(seen)),
-        ("topics", [(topic.role, _topic_sentence(topic)) for topic in seen.topics]),
-        ("calibration", [(sensor, text or "not in the recording") for sensor, text in seen.calibrations.items()]),
-        ("ground truth", [_truth_row(seen.ground_truth)]),
-        ("problems", [("-", problem) for problem in seen.problems]),
-        ("left out", [(str(count), reason) for reason, count in seen.report.dropped.items()]),
-        ("notes", [("-", note) for note in seen.report.notes if note not in " ".join(seen.problems)]),
-        ("modes", [(mode, f"needs {'; '.join(lacks)}" if lacks else _READY) for mode, lacks in seen.missing.items()]),
+        ("robot", _robot_rows(inspection)),
+        ("topics", [(topic.role, _topic_sentence(topic)) for topic in inspection.topics]),
+        ("calibration", [(sensor, text or "not in the recording") for sensor, text in inspection.calibrations.items()]),
+        ("ground truth", [_truth_row(inspection.ground_truth)]),
+        ("problems", [("-", problem) for problem in inspection.problems]),
+        ("left out", [(str(count), reason) for reason, count in inspection.report.dropped.items()]),
+        ("notes", [("-", note) for note in inspection.report.notes if note not in " ".join(inspection.problems)]),
+        ("modes", list(_mode_rows(inspection))),
     ]
     return [(title, rows) for title, rows in all_sections if rows]
+
+
+def _mode_rows(inspection: Inspection) -> Iterator[tuple[str, str]]:
+    """Modes that lack the same stand in one row."""
+    by_lack: dict[tuple[str, ...], list[str]] = {}
+    for mode, lacks in inspection.missing.items():
+        by_lack.setdefault(lacks, []).append(mode)
+    for lacks, names in by_lack.items():
+        yield ", ".join(names), f"needs {'; '.join(lacks)}" if lacks else _READY
 
 
 def _doubts(stream: StreamReport) -> str:
@@ -77,23 +86,23 @@ def _doubts(stream: StreamReport) -> str:
     return ", ".join(f"{count} {what}" for count, what in counts if count)
 
 
-def _robot_rows(seen: Inspection) -> list[tuple[str, str]]:
-    joints = seen.joints
+def _robot_rows(inspection: Inspection) -> list[tuple[str, str]]:
+    joints = inspection.joints
     total = len(joints.matched) + len(joints.missing)
-    if seen.robot is None:
+    if inspection.robot is None:
         return [("none", f"{_fit(joints)}; name yours with --robot" if joints.there else "there are no joints")]
     if joints.missing:
         return [
             (
-                seen.robot,
+                inspection.robot,
                 f"{len(joints.matched)} of {total} joints found, not {listing(joints.missing)}; {_fit(joints)}",
             )
         ]
-    return [(seen.robot, f"all {total} joints found, {'with' if joints.has_effort else 'without'} torques")]
+    return [(inspection.robot, f"all {total} joints found, {'with' if joints.has_effort else 'without'} torques")]
 
 
 def _fit(joints: Joints) -> str:
-    """What the recording's own joints say of whose they are."""
+    """Which robot the recording's joints fit."""
     if joints.fitting:
         return f"the joints fit {listing(joints.fitting)}"
     if joints.nearest is not None:

@@ -15,5 +15,5 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 
 
 def with_partial(settings: list[str] | None, allow_partial: bool) -> list[str]:
-    """The settings, and that of ``--allow-partial`` where it is asked for."""
+    """The settings, and that of ``--allow-partial`` where that is given."""
     return [*(settings or ()), *(["dataset.allow_partial=true"] if allow_partial else [])]

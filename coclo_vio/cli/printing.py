@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
@@ -15,14 +14,15 @@ from rich.table import Table
 from coclo_vio.cli.terminal import err, out, say
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.evaluation_record import EvaluationRecord
 from coclo_vio.evaluation.notes import merged_notes
 from coclo_vio.evaluation.paper_table import PAPER_MARK
 from coclo_vio.evaluation.ranking import rank, resolution_sentence
-from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.evaluation.trajectory_roles import in_order
-from coclo_vio.runs import comparison
-from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.run_record import CalibrationRecord, RunRecord, TrajectoryRecord
+from coclo_vio.runs.running import Progress as ProgressCallback
+from coclo_vio.values.units import MRAD_PER_RAD, NS_PER_S
 
 _EVERY_NS = 200_000_000
 _SMALL_M = 0.1
@@ -40,51 +40,58 @@ _COLUMNS = (
 )
 
 
-def run_title(name: str, config: RunConfig) -> str:
-    """What stands above the results of a recording."""
-    return name if config.robot is None else f"{name}, {config.robot.name}"
-
-
-def tell_run(told: Mapping[str, Any], folder: Path, *, brief: bool = False) -> None:
-    """Say what was left out, assumed or counted, and where the results are; briefly without what was counted."""
-    robot = told["robot"]
-    say(f"{'no robot' if robot is None else f'robot {robot}'}; results in {folder}")
-    uses_imu = any("imu" in estimator["sensors"] for estimator in told["estimators"].values())
-    if robot is not None and uses_imu and told.get("imu_calibration") == "recording":
-        say("IMU: mounting and noise as the recording says; --set imu_calibration=robot takes the robot's instead")
-    reader = told.get("reader") or {}
-    for note in reader.get("notes", ()):
-        say(f"note: {note}")
-    for reason, count in (reader.get("dropped") or {}).items():
-        say(f"left out: {count} x {reason}")
-    for mode, estimator in {one["mode"]: one for one in reversed(told["estimators"].values())}.items():
-        for line in _lived(estimator, folder / "debug_images" / mode, brief=brief):
+def print_run(record: RunRecord, folder: Path, *, brief: bool = False) -> None:
+    """What was left out, assumed or counted, and where the results are; briefly without the counts."""
+    say(f"{'no robot' if record.robot is None else f'robot {record.robot}'}; results in {folder}")
+    uses_imu = any("imu" in trajectory.sensors for trajectory in record.estimators.values())
+    if record.robot is not None and uses_imu and record.imu_calibration == "recording":
+        say("IMU: mounting and noise of the recording; --set imu_calibration=robot takes the robot's instead")
+    if record.reader is not None:
+        for note in record.reader.notes:
+            say(f"note: {note}")
+        for reason, count in record.reader.dropped.items():
+            say(f"left out: {count} x {reason}")
+    for mode, trajectory in record.by_mode().items():
+        for line in _run_lines(trajectory, folder / "debug_images" / mode, brief=brief):
             say(f"{mode}: {line}")
 
 
-def _lived(estimator: Mapping[str, Any], pictures: Path, *, brief: bool) -> Iterator[str]:
-    """What an estimator used, counted and lived through, in lines."""
-    counts = ", ".join(f"{key} {value}" for key, value in estimator["counts"].items() if value)
-    if "joints" not in estimator["sensors"] and not brief:
-        yield f"sees with {', '.join(estimator['sensors'])}"
+def _run_lines(trajectory: TrajectoryRecord, pictures: Path, *, brief: bool) -> Iterator[str]:
+    """What a mode read, counted and met with, in lines."""
+    counts = ", ".join(f"{key} {value}" for key, value in trajectory.counts.items() if value)
+    if "joints" not in trajectory.sensors and not brief:
+        yield f"reads {', '.join(trajectory.sensors)}"
     if counts and not brief:
         yield counts
-    if (keyframes := estimator["keyframes"]) and not brief:
+    keyframes = trajectory.keyframes
+    if keyframes is not None and not brief:
         yield (
-            f"{keyframes['count']} keyframes, in the median {_figure(keyframes, 'tracks', '.0f')} tracks, "
-            f"{_figure(keyframes, 'reprojection_px', '.2f')} px, {_figure(keyframes, 'iterations', '.0f')} iterations, "
-            f"{_figure(keyframes, 'compute_ms', '.1f')} ms"
+            f"{keyframes.count} keyframes, median of {_figure(keyframes.tracks_median, '.0f')} tracks, "
+            f"{_figure(keyframes.reprojection_px_median, '.2f')} px, "
+            f"{_figure(keyframes.iterations_median, '.0f')} iterations, "
+            f"{_figure(keyframes.compute_ms_median, '.1f')} ms"
         )
-    if events := estimator["events"]:
-        kinds = Counter(event["kind"] for event in events)
-        first = f"the first at {events[0]['time_s']:.2f} s: {events[0]['detail']}"
-        yield f"events {', '.join(f'{kind} {number}' for kind, number in kinds.items())}; {first}"
-    if estimator["pictures"]:
-        yield f"{estimator['pictures']} pictures in {pictures}"
+    if trajectory.events:
+        kinds = Counter(event.kind for event in trajectory.events)
+        first = trajectory.events[0]
+        listed = ", ".join(f"{kind} {number}" for kind, number in kinds.items())
+        yield f"events {listed}; the first at {first.time_s:.2f} s: {first.detail}"
+    if trajectory.calibration is not None and not brief:
+        yield _calibration_line(trajectory.calibration)
+    if trajectory.pictures:
+        yield f"{trajectory.pictures} pictures in {pictures}"
 
 
-def _figure(keyframes: Mapping[str, float | None], name: str, form: str) -> str:
-    value = keyframes[f"{name}_median"]
+def _calibration_line(learnt: CalibrationRecord) -> str:
+    turn = ", ".join(
+        f"{MRAD_PER_RAD * value:.1f} +- {MRAD_PER_RAD * sigma:.1f}"
+        for value, sigma in zip(learnt.rotation_body_rad, learnt.rotation_sigma_rad, strict=True)
+    )
+    scale, sigma = learnt.stereo_scale - 1.0, learnt.stereo_scale_sigma
+    return f"cameras turned by ({turn}) mrad about x, y, z, stereo scale {scale:+.2%} +- {sigma:.2%} (one sigma)"
+
+
+def _figure(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
@@ -114,8 +121,8 @@ def print_table(evaluations: Mapping[str, Evaluation], title: str) -> None:
     )
     for length_m in sorted({length for one in evaluations.values() for length in one.segment_drift_percent}):
         drifts = {name: one.segment_drift_percent.get(length_m) for name, one in evaluations.items()}
-        told = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
-        out.print(f"mean drift over all segments of {length_m:g} m: {told}", highlight=False)
+        listed = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
+        out.print(f"mean drift over all segments of {length_m:g} m: {listed}", highlight=False)
     for note in merged_notes({name: evaluation.notes for name, evaluation in evaluations.items()}):
         say(f"note: {note}")
 
@@ -125,16 +132,16 @@ def _cell(value: object, factor: float, decimals: int) -> str:
 
 
 def print_ranking(evaluations: Mapping[str, Evaluation], config: EvaluationConfig) -> None:
-    """A line for each comparison of legs, eyes and both; nothing where they are not there."""
-    found = rank(evaluations, config)
-    for sentence in (*(ranking.sentence for ranking in found), *filter(None, [resolution_sentence(found)])):
+    """A line for each pair of trajectories that are ranked; nothing where there is none."""
+    rankings = rank(evaluations, config)
+    for sentence in (*(ranking.sentence for ranking in rankings), *filter(None, [resolution_sentence(rankings)])):
         out.print(sentence, highlight=False, markup=False)
 
 
 def print_table_one(table: TableOne) -> None:
     """Several recordings in the form of the paper's Table I, its own figures below."""
     shown = Table(
-        title="drift % of the way / RPE % per metre",
+        title="drift % of the path / RPE % per metre",
         box=SIMPLE_HEAD,
         pad_edge=False,
         collapse_padding=True,
@@ -155,30 +162,34 @@ def print_table_one(table: TableOne) -> None:
         out.print(f"{PAPER_MARK}: drift of the net displacement, without RPE", highlight=False)
 
 
-def tell_failures(failures: Mapping[str, str]) -> None:
-    """Say which estimators stopped, and why."""
+def print_failures(failures: Mapping[str, str]) -> None:
+    """Which modes stopped early, and why."""
     for name, reason in failures.items():
         say(f"{name} stopped early or has no result: {reason}")
 
 
 @contextmanager
-def progress_bar() -> Iterator[comparison.Progress]:
-    """A line for each estimator with the seconds of recording it has done."""
+def progress_bar(total_s: float | None = None) -> Iterator[ProgressCallback]:
+    """A line for each mode with the seconds of recording it has processed.
+
+    Args:
+        total_s: length of the recording, s; None where it is not known.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"), TimeElapsedColumn())
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         tasks: dict[str, tuple[TaskID, int]] = {}
         last: dict[str, int] = {}
 
-        def tell(estimator: str, stamp_ns: int) -> None:
-            if estimator not in tasks:
-                tasks[estimator] = (bar.add_task(estimator, total=None), stamp_ns)
-            if stamp_ns - last.get(estimator, stamp_ns - _EVERY_NS) >= _EVERY_NS:
-                task, first_ns = tasks[estimator]
-                bar.update(task, completed=(stamp_ns - first_ns) / 1e9)
-                last[estimator] = stamp_ns
+        def update(mode: str, stamp_ns: int) -> None:
+            if mode not in tasks:
+                tasks[mode] = (bar.add_task(mode, total=total_s), stamp_ns)
+            if stamp_ns - last.get(mode, stamp_ns - _EVERY_NS) >= _EVERY_NS:
+                task, first_ns = tasks[mode]
+                bar.update(task, completed=(stamp_ns - first_ns) / NS_PER_S)
+                last[mode] = stamp_ns
 
         try:
-            yield tell
+            yield update
         except KeyboardInterrupt:
             say("stopped; what was estimated so far is in the output folder")
             raise

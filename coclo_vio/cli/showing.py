@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands that show what is there: ``inspect``, ``benchmark``, ``config``, ``robots``."""
+"""The commands that show: ``inspect``, ``benchmark``, ``config``, ``robots``."""
 
 import os
 import sys
@@ -12,11 +12,11 @@ import typer
 import yaml
 from rich.table import Table
 
+from coclo_vio.api.recording import open_recording
 from coclo_vio.cli.inspection_view import drawn
 from coclo_vio.cli.options import ConfigOption, JsonOption, PartialOption, RobotOption, SetOption, with_partial
 from coclo_vio.cli.terminal import give_json, out
 from coclo_vio.robot.description import load_robot, robot_names
-from coclo_vio.runs.inspection import inspect_recording, resolve_if_known
 from coclo_vio.runs.run_config import resolve
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -30,27 +30,27 @@ def inspect(
     allow_partial: PartialOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what a recording holds: streams, gaps, clock jumps, joints, calibrations, and what is missing for a mode."""
-    resolved, known = resolve_if_known(dataset, robot, config, with_partial(settings, allow_partial))
-    seen = inspect_recording(dataset, known, resolved.dataset)
+    """List what a recording holds: streams, gaps, clock jumps, joints, calibrations, and what modes lack."""
+    changed = with_partial(settings, allow_partial)
+    inspection = open_recording(dataset, robot, config=config, settings=changed).inspect()
     if as_json:
-        give_json(seen.to_json())
+        give_json(inspection.to_json())
     else:
-        out.print(*drawn(seen), sep="\n")
+        out.print(*drawn(inspection), sep="\n")
 
 
 def benchmark(
     as_json: JsonOption = False,
     seconds: Annotated[float, typer.Option(min=2.0, help="Length of the walk that is timed, s.")] = 8.0,
     rounds: Annotated[int, typer.Option(min=1, help="How often; the best counts.")] = 3,
-    sight_seconds: Annotated[float, typer.Option(min=1.0, max=15.0, help="How much of the sample is seen, s.")] = 15.0,
+    vision_seconds: Annotated[float, typer.Option(min=1.0, help="How much of the sample is tracked, s.")] = 15.0,
 ) -> None:
-    """Time the filter for six legs, beside filterpy where that is installed, and the eyes, on one core."""
+    """Time filter, front end and smoother on one core, beside filterpy if installed."""
     from coclo_vio.experiments.benchmark import run_benchmark  # noqa: PLC0415 -- loads what it compares with
 
     os.environ.update(_ONE_THREAD)
     with ProcessPoolExecutor(1, get_context("spawn")) as fresh:  # NumPy takes its number of threads as it is loaded
-        figures = fresh.submit(run_benchmark, seconds, rounds, sight_seconds).result()
+        figures = fresh.submit(run_benchmark, seconds, rounds, vision_seconds).result()
     if as_json:
         give_json(figures)
         return
@@ -65,7 +65,7 @@ def config(
     config: ConfigOption = None,
     settings: SetOption = None,
 ) -> None:
-    """Print the resolved configuration as YAML; every key can be changed with --set or in a file."""
+    """Print the resolved configuration as YAML; every key can be changed with --set."""
     resolved = resolve(robot, config, settings or (), guess="daisy")
     sys.stdout.write(yaml.safe_dump(resolved.model_dump(mode="json"), sort_keys=False))
 

@@ -26,20 +26,20 @@ TrialArgument = Annotated[
     typer.Argument(help="6 m square with back and forth; ramp of 16.35 deg; 5 steps of 0.6 m x 0.15 m."),
 ]
 PathOption = Annotated[Path, typer.Option("--output", "-o", help="Recording to write: .bag, .mcap, .db3, or a folder.")]
-SeedOption = Annotated[int, typer.Option(min=0, help="Decides everything random; the same gives the same bytes.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Of everything random; the same seed makes the same bytes.")]
 FormatOption = Annotated[
     Literal["euroc", "ros1", "mcap", "ros2"] | None,
     typer.Option("--format", help="By the suffix of the path if not given; a folder is euroc unless it is ros2."),
 ]
-IdealOption = Annotated[bool, typer.Option("--ideal", help="A robot that is exactly as described.")]
+IdealOption = Annotated[bool, typer.Option("--ideal", help="A robot that equals its description.")]
 ImagesOption = Annotated[bool, typer.Option("--images/--no-images", help="Whether the cameras record.")]
 FrictionOption = Annotated[float | None, typer.Option(help="Coulomb coefficient of feet on the ground.")]
 TileOption = Annotated[
     float | None,
-    typer.Option("--slippery-tile", metavar="MU", help="Coulomb coefficient of a tile 1 m long amid the way: 0.3."),
+    typer.Option("--slippery-tile", metavar="MU", help="Coulomb coefficient of a tile of 1 m beside the path: 0.3."),
 ]
 ShockOption = Annotated[
-    float | None, typer.Option("--shock-scale", help="Factor on the shocks that the camera's accelerometer feels.")
+    float | None, typer.Option("--shock-scale", help="Factor on the shocks measured by the camera's accelerometer.")
 ]
 FootRadiusOption = Annotated[
     float | None, typer.Option(help="Radius of the feet, m; the estimators' description keeps its own.")
@@ -50,12 +50,12 @@ BlackoutOption = Annotated[
     list[str] | None,
     typer.Option(metavar="START:SECONDS", help="No light from START on, s after the first image; may be repeated."),
 ]
-TextureOption = Annotated[Literal["rich", "normal", "poor"] | None, typer.Option(help="How much there is to see.")]
+TextureOption = Annotated[Literal["rich", "normal", "poor"] | None, typer.Option(help="Amount of visual texture.")]
 DurationOption = Annotated[float | None, typer.Option(min=1.0, help="Cut the trial short after so many seconds.")]
 EncodingOption = Annotated[
     Literal["png", "jpeg"] | None, typer.Option(help="png keeps every bit, jpeg is a third as large.")
 ]
-WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes that draw; one for each core if not given.")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Rendering processes; one for each core if not given.")]
 SettingOption = Annotated[list[str] | None, typer.Option("--set", help="One value: trial.gait.speed_mps=0.05.")]
 
 
@@ -80,47 +80,43 @@ def simulate(
     config: ConfigOption = None,
     settings: SettingOption = None,
 ) -> None:
-    """Simulate one of the paper's trials: a Daisy walks, sees and is watched by Vicon; the truth is kept apart."""
+    """Simulate one of the paper's trials: a walking Daisy with all its sensors, and Vicon; the truth is kept apart."""
     check_simulator("simulating", "sim")
-    from coclo_vio.simulation import simulated_recording as laboratory  # noqa: PLC0415 -- an extra
+    from coclo_vio.simulation import simulated_recording as simulator  # noqa: PLC0415 -- an extra
 
-    given, asked = read_yaml(config) if config else {}, parse_settings(settings or ())
-    chosen = {
+    from_file, from_settings = read_yaml(config) if config else {}, parse_settings(settings or ())
+    from_options = {
         "trial": {
-            "body": _told(friction=friction, foot_radius_m=foot_radius),
-            "camera_imu": _told(shock_scale=shock_scale),
-            **_told(slippery_tile=slippery_tile),
+            "body": _given(friction=friction, foot_radius_m=foot_radius),
+            "camera_imu": _given(shock_scale=shock_scale),
+            **_given(slippery_tile=slippery_tile),
         },
-        "scene": _told(texture=texture),
-        "camera": _told(encoding=image_encoding) | {"lighting": _lighting(lighting, blackout or ())},
+        "scene": _given(texture=texture),
+        "camera": _given(encoding=image_encoding) | {"lighting": _lighting(lighting, blackout or ())},
     }
-    resolved = laboratory.simulation_config(trial, given, laboratory.IDEAL_ROBOT if ideal else {}, asked, chosen)
-    if gait_speed != 1.0:
-        resolved = laboratory.at_gait_speed(resolved, gait_speed)
-    with _progress_bars() as (walked, drawn):
-        simulated = laboratory.simulate_recording(
+    changes = (from_file, simulator.IDEAL_ROBOT if ideal else {}, from_settings, from_options)
+    resolved = simulator.at_gait_speed(simulator.simulation_config(trial, *changes), gait_speed)
+    with _progress_bars() as (on_simulated, on_rendered):
+        simulated = simulator.simulate_recording(
             output,
             trial,
             resolved,
             seed,
-            kind=laboratory.RecordingFormat(format_) if format_ else None,
+            recording_format=simulator.RecordingFormat(format_) if format_ else None,
             images=images,
             until_s=duration,
-            workers=workers or os.cpu_count() or 1,
-            progress=laboratory.Progress(walked, drawn),
+            execution=simulator.Execution(workers or os.cpu_count() or 1, on_simulated, on_rendered),
         )
-    came_m = laboratory.walked_m(simulated.truth.trajectory)
-    frames = len(simulated.frame_ns) if images else 0
-    _give_summary(simulated, output, laboratory.truth_folder(output), came_m, frames)
+    _give_summary(simulated, output, frames=len(simulated.frame_ns) if images else 0)
 
 
-def _told(**values: Any) -> dict[str, Any]:
-    """Those options that the user has given."""
+def _given(**values: Any) -> dict[str, Any]:
+    """The options that the user has set."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _lighting(level: str | None, blackouts: Sequence[str]) -> dict[str, Any]:
-    return _told(level=level, blackouts=[_blackout(text) for text in blackouts] or None)
+    return _given(level=level, blackouts=[_blackout(text) for text in blackouts] or None)
 
 
 def _blackout(text: str) -> dict[str, float]:
@@ -133,7 +129,7 @@ def _blackout(text: str) -> dict[str, float]:
 
 @contextmanager
 def _progress_bars() -> Iterator[tuple[Callable[[float, float], None], Callable[[int, int], None]]]:
-    """A bar for walking and one for drawing, each from its first news on."""
+    """A bar for the simulation and one for the rendering, each from its first progress on."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -143,24 +139,29 @@ def _progress_bars() -> Iterator[tuple[Callable[[float, float], None], Callable[
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         tasks: dict[str, TaskID] = {}
 
-        def tell(what: str, unit: str, done: float, total: float) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, unit=unit)
-            bar.update(tasks[what], completed=done, total=max(done, total))
+        def update(task: str, unit: str, done: float, total: float) -> None:
+            if task not in tasks:
+                tasks[task] = bar.add_task(task, unit=unit)
+            bar.update(tasks[task], completed=done, total=max(done, total))
 
         try:
-            yield partial(tell, "walking", "s"), partial(tell, "drawing", "frames")
+            yield partial(update, "simulating", "s"), partial(update, "rendering", "frames")
         except KeyboardInterrupt:
             say("stopped; nothing was written")
             raise
 
 
-def _give_summary(trial: "Trial", recording: Path, truth: Path, walked_m: float, frames: int) -> None:
-    duration_s, way_m = trial.truth.trajectory.duration_s, trial.terrain.path_length_m
-    drawn = f", {frames} stereo frames" if frames else ""
+def _give_summary(trial: "Trial", recording: Path, *, frames: int) -> None:
+    from coclo_vio.simulation.simulated_recording import truth_folder, walked_m  # noqa: PLC0415 -- an extra
+
+    truth, trajectory = truth_folder(recording), trial.truth.trajectory
+    rendered = f", {frames} stereo frames" if frames else ""
     give(f"recording: {recording} ({_size_mb(recording):.1f} MB)")
     give(f"truth, which no estimator may read: {truth} ({_size_mb(truth):.1f} MB)")
-    give(f"{duration_s:.1f} s, {walked_m:.2f} m walked of a way of {way_m:.2f} m{drawn}")
+    give(
+        f"{trajectory.duration_s:.1f} s, {walked_m(trajectory):.2f} m walked of a path of "
+        f"{trial.terrain.path_length_m:.2f} m{rendered}"
+    )
 
 
 def _size_mb(path: Path) -> float:

@@ -25,7 +25,7 @@ from coclo_vio.values.errors import DatasetError
 
 if TYPE_CHECKING:
     from coclo_vio.experiments.table.plan import TablePlan
-    from coclo_vio.experiments.table.records import TableRecord
+    from coclo_vio.experiments.table.table_record import TableRecord
     from coclo_vio.experiments.table.text_tables import TextTable
     from coclo_vio.experiments.table.work_unit import WorkProgress
 

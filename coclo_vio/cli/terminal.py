@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What goes where: results on standard output, everything said about them on standard error."""
+"""What goes where: results on standard output, messages about them on standard error."""
 
 import json
 import sys

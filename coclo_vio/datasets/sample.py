@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 DURATION_S = 15.0
+LENGTH_M = 0.6
 
 
 def sample_path() -> Path:

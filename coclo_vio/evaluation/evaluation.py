@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The result of an evaluation, a frozen value; ``records`` writes it as JSON."""
+"""The result of an evaluation, a frozen value; ``evaluation_record`` writes it as JSON."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -10,9 +10,9 @@ import yaml
 
 from coclo_vio.evaluation import html_page
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.evaluation_record import EvaluationRecord
 from coclo_vio.evaluation.notes import merged_notes
 from coclo_vio.evaluation.ranking import Ranking, resolution_sentence
-from coclo_vio.evaluation.records import EvaluationRecord
 from coclo_vio.values.outputs import Calibration
 
 _ROWS = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frames put on the clock of the IMU, and in order with its readings, where the cameras' clock is another."""
+"""Puts frames on the clock of the IMU, and in order with its readings, where the cameras have another clock."""
 
 import heapq
 from collections import Counter
@@ -15,18 +15,18 @@ _MOST_READINGS_HELD = 4096
 
 
 class ImageClock:
-    """Puts measurements in the order of the IMU's clock, and frames on it.
+    """Gives measurements in the order of the IMU's clock, with frames stamped by it.
 
-    Where frames are stamped early (a positive offset) they wait until the others have come as far; where they are
-    stamped late the others wait for them. Nothing waits where the clocks agree.
+    Where frames are stamped early (a positive offset) they wait until the other measurements have come as far; where
+    they are stamped late the others wait for them. Nothing waits where the clocks agree.
     """
 
     def __init__(self, offset_s: float, *, waits: bool) -> None:
-        """Say how far apart the clocks are.
+        """Take the offset of the clocks.
 
         Args:
             offset_s: stamp of a frame plus this is the IMU's clock, s.
-            waits: whether there is anything that frames are to be in order with.
+            waits: whether there is anything that frames have to be in order with.
         """
         self._offset_ns = round(offset_s * NS_PER_S)
         self._waits = waits and self._offset_ns != 0
@@ -37,16 +37,21 @@ class ImageClock:
         self.counts: Counter[str] = Counter()
 
     def push(self, measurement: Measurement) -> Iterator[Measurement]:
-        """Take one; give those that are due, on one clock and in order."""
-        raw_ns, is_sight = measurement.stamp_ns, isinstance(measurement, StereoFrame | StereoTracks)
-        if is_sight and self._offset_ns:
+        """Take one; those that are due, on one clock and in order."""
+        raw_ns, is_frame = measurement.stamp_ns, isinstance(measurement, StereoFrame | StereoTracks)
+        if is_frame and self._offset_ns:
             measurement = replace(measurement, stamp_ns=raw_ns + self._offset_ns)
         if not self._waits:
             yield measurement
             return
-        heapq.heappush(self._held, (measurement.stamp_ns, is_sight, next(self._numbers), measurement))
+        heapq.heappush(self._held, (measurement.stamp_ns, is_frame, next(self._numbers), measurement))
         self._now_ns = raw_ns if self._now_ns is None else max(self._now_ns, raw_ns)
         due_ns = self._now_ns + min(0, self._offset_ns)
         while self._held and (self._held[0][0] <= due_ns or len(self._held) > self._most_held):
             self.counts["not_waited_for_clock"] += self._held[0][0] > due_ns
+            yield heapq.heappop(self._held)[-1]
+
+    def finish(self) -> Iterator[Measurement]:
+        """All that still waits, in order: no measurement comes any more."""
+        while self._held:
             yield heapq.heappop(self._held)[-1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is in a run folder, or in a TUM file, against ground truth."""
+"""The trajectories of a run folder, or of a TUM file, against ground truth."""
 
 from pathlib import Path
 
@@ -11,45 +11,43 @@ from coclo_vio.values.errors import CocloError, DatasetError, EvaluationError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
 from coclo_vio.values.trajectory import GroundTruth, read_tum
 
-_UP = (STREAM_NAMES[ImuSample], STREAM_NAMES[CameraImuSample])
+_GRAVITY_SENSORS = (STREAM_NAMES[ImuSample], STREAM_NAMES[CameraImuSample])
 
 
 def evaluate_run(
     folder: Path, config: EvaluationConfig, truth: GroundTruth | None = None
 ) -> tuple[dict[str, Evaluation], dict[str, str]]:
-    """Every estimator of a run folder against ground truth.
+    """Every trajectory of a run folder against ground truth.
 
     Args:
-        folder: what ``run_all`` wrote.
+        folder: what ``run_modes`` wrote.
         config: how to compare.
         truth: another ground truth than the run's own.
 
     Returns:
-        The evaluations by estimator, and for those that could not be evaluated the reason.
+        The evaluations by trajectory, and for those that could not be evaluated the reason.
 
     Raises:
         DatasetError: no run folder, or no ground truth.
     """
-    run = run_folder.read_run_json(folder)
-    truth = truth or run_folder.read_ground_truth(folder, run)
+    record = run_folder.read_record(folder)
+    truth = truth or run_folder.read_ground_truth(folder, record)
     if truth is None:
         raise DatasetError(f"{folder} has no ground truth; give one with `coclo-vio evaluate {folder} --vicon FILE`")
     evaluations: dict[str, Evaluation] = {}
     failures: dict[str, str] = {}
-    for name, told in run["estimators"].items():
+    for name, run in record.estimators.items():
         try:
-            estimate = run_folder.read_estimates(folder, name).trajectory
-            recording = told.get("recording_ns") or run.get("recording_ns")
             evaluations[name] = evaluate(
-                estimate,
+                run_folder.read_estimates(folder, name).trajectory,
                 truth,
                 config,
-                recording_ns=None if recording is None else (recording[0], recording[1]),
-                realtime_factor=told.get("realtime_factor"),
-                is_gravity_aligned="sensors" not in told or any(sensor in _UP for sensor in told["sensors"]),
+                recording_ns=run.recording_ns or record.recording_ns,
+                realtime_factor=run.realtime_factor,
+                is_gravity_aligned=any(sensor in _GRAVITY_SENSORS for sensor in run.sensors),
             )
         except CocloError as error:
-            failures[name] = told.get("failure") or str(error)
+            failures[name] = run.failure or str(error)
     return evaluations, failures
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What goes wrong on purpose: faults put on any recording, to see what an estimator makes of them.
+"""Simulated faults, applied to any recording to see how an estimator copes with them.
 
 Between a reader and an estimator, one measurement at a time. Ground truth is left alone.
 """
@@ -94,7 +94,7 @@ LegSpans = Annotated[tuple[Annotated[str, BeforeValidator(_leg_span_text)], ...]
 
 
 class FaultsConfig(StageConfig):
-    """What goes wrong, and when; starts are in seconds after the recording's first measurement. Nothing by default."""
+    """Which faults occur, and when; starts are in seconds after the recording's first measurement. None by default."""
 
     blackouts: Annotated[
         Spans, Field(description='START:SECONDS each: images are black, tracks gone; as ["20:5"]')
@@ -104,11 +104,11 @@ class FaultsConfig(StageConfig):
     frozen_legs: Annotated[
         LegSpans, Field(description="LEG:START:SECONDS each: the leg's joints repeat their last reading, at rest")
     ] = ()
-    silent_joints: Annotated[Spans, Field(description='START:SECONDS each: no joint sample at all; as ["20:5"]')] = ()
+    silent_joints: Annotated[Spans, Field(description='START:SECONDS each: no joint sample; as ["20:5"]')] = ()
 
     @property
     def is_none(self) -> bool:
-        """Whether everything goes as it is recorded."""
+        """Whether there is no fault."""
         return not (self.blackouts or self.frame_loss or self.frozen_legs or self.silent_joints)
 
 
@@ -147,23 +147,23 @@ class Faults:
             return
         start_ns = _first_ns(read)
         losses = np.random.default_rng(self.config.seed)
-        eyes, legs = _Eyes(self._dark), _Legs(self._frozen)
+        blackouts, frozen_legs = _Blackouts(self._dark), _FrozenLegs(self._frozen)
         for measurement in read(sensors):
             after_ns = measurement.stamp_ns - start_ns
             match measurement:
                 case StereoFrame() | StereoTracks():
                     if losses.random() >= self.config.frame_loss:
-                        yield eyes.see(measurement, after_ns)
+                        yield blackouts.applied(measurement, after_ns)
                 case JointSample():
-                    told = legs.feel(measurement, after_ns)
+                    sample = frozen_legs.applied(measurement, after_ns)
                     if not any(after_ns in span for span in self._silent):
-                        yield told
+                        yield sample
                 case _:
                     yield measurement
 
 
-class _Eyes:
-    """Cameras in whose sight the light goes out, and on again.
+class _Blackouts:
+    """Black images and lost tracks for some spans of time.
 
     A tracker loses its points in the dark: the same point has another identity afterwards, and a new age.
     """
@@ -175,34 +175,34 @@ class _Eyes:
         self._next_id = 0
         self._frames: int | None = None  # since the last darkness
 
-    def see(self, sight: StereoFrame | StereoTracks, after_ns: int) -> StereoFrame | StereoTracks:
+    def applied(self, frame: StereoFrame | StereoTracks, after_ns: int) -> StereoFrame | StereoTracks:
         """The frame, or what is left of it."""
         is_dark = any(after_ns in span for span in self._dark)
-        if isinstance(sight, StereoFrame):
-            black = np.zeros_like(sight.left)
-            return replace(sight, left=black, right=black) if is_dark else sight
+        if isinstance(frame, StereoFrame):
+            black = np.zeros_like(frame.left)
+            return replace(frame, left=black, right=black) if is_dark else frame
         if is_dark:
             self._shift, self._frames = self._next_id, 0
             nothing = np.zeros((0, 2))
             none = np.zeros(0, dtype=np.int64)
-            return StereoTracks(sight.stamp_ns, none, nothing, nothing, quality=TrackingQuality.LOST, reason="blackout")
-        told = sight
+            return StereoTracks(frame.stamp_ns, none, nothing, nothing, quality=TrackingQuality.LOST, reason="blackout")
+        shifted = frame
         if self._frames is not None:
             self._frames += 1
-            ages = np.minimum(sight.ages, self._frames)
-            told = replace(sight, track_ids=sight.track_ids + self._shift, ages=ages)
-        self._next_id = max(self._next_id, int(told.track_ids.max(initial=-1)) + 1)
-        return told
+            ages = np.minimum(frame.ages, self._frames)
+            shifted = replace(frame, track_ids=frame.track_ids + self._shift, ages=ages)
+        self._next_id = max(self._next_id, int(shifted.track_ids.max(initial=-1)) + 1)
+        return shifted
 
 
-class _Legs:
-    """Joints of which some repeat what they last said, for a while."""
+class _FrozenLegs:
+    """Joints of some legs repeat their last reading, for some spans of time."""
 
     def __init__(self, frozen: Sequence[_FrozenLeg]) -> None:
         self._frozen = frozen
         self._held: list[JointSample | None] = [None] * len(frozen)
 
-    def feel(self, sample: JointSample, after_ns: int) -> JointSample:
+    def applied(self, sample: JointSample, after_ns: int) -> JointSample:
         """The sample with the frozen joints' readings in it; one frozen from the start on holds its first."""
         position, velocity, effort = (np.array(part) for part in (sample.position, sample.velocity, sample.effort))
         is_frozen = False
@@ -221,7 +221,7 @@ class _Legs:
 def _frozen_leg(text: str, robot: RobotDescription | None) -> _FrozenLeg:
     name, span = _leg_span(text)
     if robot is None:
-        raise ConfigError(f"faults.frozen_legs = {text!r}: the recording's robot is not known; name it with --robot")
+        raise ConfigError(f"faults.frozen_legs = {text!r}: no robot is given; name it with --robot")
     joints = {leg.name: leg.joints for leg in robot.legs}
     if name not in joints:
         raise ConfigError(

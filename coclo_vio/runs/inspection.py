@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a recording holds, and for which modes that is enough: what ``coclo-vio inspect`` says.
+"""What a recording holds, and for which modes that is enough: the content of ``coclo-vio inspect``.
 
 Everything is read through once; no image is decoded.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -13,20 +13,20 @@ import numpy as np
 
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import Dataset, RobotFit, guess_robot, open_dataset, robot_fit
-from coclo_vio.datasets.read_report import ReadReport, StreamReport
+from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.evaluation.metrics import travelled_m
 from coclo_vio.robot.description import RobotDescription, robot_names
+from coclo_vio.runs.mode_requirements import Holdings, camera_angle_deg, missing_needs
+from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_config import RunConfig, resolve
-from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.calibration import ImuCalibration, SensorCalibrations, StereoCalibration
 from coclo_vio.values.errors import CocloError, DatasetError, TopicNotFound, listing
 from coclo_vio.values.measurements import ALL_SENSORS, JointSample, StereoFrame
 from coclo_vio.values.trajectory import GroundTruth
-from coclo_vio.values.units import NS_PER_S
-
-MODES = ("coclo", "vins", "stereo", "stereo_twist", "combined")
 
 _PATH_SPACING_S = 0.1
-_TOLD_APART_DEG, _MOST_APART_DEG = 5.0, 45.0
+_NOTED_ANGLE_DEG = 5.0
+_NOT_READ_THROUGH = "a recording that can be read through (see problems)"
 _T = TypeVar("_T")
 
 
@@ -80,6 +80,16 @@ class Joints:
     nearest: str | None
     has_effort: bool
 
+    @property
+    def hint(self) -> str:
+        """What to give where no robot is named."""
+        if self.nearest is not None:
+            return f"{len(self.missing)} of {self.nearest}'s joints, or another robot (--robot)"
+        if not self.there:
+            return "joints"
+        fits = f"fit {listing(self.fitting)}" if self.fitting else "are those of no known one"
+        return f"a robot (the joints {fits}; name one with --robot)"
+
 
 @dataclass(frozen=True, slots=True)
 class Truth:
@@ -102,7 +112,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """All that can be said of a recording.
+    """All that is known of a recording.
 
     Attributes:
         name: of the recording.
@@ -110,7 +120,7 @@ class Inspection:
         report: streams, what was left out, notes.
         topics: which topic plays which role; empty for a format without topics.
         joints: how they fit the robot.
-        calibrations: by sensor, what is known of it in a sentence, None where the recording says nothing.
+        calibrations: by sensor, what is known of it in a sentence, None where the recording has none.
         ground_truth: the reference trajectory, None where there is none.
         problems: what could not be read, a sentence each.
         missing: by mode, what it lacks; nothing for a mode that is ready.
@@ -136,7 +146,7 @@ class Inspection:
 def resolve_if_known(
     path: Path, robot: str | None, file: Path | None, settings: Sequence[str]
 ) -> tuple[RunConfig, RobotDescription | None]:
-    """The configuration for a recording, and its robot, None where nobody names one and no known one fits.
+    """The configuration for a recording, and its robot, None where none is named and no known one fits.
 
     Args:
         path: the recording.
@@ -157,9 +167,9 @@ def resolve_if_known(
 
 
 def inspect_recording(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Inspection:
-    """Read a recording through and say what it holds.
+    """Read a recording through and describe it.
 
-    What cannot be read (joints of another robot, stamps that go back, a calibration that is malformed) is told as a
+    What cannot be read (joints of another robot, stamps that go back, a calibration that is malformed) is listed as a
     problem, as far as the rest can be read without it.
 
     Args:
@@ -168,7 +178,7 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         config: how to read.
 
     Raises:
-        DatasetError: no recording, or one of which nothing can be told.
+        DatasetError: no recording, or one that cannot be read at all.
     """
     problems: list[str] = []
     try:
@@ -182,31 +192,40 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
     if broken is not None and not has_effort:
         has_effort, _ = _read_through(_opened_in_part(path, robot, config), is_for_effort=True)
     problems += [] if broken is None else [str(broken)]
-    lenses = _tried(dataset.stereo_calibration, problems)
-    imus = {
-        "imu": _tried(dataset.imu_calibration, problems),
-        "camera_imu": _tried(dataset.camera_imu_calibration, problems),
-    }
-    calibrations = {name: _imu_sentence(imu) for name, imu in imus.items()} | {"cameras": _stereo_sentence(lenses)}
-    if robot is not None and imus["imu"] is None:
-        imus["imu"] = robot.imu
+    calibrations = _calibrations(dataset, problems)
     joints = _joints(robot_fit(path, config), robot, dataset, has_effort=has_effort)
-    report = dataset.report()  # what was assumed of a calibration is told too
-    seen = Inspection(
+    report = dataset.report()  # what was assumed of a calibration is part of it
+    truth = _truth(_tried(dataset.ground_truth, problems))
+    holdings = Holdings(
+        robot, report, joints.missing, bool(joints.matched), has_effort, calibrations, config.allow_partial, joints.hint
+    )
+    stopped = broken is not None and not isinstance(broken, TopicNotFound)
+    return Inspection(
         name=dataset.name,
         robot=None if robot is None else robot.name,
         report=report,
         topics=_topics(dataset),
         joints=joints,
-        calibrations=calibrations,
-        ground_truth=_truth(_tried(dataset.ground_truth, problems)),
+        calibrations={
+            "imu": _imu_sentence(calibrations.imu),
+            "camera_imu": _imu_sentence(calibrations.camera_imu),
+            "cameras": _stereo_sentence(calibrations.stereo),
+        },
+        ground_truth=truth,
         problems=tuple(dict.fromkeys(problems)),
-        missing=_missing(robot, report, joints, lenses, imus, takes_part=config.allow_partial),
+        missing={
+            mode.name: (*((_NOT_READ_THROUGH,) if stopped else ()), *missing_needs(mode, holdings))
+            for mode in modes().values()
+        },
     )
-    if broken is None or isinstance(broken, TopicNotFound):
-        return seen
-    stopped = ("a recording that can be read through (see problems)",)
-    return replace(seen, missing={mode: stopped + lacks for mode, lacks in seen.missing.items()})
+
+
+def _calibrations(dataset: Dataset, problems: list[str]) -> SensorCalibrations:
+    return SensorCalibrations(
+        stereo=_tried(dataset.stereo_calibration, problems),
+        imu=_tried(dataset.imu_calibration, problems),
+        camera_imu=_tried(dataset.camera_imu_calibration, problems),
+    )
 
 
 def _opened_in_part(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Dataset:
@@ -273,17 +292,11 @@ def _stereo_sentence(stereo: StereoCalibration | None) -> str | None:
         return None
     left = stereo.left
     lens = "no distortion" if left.distortion == "none" else f"{left.distortion} distortion"
-    apart = f", axes {_apart_deg(stereo):.0f} deg apart" if _apart_deg(stereo) > _TOLD_APART_DEG else ""
+    apart = f", axes {camera_angle_deg(stereo):.0f} deg apart" if camera_angle_deg(stereo) > _NOTED_ANGLE_DEG else ""
     return (
         f"{left.width_px} x {left.height_px}, f {left.focal_px[0]:.1f} px, {lens}, "
         f"baseline {stereo.baseline_m:.4f} m{apart}"
     )
-
-
-def _apart_deg(stereo: StereoCalibration) -> float:
-    """The angle between the axes along which the two cameras look, deg."""
-    left, right = stereo.T_body_left_camera[:3, 2], stereo.T_body_right_camera[:3, 2]
-    return float(np.rad2deg(np.arccos(np.clip(left @ right, -1.0, 1.0))))
 
 
 def _truth(truth: GroundTruth | None) -> Truth | None:
@@ -294,66 +307,3 @@ def _truth(truth: GroundTruth | None) -> Truth | None:
     is_paced = truth.has_stamps and len(trajectory) > 1
     path_m = float(travelled_m(trajectory, _PATH_SPACING_S)[-1]) if is_paced else trajectory.path_length_m()
     return Truth(truth.source, truth.has_stamps, len(trajectory), duration_s, path_m)
-
-
-def _missing(
-    robot: RobotDescription | None,
-    report: ReadReport,
-    joints: Joints,
-    lenses: StereoCalibration | None,
-    imus: Mapping[str, ImuCalibration | None],
-    *,
-    takes_part: bool,
-) -> dict[str, tuple[str, ...]]:
-    """What each mode lacks of what it cannot do without; ``takes_part``: legs whose joints are missing are left out."""
-    streams = {stream.name: stream for stream in report.streams}
-    legs = tuple(_missing_legs(robot, streams, joints, takes_part=takes_part))
-    seen = "stereo_tracks" if "stereo_tracks" in streams else "stereo"
-    wanted = (
-        ("stereo images", seen in streams),
-        ("calibration of the cameras", lenses is not None),
-        ("cameras that look the same way", lenses is None or _apart_deg(lenses) < _MOST_APART_DEG),
-    )
-    eyes = tuple(what for what, is_there in wanted if not is_there)
-    recorded = [name for name in ("camera_imu", "imu") if name in streams]
-    known = [name for name in recorded if imus[name] is not None]
-    inertial = () if known else ("the mounting of its IMU",) if recorded else ("an IMU",)
-    twist = () if "body_twist" in streams else ("a body twist: how fast the body moves, measured by something else",)
-    return {
-        "coclo": legs + _apart(streams, "joints", "imu"),
-        "vins": eyes + inertial + (_apart(streams, seen, known[0]) if known else ()),
-        "stereo": eyes,
-        "stereo_twist": eyes + twist + _apart(streams, seen, "body_twist"),
-        "combined": legs + eyes + _apart(streams, "joints", "imu") + _apart(streams, "joints", seen),
-    }
-
-
-def _missing_legs(
-    robot: RobotDescription | None, streams: dict[str, StreamReport], joints: Joints, *, takes_part: bool
-) -> Iterator[str]:
-    if robot is None:
-        if joints.nearest is not None:
-            yield f"{len(joints.missing)} of {joints.nearest}'s joints, or another robot (--robot)"
-        else:
-            fits = f"fit {listing(joints.fitting)}" if joints.fitting else "are those of no known one"
-            yield f"a robot (the joints {fits}; name one with --robot)" if joints.there else "joints"
-    elif joints.missing and not (takes_part and joints.matched):
-        yield f"{len(joints.missing)} of {robot.name}'s {len(robot.joint_names)} joints"
-    elif "joints" not in streams:
-        yield "joint samples"
-    elif robot.contact.source == "torque" and not joints.has_effort:
-        yield f"joint torques, from which {robot.name}'s contacts are told"
-    elif robot.contact.source == "force_sensor" and "foot_force" not in streams:
-        yield f"foot forces, from which {robot.name}'s contacts are told"
-    if "imu" not in streams:
-        yield "the body's IMU"
-
-
-def _apart(streams: dict[str, StreamReport], one: str, other: str) -> tuple[str, ...]:
-    """A sentence where two streams were never recorded at the same time."""
-    if one not in streams or other not in streams:
-        return ()
-    start_ns = max(streams[one].start_ns, streams[other].start_ns)
-    end_ns = min(streams[one].end_ns, streams[other].end_ns)
-    apart_s = (start_ns - end_ns) / NS_PER_S
-    return (f"{one} and {other} at one time: their stamps are {apart_s:.3g} s apart",) if apart_s > 0.0 else ()

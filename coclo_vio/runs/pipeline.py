@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A recording through an estimator: measurements in, estimates out, one at a time."""
+"""A recording through an estimator: measurements in, outputs out, one at a time."""
 
 import time
 from collections import Counter
@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from coclo_vio.values.errors import CocloError
-from coclo_vio.values.estimates import SelfReporting, Several, StateEstimate
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimator, Event, KeyframeHealth
+from coclo_vio.values.outputs import Estimate, Estimator, Event, Output
 from coclo_vio.values.units import NS_PER_S
 
 
@@ -19,25 +18,23 @@ class RunSummary:
 
     Attributes:
         measurements: how many were pushed.
-        estimates: how many came out.
+        estimates: how many came out, by the name of the trajectory.
         recording_ns: stamps of the earliest and latest measurement, None without any.
         compute_s: time spent in the estimator, s.
         counts: what the estimator counted.
         failure: why it stopped early, None if it went through.
-        events: what it lived through.
-        estimated_until_ns: stamp of the last estimate, None without any.
-        others: how many estimates came out under each further name.
+        events: what happened in it.
+        estimated_until_ns: latest stamp of an estimate, None without any.
     """
 
-    measurements: int
-    estimates: int
-    recording_ns: tuple[int, int] | None
-    compute_s: float
-    counts: Mapping[str, int]
-    failure: str | None
+    measurements: int = 0
+    estimates: Mapping[str, int] = field(default_factory=dict)
+    recording_ns: tuple[int, int] | None = None
+    compute_s: float = 0.0
+    counts: Mapping[str, int] = field(default_factory=dict)
+    failure: str | None = None
     events: tuple[Event, ...] = ()
     estimated_until_ns: int | None = None
-    others: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def realtime_factor(self) -> float | None:
@@ -50,71 +47,77 @@ class RunSummary:
 def run(
     estimator: Estimator,
     measurements: Iterable[Measurement],
-    take: Callable[[StateEstimate], None],
+    take: Callable[[Output], None],
     progress: Callable[[int], None] | None = None,
-    keep_health: Callable[[KeyframeHealth], None] | None = None,
-    take_other: Callable[[str, StateEstimate], None] | None = None,
 ) -> RunSummary:
-    """Push every measurement and hand each estimate on; an error ends the run, what came before it stays.
-
-    What an estimator tells of itself is taken from it at once, so that its memory stays flat.
+    """Push every measurement and hand each output on; an error ends the run, what came before it stays.
 
     Args:
         estimator: a fresh estimator.
         measurements: in time order.
-        take: called with each estimate.
+        take: called with each output.
         progress: called with the stamp (ns) of each measurement.
-        keep_health: called with each keyframe's health, where the estimator has keyframes.
-        take_other: called with name and estimate, where the estimator has several answers.
     """
-    several = estimator if isinstance(estimator, Several) else None
-    others: Counter[str] = Counter()
-    diary = _Diary(estimator, keep_health)
-    pushed = estimates = 0
-    first_ns = last_ns = until_ns = None
-    compute_s = 0.0
+    tally = _Tally(take)
     failure = None
     try:
         for measurement in measurements:
-            stamp_ns = measurement.stamp_ns
-            first_ns = stamp_ns if first_ns is None else min(first_ns, stamp_ns)
-            last_ns = stamp_ns if last_ns is None else max(last_ns, stamp_ns)
+            tally.count(measurement.stamp_ns)
             began = time.perf_counter()
-            estimate = estimator.push(measurement)
-            compute_s += time.perf_counter() - began
-            pushed += 1
-            diary.read()
-            if estimate is not None:
-                estimates += 1
-                until_ns = estimate.stamp_ns
-                take(estimate)
-            for name, other in () if several is None else several.take_others():
-                others[name] += 1
-                if take_other is not None:
-                    take_other(name, other)
+            outputs = estimator.push(measurement)
+            tally.compute_s += time.perf_counter() - began
+            tally.take(outputs)
             if progress is not None:
-                progress(stamp_ns)
+                progress(measurement.stamp_ns)
+        began = time.perf_counter()
+        outputs = estimator.finish()
+        tally.compute_s += time.perf_counter() - began
+        tally.take(outputs)
     except CocloError as error:
         failure = str(error)
-    diary.read()
-    recording_ns = None if first_ns is None or last_ns is None else (first_ns, last_ns)
-    counts = dict(estimator.counts)
-    events = tuple(diary.events)
-    return RunSummary(pushed, estimates, recording_ns, compute_s, counts, failure, events, until_ns, dict(others))
+    return tally.summary(dict(estimator.counts), failure)
 
 
-class _Diary:
-    """Takes from an estimator what it tells of itself, if it does."""
+class _Tally:
+    """Counts what goes in and comes out, and keeps the events."""
 
-    def __init__(self, estimator: Estimator, keep_health: Callable[[KeyframeHealth], None] | None) -> None:
-        self.events: list[Event] = []
-        self._estimator = estimator if isinstance(estimator, SelfReporting) else None
-        self._keep_health = keep_health
+    def __init__(self, take: Callable[[Output], None]) -> None:
+        self.compute_s = 0.0
+        self._take = take
+        self._measurements = 0
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._until_ns: int | None = None
+        self._estimates: Counter[str] = Counter()
+        self._events: list[Event] = []
 
-    def read(self) -> None:
-        if self._estimator is None:
-            return
-        self.events += self._estimator.take_events()
-        for health in self._estimator.take_health():
-            if self._keep_health is not None:
-                self._keep_health(health)
+    def count(self, stamp_ns: int) -> None:
+        """A measurement goes in."""
+        self._last_ns = stamp_ns if self._first_ns is None else max(self._last_ns, stamp_ns)
+        self._first_ns = stamp_ns if self._first_ns is None else min(self._first_ns, stamp_ns)
+        self._measurements += 1
+
+    def take(self, outputs: Iterable[Output]) -> None:
+        """Outputs come out."""
+        for output in outputs:
+            match output:
+                case Estimate():
+                    self._estimates[output.name] += 1
+                    stamp_ns = output.state.stamp_ns
+                    self._until_ns = stamp_ns if self._until_ns is None else max(self._until_ns, stamp_ns)
+                case Event():
+                    self._events.append(output)
+            self._take(output)
+
+    def summary(self, counts: Mapping[str, int], failure: str | None) -> RunSummary:
+        """What it came to."""
+        return RunSummary(
+            self._measurements,
+            dict(self._estimates),
+            None if self._first_ns is None else (self._first_ns, self._last_ns),
+            self.compute_s,
+            counts,
+            failure,
+            tuple(self._events),
+            self._until_ns,
+        )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from coclo_vio.datasets.csv_table import CsvTable
-from coclo_vio.datasets.rosbag.writing.result import Track, write_result_bag
+from coclo_vio.datasets.rosbag.writing.result_writer import EstimatedTrajectory, write_result_bag
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.geometry import se3
 from coclo_vio.runs.run_folder import read_estimates
@@ -39,7 +39,7 @@ def write_run_bag(path: Path, folder: Path, names: Sequence[str], evaluations: M
             tied = evaluations[name].estimate
             row = int(np.searchsorted(trajectory.stamps_ns, tied.stamps_ns[0]))
             tie = tied.T_world_body[0] @ se3.inverse(trajectory.T_world_body[row])
-        tracks.append(Track(name, trajectory, _angular_velocity(folder / f"{name}_state.csv"), tie))
+        tracks.append(EstimatedTrajectory(name, trajectory, _angular_velocity(folder / f"{name}_state.csv"), tie))
     reference = next((evaluations[name].reference for name in names if name in evaluations), None)
     if reference is not None:  # a tracker's clock, moved to the recording's, may begin before zero
         reference = reference.select(reference.stamps_ns >= 0)

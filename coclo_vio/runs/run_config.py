@@ -13,7 +13,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.frontend.config import FrontendConfig
-from coclo_vio.fusion.bridge import BridgeConfig
+from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
 from coclo_vio.runs.faults import FaultsConfig
 from coclo_vio.values.calibration import ImuCalibration
@@ -25,25 +25,24 @@ class RunConfig(StageConfig):
     """Everything a run depends on; ``config.yaml`` of a run folder repeats the run."""
 
     robot: Annotated[
-        RobotDescription | None, Field(description="the robot: legs, contact sensing, IMU; null where eyes alone see")
+        RobotDescription | None,
+        Field(description="the robot: legs, contact sensing, IMU; null for visual modes"),
     ] = None
     dataset: Annotated[DatasetConfig, Field(description="how recordings are read")] = DatasetConfig()
     filter: Annotated[FilterConfig, Field(description="COCLO")] = FilterConfig()
     inekf: Annotated[InvariantConfig, Field(description="the IMU-centric baseline")] = InvariantConfig()
-    frontend: Annotated[FrontendConfig, Field(description="the eyes of the visual modes")] = FrontendConfig()
+    frontend: Annotated[FrontendConfig, Field(description="the front end of the visual modes")] = FrontendConfig()
     smoother: Annotated[SmootherConfig, Field(description="the sliding window of the visual modes")] = SmootherConfig()
-    bridge: Annotated[BridgeConfig, Field(description="between legs and eyes, where both work together")] = (
-        BridgeConfig()
-    )
+    bridge: Annotated[BridgeConfig, Field(description="between leg odometry and vision in combined")] = BridgeConfig()
     faults: Annotated[FaultsConfig, Field(description="what goes wrong on purpose")] = FaultsConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     imu_calibration: Annotated[
         Literal["recording", "robot"],
-        Field(description="whose word counts on the IMU's mounting and noise, where the recording has one"),
+        Field(description="which mounting and noise of the IMU counts where both recording and robot have one"),
     ] = "recording"
 
     def on_recording(self, imu: ImuCalibration | None) -> Self:
-        """The same run with the IMU's mounting and noise of a recording, if that is whose word counts."""
+        """The same run with the IMU's mounting and noise of a recording, where that one counts."""
         if imu is None or self.robot is None or self.imu_calibration == "robot":
             return self
         return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": imu})})
@@ -54,17 +53,17 @@ def resolve(
 ) -> RunConfig:
     """The configuration of a run: the robot's preset, then the file, then the settings; the later wins.
 
-    Where nobody names a robot there is none: the visual modes need none, a mode of the legs asks for it. A file may
+    Where no robot is named there is none: the visual modes need none, a mode of legs asks for it. A file may
     name its robot as ``robot: {preset: go1}`` with changes beside it, or describe it whole.
 
     Args:
-        robot: name or YAML file of the robot; wins over what the file says.
+        robot: name or YAML file of the robot; wins over the file's.
         file: YAML configuration.
         settings: ``a.b=value`` strings.
-        guess: the robot to take where nobody names one.
+        guess: the robot to take where none is named.
 
     Raises:
-        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that nobody names.
+        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that is not named.
     """
     given = read_yaml(file) if file else {}
     if file is not None and given.get("robot") is not None:
@@ -80,11 +79,11 @@ def resolve(
     if preset is None and "legs" not in changes:
         if changes:
             raise ConfigError(
-                f"{source} changes robot.{min(changes)}, but of which robot? Give --robot NAME or a YAML file; known "
-                f"robots are: {listing(robot_names())}"
+                f"{source} changes robot.{min(changes)}, but no robot is named: give --robot NAME or a YAML file; "
+                f"known robots are: {listing(robot_names())}"
             )
         return RunConfig.parse(values, source)
-    if "imu" in changes:  # whoever says how the IMU is mounted means it, whatever the recording says
+    if "imu" in changes:  # a mounting that is configured counts, whatever the recording has
         values = {"imu_calibration": "robot", **values}
     described = merged(load_robot(preset).model_dump() if preset else {}, changes)
     own, asked = described.get("filter"), values.get("filter", {})
@@ -102,7 +101,7 @@ def _mapping(robot: Any) -> Mapping[str, Any]:
 def _robot_of_file(robot: Any, file: Path, *, is_replaced: bool) -> Mapping[str, Any]:
     """What a file says of the robot, its URDF found from the file's own folder.
 
-    Where the command line names another robot, what the file says of its own robot does not hold for it.
+    Where the command line names another robot, the file's changes of its own robot do not hold for it.
     """
     said = dict(_mapping(robot))
     if is_replaced and ("legs" in said or "preset" in said):

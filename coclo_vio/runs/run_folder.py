@@ -5,22 +5,21 @@ Estimates are written as they come, so a run that stops early leaves all it had.
 """
 
 import csv
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
 
 import numpy as np
 
+from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum, tum_line, write_tum
 
+RUN_JSON = "run.json"
 _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 _VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
 _STATE_COLUMNS = (
@@ -55,31 +54,33 @@ class StateWriter:
                 values += [probability, float(is_stance)]
         self._state.write(f"{estimate.stamp_ns}," + ",".join(f"{value:.9g}" for value in values) + "\n")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Close both files."""
         self._tum.close()
         self._state.close()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedRun:
-    """What a run folder holds of one estimator.
+class RecordedTrajectory:
+    """One trajectory of a run folder.
 
     Attributes:
-        name: of the estimator.
+        name: of the trajectory.
         trajectory: with velocity and covariance where the state file is there.
         contact_probability: (N, legs); no column where unknown.
         leg_names: the columns of ``contact_probability``.
+        angular_velocity_body: without bias, rad/s, body frame, (N, 3); None without a state file.
+        gyroscope_bias: rad/s, body frame, (N, 3); None without a state file.
+        accelerometer_bias: m/s^2, body frame, (N, 3); None without a state file.
     """
 
     name: str
     trajectory: Trajectory
     contact_probability: Array
     leg_names: tuple[str, ...]
+    angular_velocity_body: Array | None = None
+    gyroscope_bias: Array | None = None
+    accelerometer_bias: Array | None = None
 
 
 def prepare(folder: Path) -> Path:
@@ -97,7 +98,7 @@ def prepare(folder: Path) -> Path:
 
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Turns what the system has against a file inside the folder into an error that names it.
+    """Turns an error of the file system inside the folder into one that names the file.
 
     Raises:
         DatasetError: a file cannot be written.
@@ -115,58 +116,39 @@ def write_ground_truth(folder: Path, truth: GroundTruth) -> None:
     write_tum(truth.trajectory, folder / "groundtruth.tum")
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write a JSON object, readable."""
-    path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+def write_record(folder: Path, record: RunRecord) -> None:
+    """Write ``run.json``."""
+    record.write(folder / RUN_JSON)
 
 
-def read_run_json(folder: Path) -> dict[str, Any]:
+def read_record(folder: Path) -> RunRecord:
     """``run.json`` of a run folder.
 
     Raises:
-        DatasetError: it is missing or malformed.
+        DatasetError: there is none, it is malformed, or of another version of its schema.
     """
-    path = folder / "run.json"
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
+    path = folder / RUN_JSON
+    if not path.is_file():
         raise DatasetError(
-            f"{folder} is no run folder: it has no run.json; give the folder that `coclo-vio run -o` wrote"
-        ) from error
-    except ValueError as error:
-        raise DatasetError(f"{path} is not JSON ({error}); run again") from error
-    wrong = _wrong_in(values)
-    if wrong is not None:
-        raise DatasetError(f"{path}: {wrong} is missing or malformed, as `coclo-vio run` never writes it; run again")
-    return dict(values)
+            f"{folder} is no run folder: it has no {RUN_JSON}; give the folder that `coclo-vio run -o` wrote"
+        )
+    return RunRecord.read(path)
 
 
-def _wrong_in(run: Any) -> str | None:
-    """The first part of ``run.json`` that is not as it is written, None where all is well."""
-    if not isinstance(run, dict):
-        return "its object"
-    estimators, recording, truth = run.get("estimators"), run.get("recording_ns"), run.get("ground_truth")
-    if not isinstance(estimators, dict) or not all(isinstance(told, dict) for told in estimators.values()):
-        return "estimators"
-    if recording is not None and not (
-        isinstance(recording, list) and len(recording) == 2 and all(isinstance(stamp, int) for stamp in recording)
-    ):
-        return "recording_ns"
-    if truth is not None and not (isinstance(truth, dict) and {"has_stamps", "source"} <= set(truth)):
-        return "ground_truth"
-    return None
+def read_ground_truth(folder: Path, record: RunRecord) -> GroundTruth | None:
+    """The ground truth of a run folder, None where there is none.
 
-
-def read_ground_truth(folder: Path, run: Mapping[str, Any]) -> GroundTruth | None:
-    """The ground truth of a run folder, None where there is none."""
-    described = run.get("ground_truth")
+    Raises:
+        DatasetError: it is malformed.
+    """
+    described = record.ground_truth
     path = folder / "groundtruth.tum"
     if described is None or not path.exists():
         return None
-    return GroundTruth(read_tum(path), bool(described["has_stamps"]), str(described["source"]))
+    return GroundTruth(read_tum(path), described.has_stamps, described.source)
 
 
-def read_estimates(folder: Path, name: str) -> RecordedRun:
+def read_estimates(folder: Path, name: str) -> RecordedTrajectory:
     """One estimator's trajectory and states.
 
     Raises:
@@ -175,16 +157,16 @@ def read_estimates(folder: Path, name: str) -> RecordedRun:
     poses = read_tum(folder / f"{name}.tum")
     path = folder / f"{name}_state.csv"
     if not path.exists():
-        return RecordedRun(name, poses, np.zeros((len(poses), 0)), ())
+        return RecordedTrajectory(name, poses, np.zeros((len(poses), 0)), ())
     columns = _read_states(path, poses)
     covariance = np.zeros((len(poses), 6, 6))
     for row, column in _UPPER:
         covariance[:, row, column] = covariance[:, column, row] = columns[f"pose_covariance_{row}{column}"]
-    velocity = np.stack([columns[f"velocity_world_{axis}"] for axis in "xyz"], axis=1)
+    velocity, *others = (np.stack([columns[f"{vector}_{axis}"] for axis in "xyz"], axis=1) for vector in _VECTORS)
     trajectory = Trajectory(poses.stamps_ns, poses.T_world_body, velocity, covariance)
     legs = tuple(column.rpartition(".")[0] for column in columns if column.endswith(".contact_probability"))
     probability = np.array([columns[f"{leg}.contact_probability"] for leg in legs]).reshape(len(legs), len(poses)).T
-    return RecordedRun(name, trajectory, probability, legs)
+    return RecordedTrajectory(name, trajectory, probability, legs, *others)
 
 
 def _read_states(path: Path, poses: Trajectory) -> dict[str, Array]:

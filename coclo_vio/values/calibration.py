@@ -190,6 +190,21 @@ class RectifiedStereo:
         return left_px, self.focal_px[0] * self.baseline_m / points[:, 2]
 
 
+@dataclass(frozen=True, slots=True)
+class SensorCalibrations:
+    """What is known of a recording's sensors; None where nothing is.
+
+    Attributes:
+        stereo: the two cameras.
+        imu: mounting and noise of the body's IMU.
+        camera_imu: the same of the IMU inside the camera.
+    """
+
+    stereo: StereoCalibration | None = None
+    imu: ImuCalibration | None = None
+    camera_imu: ImuCalibration | None = None
+
+
 def _camera_matrix(focal_px: tuple[float, float], principal_point_px: tuple[float, float]) -> Array:
     (fx, fy), (cx, cy) = focal_px, principal_point_px
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])

@@ -39,7 +39,7 @@ KINDS = (
 
 @pytest.fixture(autouse=True)
 def kinds() -> Iterator[tuple[TrajectoryKind, ...]]:
-    """``KINDS`` are registered and no others: the evaluation depends on registered kinds, not on the modes there are."""
+    """``KINDS`` are registered and no others: the evaluation depends on registered kinds, not on existing modes."""
     registered = dict(registered_trajectory_kinds())
     for name in registered:
         unregister_trajectory_kind(name)

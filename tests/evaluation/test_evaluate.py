@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.records import EvaluationRecord
+from coclo_vio.evaluation.evaluation_record import EvaluationRecord
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.errors import ConfigError, EvaluationError
 from coclo_vio.values.trajectory import GroundTruth, Trajectory

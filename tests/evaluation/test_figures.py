@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.evaluation.figure_style import save_png
-from coclo_vio.evaluation.figures import plot_position_error, plot_positions, plot_velocities, write_figures
+from coclo_vio.evaluation.figures import plot_overview, plot_path, plot_position_error, plot_positions, plot_velocities
 from coclo_vio.values.errors import EvaluationError
 
 matplotlib_image = pytest.importorskip("matplotlib.image", reason="figures need the extra `viz`")
@@ -20,21 +20,30 @@ def coloured(path) -> int:
     return int((np.ptp(matplotlib_image.imread(path)[..., :3], axis=2) > 0.2).sum())
 
 
+def drawn(estimates, references, folder) -> list[int]:
+    """Coloured pixels of every figure that needs trajectories only."""
+    reference = next(iter(references.values()), None)
+    figures = [plot(estimates, reference) for plot in (plot_path, plot_positions, plot_velocities)]
+    if references:
+        figures += [plot(estimates, references) for plot in (plot_overview, plot_position_error)]
+    folder.mkdir()
+    return [coloured(save_png(figure, folder / f"{index}.png")) for index, figure in enumerate(figures)]
+
+
 def test_every_figure_shows_every_estimate(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.02))
-    one = {"legs": walk(np.arange(0.0, 25.0, 0.02), 1)}
-    both = {**one, "vision": walk(np.arange(0.0, 25.0, 0.1), 2)}
-    few = write_figures(one, dict.fromkeys(one, truth), tmp_path / "one")
-    many = write_figures(both, dict.fromkeys(both, truth), tmp_path / "two")
-    names = ["overview.png", "path.png", "positions.png", "velocities.png", "position_error.png"]
-    assert [path.name for path in few] == names
-    for path_one, path_two in zip(few, many, strict=True):
-        assert coloured(path_two) > coloured(path_one) > 100
+    first = {"legs": walk(np.arange(0.0, 25.0, 0.02), 1)}
+    both = {**first, "vision": walk(np.arange(0.0, 25.0, 0.1), 2)}
+    few = drawn(first, dict.fromkeys(first, truth), tmp_path / "first")
+    many = drawn(both, dict.fromkeys(both, truth), tmp_path / "both")
+    assert len(few) == len(many) == 5
+    assert all(pixels_both > pixels_first > 100 for pixels_first, pixels_both in zip(few, many, strict=True))
 
 
 def test_figures_without_ground_truth(walk, tmp_path):
-    written = write_figures({"legs": walk(np.arange(0.0, 25.0, 0.1))}, None, tmp_path)
-    assert [path.name for path in written] == ["path.png", "positions.png", "velocities.png"]
+    pixels = drawn({"legs": walk(np.arange(0.0, 25.0, 0.1))}, {}, tmp_path / "figures")
+    assert len(pixels) == 3
+    assert min(pixels) > 100
 
 
 def test_fused_trajectories_are_beside_standalone_ones(walk, tmp_path):
@@ -92,12 +101,13 @@ def test_position_error_outside_the_ground_truth_is_an_error(line, tmp_path):
         save_png(plot_position_error({"late": late}, {"late": line(1.0)}), tmp_path / "error.png")
 
 
-def test_no_estimate_is_an_error(line, tmp_path):
+@pytest.mark.parametrize("plot", [plot_path, plot_positions, plot_velocities])
+def test_no_estimate_is_an_error(plot):
     with pytest.raises(EvaluationError, match="at least one estimate"):
-        write_figures({}, None, tmp_path)
+        plot({}, None)
 
 
-def test_missing_matplotlib_is_an_error_with_the_command_that_installs_it(line, tmp_path, monkeypatch):
+def test_missing_matplotlib_is_an_error_with_the_command_that_installs_it(line, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(EvaluationError, match=r"pip install 'coclo-vio\[viz\]'"):
-        write_figures({"legs": line(1.0)}, {"legs": line(1.0)}, tmp_path)
+        plot_path({"legs": line(1.0)}, line(1.0))

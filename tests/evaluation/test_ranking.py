@@ -6,8 +6,8 @@ import pytest
 
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.evaluation_record import RankingRecord
 from coclo_vio.evaluation.ranking import end_error_m, least_drift, rank, resolution_m, resolution_sentence
-from coclo_vio.evaluation.records import RankingRecord
 from coclo_vio.values.trajectory import GroundTruth
 
 CONFIG = EvaluationConfig.model_validate({"clock": {"offset_s": 0.0}})

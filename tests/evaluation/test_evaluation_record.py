@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
-from coclo_vio.evaluation.ranking import Ranking
-from coclo_vio.evaluation.records import (
+from coclo_vio.evaluation.evaluation_record import (
     ComparisonRecord,
     ComparisonsRecord,
     EvaluationRecord,
     RankingRecord,
     RankingsRecord,
 )
+from coclo_vio.evaluation.ranking import Ranking
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.trajectory import GroundTruth
 

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several modes over several recordings, side by side against ground truth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from coclo_vio.api.recording import Recording, open_recording
+from coclo_vio.api.run import Run, run
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.evaluation.ranking import Ranking, rank
+from coclo_vio.evaluation.table_one import TableOne
+from coclo_vio.runs.comparison_report import Compared, report_title, write_comparison, write_comparisons
+from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.running import Progress
+from coclo_vio.values.errors import ConfigError, DatasetError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedRecording:
+    """One recording through several modes.
+
+    Attributes:
+        name: of the recording.
+        recording: the recording.
+        run: its modes.
+        metrics: by trajectory.
+        failures: by trajectory or mode, why there are no metrics, or why it stopped early.
+    """
+
+    name: str
+    recording: Recording
+    run: Run
+    metrics: Mapping[str, Evaluation]
+    failures: Mapping[str, str]
+
+    @property
+    def rankings(self) -> tuple[Ranking, ...]:
+        """Which trajectory drifts less, pair by pair, as far as the ground truth can tell."""
+        return rank(self.metrics, self.recording.config.evaluation)
+
+    @property
+    def title(self) -> str:
+        """Name of the recording and of its robot."""
+        return report_title(self.name, self.recording.config)
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether no mode went through, or nothing could be evaluated."""
+        return not self.metrics or len(self.run.failures) == len(self.run.record.by_mode())
+
+    def write_report(self) -> Path:
+        """Write ``compare.json``, ``ranking.json``, figures and ``report.html`` into the run folder; the page's path.
+
+        Raises:
+            DatasetError: a file cannot be written.
+        """
+        return write_comparison(self.run.folder, self.title, self.metrics, self.recording.config)
+
+    @property
+    def compared(self) -> Compared:
+        """The same for a page over several recordings."""
+        return Compared(self.run.folder, self.metrics, self.recording.config)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Several recordings, each through several modes.
+
+    Attributes:
+        recordings: by name, those that could be run.
+    """
+
+    recordings: Mapping[str, ComparedRecording]
+
+    @property
+    def metrics(self) -> Mapping[str, Mapping[str, Evaluation]]:
+        """By recording and trajectory."""
+        return {name: compared.metrics for name, compared in self.recordings.items()}
+
+    @property
+    def table(self) -> TableOne:
+        """In the form of the paper's Table I."""
+        return TableOne.of(self.metrics)
+
+    def write_report(self, folder: str | Path) -> Path:
+        """Write the report of each recording, and a page over all where there are several; the path of the page.
+
+        Args:
+            folder: above the run folders, or that of the only one.
+
+        Raises:
+            DatasetError: a file cannot be written.
+        """
+        pages = [compared.write_report() for compared in self.recordings.values()]
+        return pages[0] if len(pages) == 1 else self.write_index(folder)
+
+    def write_index(self, folder: str | Path) -> Path:
+        """Write ``compare.json``, ``ranking.json`` and ``report.html`` over recordings whose reports are written.
+
+        Args:
+            folder: above the run folders.
+
+        Raises:
+            DatasetError: a file cannot be written.
+        """
+        count = len(self.recordings)
+        title = "1 recording" if count == 1 else f"{count} recordings"
+        return write_comparisons(Path(folder), title, {name: one.compared for name, one in self.recordings.items()})
+
+    @classmethod
+    def of(cls, compared: Sequence[ComparedRecording]) -> Self:
+        """A comparison of recordings that have run."""
+        return cls({one.name: one for one in compared})
+
+
+def compare(
+    recordings: Sequence[Recording | str | Path],
+    modes: Sequence[str] | None = None,
+    *,
+    output: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run several modes on recordings and measure them against ground truth.
+
+    Args:
+        recordings: what ``open`` gives, or paths.
+        modes: names; by what each recording is enough for if None.
+        output: folder for run folders, ``compare.json``, figures and ``report.html``; nothing is kept if None.
+        progress: called with the mode and the stamp (ns) of each measurement.
+
+    Raises:
+        DatasetError: a recording cannot be read, or has no ground truth.
+        ConfigError: there is no such mode.
+    """
+    opened = [one if isinstance(one, Recording) else open_recording(one) for one in recordings]
+    if not opened:
+        raise ConfigError("there is no recording to compare on; give at least one")
+    for recording in opened:
+        check_comparable(recording, modes)
+    folders = [None if output is None else folder for folder in result_folders(opened, Path(output or ""))]
+    names = distinct_names(opened)
+    comparison = Comparison.of(
+        [
+            compare_one(recording, modes, name=name, folder=folder, progress=progress)
+            for recording, name, folder in zip(opened, names, folders, strict=True)
+        ]
+    )
+    if output is not None:
+        comparison.write_report(output)
+    return comparison
+
+
+def compare_one(
+    recording: Recording,
+    modes: Sequence[str] | None = None,
+    *,
+    name: str | None = None,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> ComparedRecording:
+    """Run several modes on one recording and measure them.
+
+    Raises:
+        CocloError: the recording is at fault, or no mode has what it needs.
+    """
+    done = run(recording, modes or recording.modes, folder=folder, progress=progress)
+    evaluations, failures = done.evaluated(config=recording.config.evaluation)
+    return ComparedRecording(name or recording.name, recording, done, evaluations, {**failures, **done.failures})
+
+
+def check_comparable(recording: Recording, modes: Sequence[str] | None) -> None:
+    """Find what is wrong before anything runs.
+
+    Raises:
+        ConfigError: there is no such mode.
+        DatasetError: the recording cannot be read, or has no ground truth.
+    """
+    for name in modes or ():
+        mode_of(name)
+    if recording.ground_truth() is None:
+        path = recording.path
+        raise DatasetError(
+            f"{path} has no ground truth to compare with: give it in groundtruth.tum or mocap.csv beside a log, or in "
+            f"a pose topic of a bag; coclo-vio run {path} needs none"
+        )
+
+
+def result_folders(recordings: Sequence[Recording], output: Path) -> list[Path]:
+    """The run folder of each recording: the output itself where there is only one."""
+    if len(recordings) == 1:
+        return [output]
+    return [output / name for name in distinct_names(recordings)]
+
+
+def distinct_names(recordings: Sequence[Recording]) -> list[str]:
+    """The name of each recording, numbered where an earlier one has the same."""
+    names: list[str] = []
+    for recording in recordings:
+        name, number = recording.name, 1
+        while name in names:
+            number += 1
+            name = f"{recording.name}_{number}"
+        names.append(name)
+    return names

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Modes over a recording, and what comes out: trajectories, events, learnt calibration, metrics, figures."""
+
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from coclo_vio.api.recording import Recording, open_recording
+from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.runs import evaluating, run_folder
+from coclo_vio.runs.output_logs import read_calibrations, read_health
+from coclo_vio.runs.run_config import resolve
+from coclo_vio.runs.run_figures import draw_figure
+from coclo_vio.runs.run_folder import RecordedTrajectory
+from coclo_vio.runs.run_record import RunRecord
+from coclo_vio.runs.running import Progress, Watch, run_modes
+from coclo_vio.values.errors import DatasetError, EvaluationError, listing
+from coclo_vio.values.outputs import Calibration, Event, KeyframeHealth
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Run:
+    """One or several modes over a recording, as they stand in a run folder.
+
+    Attributes:
+        folder: of the run; a temporary one, removed with this object, unless a folder was given.
+        record: what ``run.json`` holds: by trajectory sensors, counts, times, events and failures.
+    """
+
+    def __init__(self, folder: Path, record: RunRecord, *, temporary: "tempfile.TemporaryDirectory[str] | None" = None):
+        self.folder, self.record = folder, record
+        self._temporary = temporary
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the trajectories."""
+        return tuple(self.record.estimators)
+
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Why modes stopped early, by mode; empty where all went through."""
+        return {mode: run.failure for mode, run in self.record.by_mode().items() if run.failure is not None}
+
+    @cached_property
+    def trajectories(self) -> Mapping[str, Trajectory]:
+        """The trajectories that have poses, by name, with velocity and covariance."""
+        return MappingProxyType(
+            {name: self.estimates(name).trajectory for name, run in self.record.estimators.items() if run.estimates}
+        )
+
+    def estimates(self, name: str | None = None) -> RecordedTrajectory:
+        """Everything estimated of one trajectory: poses, velocities, rates, biases, covariance, contact probability.
+
+        Args:
+            name: of the trajectory; the first one if None.
+
+        Raises:
+            DatasetError: the run has no such trajectory, or it has no pose.
+        """
+        name = name or self.names[0]
+        if name not in self.record.estimators:
+            raise DatasetError(f"{self.folder} has no trajectory {name!r}; it has {listing(self.names)}")
+        return run_folder.read_estimates(self.folder, name)
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened in the estimators, in the order of their stamps."""
+        events = [Event(event.stamp_ns, event.kind, event.detail) for _, event in self.record.events()]
+        return tuple(sorted(events, key=lambda event: event.stamp_ns))
+
+    @property
+    def health(self) -> tuple[KeyframeHealth, ...]:
+        """The keyframes of the sliding windows, in the order of the trajectories."""
+        return tuple(health for name in self.names for health in read_health(self.folder, name))
+
+    @property
+    def calibrations(self) -> tuple[Calibration, ...]:
+        """What was learnt of the cameras, keyframe by keyframe; empty for modes that do not learn any."""
+        return tuple(calibration for name in self.names for calibration in read_calibrations(self.folder, name))
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What had been learnt of the cameras by the end; None where nothing was."""
+        learnt = self.calibrations
+        return learnt[-1] if learnt else None
+
+    def ground_truth(self) -> GroundTruth | None:
+        """The recording's own reference trajectory, None where it has none."""
+        return run_folder.read_ground_truth(self.folder, self.record)
+
+    def metrics(
+        self, vicon: str | Path | None = None, *, config: EvaluationConfig | None = None
+    ) -> Mapping[str, Evaluation]:
+        """Each trajectory against ground truth, by name; trajectories that cannot be evaluated are left out.
+
+        Args:
+            vicon: TUM, EuRoC or mocap CSV file of another ground truth than the recording's own.
+            config: how to compare; as the run was configured if None.
+
+        Raises:
+            DatasetError: there is no ground truth, or it cannot be read.
+            EvaluationError: no trajectory can be evaluated; gives the reasons.
+        """
+        evaluations, failures = self.evaluated(vicon, config=config)
+        if not evaluations:
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in failures.items())
+            raise EvaluationError(f"nothing in {self.folder} can be evaluated: {reasons or 'it has no trajectory'}")
+        return evaluations
+
+    def evaluated(
+        self, vicon: str | Path | None = None, *, config: EvaluationConfig | None = None
+    ) -> tuple[Mapping[str, Evaluation], Mapping[str, str]]:
+        """As ``metrics``, with the reasons for the trajectories that cannot be evaluated, by name.
+
+        Raises:
+            DatasetError: there is no ground truth, or it cannot be read.
+        """
+        truth = None if vicon is None else load_ground_truth(vicon)
+        return evaluating.evaluate_run(self.folder, config or self.evaluation_config, truth)
+
+    @property
+    def evaluation_config(self) -> EvaluationConfig:
+        """How the run was configured to be compared with ground truth."""
+        file = self.folder / "config.yaml"
+        return resolve(None, file if file.is_file() else None).evaluation
+
+    def save(self, folder: str | Path) -> Path:
+        """Copy the run folder; returns the path of the copy.
+
+        Raises:
+            DatasetError: it cannot be written.
+        """
+        target = run_folder.prepare(Path(folder))
+        with run_folder.writing(target):
+            shutil.copytree(self.folder, target, dirs_exist_ok=True)
+        return target
+
+    def plot(self, kind: str = "path", *, vicon: str | Path | None = None) -> "Figure":
+        """A figure: ``overview``, ``path``, ``positions``, ``velocities``, ``position_error``, ``contacts``,
+        ``keyframes`` or ``error_bands``.
+
+        Args:
+            kind: of the figure.
+            vicon: another ground truth than the recording's own.
+
+        Raises:
+            EvaluationError: no such figure, it needs a ground truth or data that the run does not have, or matplotlib
+                is not installed.
+        """
+        has_truth = vicon is not None or self.record.ground_truth is not None
+        evaluations = self.metrics(vicon) if has_truth else {}
+        return draw_figure(kind, self.folder, self.record, evaluations, self.evaluation_config)
+
+
+def run(
+    recording: Recording | str | Path,
+    mode: str | Sequence[str] | None = None,
+    *,
+    folder: str | Path | None = None,
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+    pictures_every: int | None = None,
+) -> Run:
+    """Run one or several modes on a recording. A mode that stops early keeps its estimates up to there.
+
+    Args:
+        recording: what ``open`` gives, or a path.
+        mode: name or names; the best that the recording is enough for if None.
+        folder: run folder; a temporary one if None.
+        progress: called with the mode and the stamp (ns) of each measurement.
+        watch: called with the mode and each of its outputs.
+        pictures_every: write every n-th frame with its tracks to ``debug_images`` of the folder; none if None.
+
+    Raises:
+        ConfigError: there is no such mode.
+        CocloError: the recording or the robot is at fault, or no mode has what it needs.
+    """
+    if not isinstance(recording, Recording):
+        recording = open_recording(recording)
+    names = [mode or recording.default_mode] if mode is None or isinstance(mode, str) else list(mode)
+    temporary = tempfile.TemporaryDirectory(prefix="coclo_vio_") if folder is None else None
+    target = Path(temporary.name if folder is None and temporary is not None else str(folder))
+    record = run_modes(
+        recording.path,
+        names,
+        recording.config,
+        target,
+        progress=progress,
+        watch=watch,
+        pictures_every=pictures_every,
+    )
+    return Run(target, record, temporary=temporary)
+
+
+def load_run(folder: str | Path) -> Run:
+    """The run in a folder that ``run`` or the command line wrote.
+
+    Raises:
+        DatasetError: it is no run folder, or one of another version of the package.
+    """
+    return Run(Path(folder), run_folder.read_record(Path(folder)))
+
+
+def load_ground_truth(path: str | Path) -> GroundTruth:
+    """A reference trajectory from a TUM, EuRoC or mocap CSV file, even without stamps.
+
+    Raises:
+        DatasetError: the file cannot be read.
+    """
+    return read_ground_truth(Path(path), DatasetConfig().columns, ReadTally("ground truth", 0.1))

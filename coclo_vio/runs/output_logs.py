@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run folder keeps of keyframes, of learnt calibrations and of pictures."""
+
+import csv
+from array import array
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from coclo_vio.datasets.images import encoded
+from coclo_vio.runs.run_record import KeyframeSummary
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.outputs import Calibration, KeyframeHealth, Picture
+from coclo_vio.values.units import MS_PER_S
+
+_COLUMNS = tuple(field.name for field in fields(KeyframeHealth))
+_CALIBRATION_COLUMNS = (
+    "stamp_ns",
+    *(f"rotation_body_{axis}_rad" for axis in "xyz"),
+    *(f"rotation_sigma_{axis}_rad" for axis in "xyz"),
+    "stereo_scale",
+    "stereo_scale_sigma",
+)
+_SUMMED = ("tracks", "reprojection_px", "iterations", "compute_s")
+
+
+class KeyframeWriter:
+    """Writes ``<estimator>_keyframes.csv``, a row for each keyframe as it comes, and sums them up.
+
+    Its columns are the fields of ``KeyframeHealth``. Without a keyframe there is no file.
+    """
+
+    def __init__(self, folder: Path, estimator: str) -> None:
+        self._path = keyframes_path(folder, estimator)
+        self._out: IO[str] | None = None
+        self._kept = {name: array("d") for name in _SUMMED}
+
+    def write(self, health: KeyframeHealth) -> None:
+        """Append one keyframe."""
+        if self._out is None:
+            self._out = self._path.open("w", encoding="ascii", newline="\n")
+            self._out.write(",".join(_COLUMNS) + "\n")
+        values = asdict(health)
+        self._out.write(
+            ",".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in values.values())
+        )
+        self._out.write("\n")
+        for name, kept in self._kept.items():
+            kept.append(values[name])
+
+    def summary(self) -> KeyframeSummary | None:
+        """Their number, and medians and 95th percentiles of what describes them; None without a keyframe."""
+        if self._out is None:
+            return None
+        figures: dict[str, float | None] = {}
+        for name, kept in self._kept.items():
+            values, label = np.array(kept), name
+            if name == "compute_s":
+                values, label = values * MS_PER_S, "compute_ms"
+            values = values[np.isfinite(values)]
+            for suffix, share in (("median", 50.0), ("p95", 95.0)):
+                figures[f"{label}_{suffix}"] = float(np.percentile(values, share)) if len(values) else None
+        return KeyframeSummary.model_validate({"count": len(self._kept["tracks"]), **figures})
+
+    def close(self) -> None:
+        """Close the file, if there is one."""
+        if self._out is not None:
+            self._out.close()
+
+
+def keyframes_path(folder: Path, estimator: str) -> Path:
+    """Where the keyframes of an estimator stand in a run folder."""
+    return folder / f"{estimator}_keyframes.csv"
+
+
+def read_keyframes(folder: Path, estimator: str) -> Mapping[str, Array] | None:
+    """The columns (N,) of an estimator's keyframes by name; None where it has none.
+
+    Raises:
+        DatasetError: the file is malformed.
+    """
+    path = keyframes_path(folder, estimator)
+    if not path.is_file():
+        return None
+    try:
+        with path.open(encoding="ascii", newline="") as lines:
+            header = next(csv.reader(lines), [])
+            table = np.array([[float(cell) for cell in row] for row in csv.reader(lines)])
+    except (OSError, ValueError, csv.Error) as error:
+        raise DatasetError(f"{path}: {error}; run again, or delete it to do without") from error
+    missing = [name for name in _COLUMNS if name not in header]
+    if missing or table.ndim != 2 or table.shape[1] != len(header):
+        raise DatasetError(f"{path} is malformed ({listing(missing)} missing); run again, or delete it to do without")
+    return dict(zip(header, table.T, strict=True))
+
+
+def read_health(folder: Path, trajectory: str) -> tuple[KeyframeHealth, ...]:
+    """The keyframes of a trajectory in time order; none where it has none.
+
+    Raises:
+        DatasetError: the file is malformed.
+    """
+    columns = read_keyframes(folder, trajectory)
+    if columns is None:
+        return ()
+    rows = range(len(columns["stamp_ns"]))
+    return tuple(_health({name: float(values[row]) for name, values in columns.items()}) for row in rows)
+
+
+def _health(row: Mapping[str, float]) -> KeyframeHealth:
+    return KeyframeHealth(
+        stamp_ns=int(row["stamp_ns"]),
+        keyframes=int(row["keyframes"]),
+        tracks=int(row["tracks"]),
+        landmarks=int(row["landmarks"]),
+        factors=int(row["factors"]),
+        reprojection_px=row["reprojection_px"],
+        iterations=int(row["iterations"]),
+        compute_s=row["compute_s"],
+        condition=row["condition"],
+    )
+
+
+class CalibrationWriter:
+    """Writes ``<trajectory>_calibration.csv``, a row for each calibration as it is learnt, and keeps the last.
+
+    Without a calibration there is no file.
+    """
+
+    def __init__(self, folder: Path, trajectory: str) -> None:
+        self._path = folder / f"{trajectory}_calibration.csv"
+        self._out: IO[str] | None = None
+        self.last: Calibration | None = None
+
+    def write(self, calibration: Calibration) -> None:
+        """Append one."""
+        if self._out is None:
+            self._out = self._path.open("w", encoding="ascii", newline="\n")
+            self._out.write(",".join(_CALIBRATION_COLUMNS) + "\n")
+        scale = (calibration.stereo_scale, calibration.stereo_scale_sigma)
+        values = (*calibration.rotation_body, *calibration.rotation_sigma, *scale)
+        self._out.write(f"{calibration.stamp_ns}," + ",".join(f"{value:.9g}" for value in values) + "\n")
+        self.last = calibration
+
+    def close(self) -> None:
+        """Close the file, if there is one."""
+        if self._out is not None:
+            self._out.close()
+
+
+def read_calibrations(folder: Path, trajectory: str) -> tuple[Calibration, ...]:
+    """What a run learnt of the cameras, in time order; nothing where it learnt nothing.
+
+    Raises:
+        DatasetError: the file is malformed.
+    """
+    path = folder / f"{trajectory}_calibration.csv"
+    if not path.is_file():
+        return ()
+    try:
+        with path.open(encoding="ascii", newline="") as lines:
+            rows = list(csv.reader(lines))
+        if tuple(rows[0]) != _CALIBRATION_COLUMNS:
+            raise ValueError(f"its columns are {','.join(rows[0])}")
+        return tuple(_calibration(row) for row in rows[1:])
+    except (OSError, ValueError, IndexError, csv.Error) as error:
+        raise DatasetError(f"{path}: {error}; run again, or delete it to do without") from error
+
+
+def _calibration(row: list[str]) -> Calibration:
+    values = [float(cell) for cell in row[1:]]
+    return Calibration(int(row[0]), np.array(values[:3]), np.array(values[3:6]), values[6], values[7])
+
+
+class PictureWriter:
+    """Writes frames with their tracks drawn on them to ``debug_images/<mode>/<stamp in ns>.jpg``."""
+
+    def __init__(self, folder: Path, estimator: str) -> None:
+        self._folder = folder / "debug_images" / estimator
+        self.written = 0
+
+    def write(self, picture: Picture) -> None:
+        """Write one."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        (self._folder / f"{picture.stamp_ns}.jpg").write_bytes(encoded(picture.image, "jpeg"))
+        self.written += 1

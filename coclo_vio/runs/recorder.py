@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes the outputs of one mode into a run folder, each as it comes."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from coclo_vio.datasets.read_report import STREAM_NAMES
+from coclo_vio.runs.modes.mode import Mode
+from coclo_vio.runs.output_logs import CalibrationWriter, KeyframeWriter, PictureWriter
+from coclo_vio.runs.pipeline import RunSummary
+from coclo_vio.runs.run_folder import StateWriter
+from coclo_vio.runs.run_record import CalibrationRecord, EventRecord, TrajectoryRecord
+from coclo_vio.values.errors import ConfigError, listing
+from coclo_vio.values.outputs import Calibration, Estimate, KeyframeHealth, Output, Picture
+
+
+class OutputRecorder:
+    """One file or two for each kind of output and trajectory; events go into the record of the run."""
+
+    def __init__(self, folder: Path, mode: Mode, leg_names: tuple[str, ...]) -> None:
+        """Open the files.
+
+        Args:
+            folder: of the run.
+            mode: whose outputs they are.
+            leg_names: of the robot; contact probabilities go with the first trajectory.
+        """
+        self._mode = mode
+        first, *others = mode.trajectory_names
+        self._states = {first: StateWriter(folder, first, leg_names)}
+        self._states |= {name: StateWriter(folder, name, ()) for name in others}
+        self._keyframes = KeyframeWriter(folder, mode.trajectory_names[-1])
+        self._calibrations = CalibrationWriter(folder, first)
+        self._pictures = PictureWriter(folder, mode.name)
+
+    def take(self, output: Output) -> None:
+        """Write one output.
+
+        Raises:
+            ConfigError: an estimate of a trajectory that the mode does not declare.
+        """
+        match output:
+            case Estimate():
+                self._writer(output.name).write(output.state)
+            case KeyframeHealth():
+                self._keyframes.write(output)
+            case Calibration():
+                self._calibrations.write(output)
+            case Picture():
+                self._pictures.write(output)
+
+    def records(self, summary: RunSummary, sensors: frozenset[type]) -> dict[str, TrajectoryRecord]:
+        """What ``run.json`` holds of the mode's trajectories, by name.
+
+        Args:
+            summary: of the run.
+            sensors: that the mode read.
+        """
+        start_ns = 0 if summary.recording_ns is None else summary.recording_ns[0]
+        calibration = self._calibrations.last
+        return {
+            name: TrajectoryRecord(
+                mode=self._mode.name,
+                sensors=tuple(sorted(STREAM_NAMES[sensor] for sensor in sensors)),
+                measurements=summary.measurements,
+                estimates=summary.estimates.get(name, 0),
+                compute_s=summary.compute_s,
+                realtime_factor=summary.realtime_factor,
+                counts=dict(summary.counts),
+                events=tuple(EventRecord.of(event, start_ns) for event in summary.events),
+                keyframes=self._keyframes.summary(),
+                calibration=None if calibration is None else CalibrationRecord.of(calibration),
+                pictures=self._pictures.written,
+                recording_ns=None,
+                failure=summary.failure,
+            )
+            for name in self._mode.trajectory_names
+        }
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for writer in self._states.values():
+            writer.close()
+        self._keyframes.close()
+        self._calibrations.close()
+
+    def _writer(self, name: str) -> StateWriter:
+        writer = self._states.get(name)
+        if writer is None:
+            raise ConfigError(
+                f"the mode {self._mode.name} gave an estimate of {name!r}, but it declares "
+                f"{listing(self._states)}; name the trajectory in the mode's declaration"
+            )
+        return writer
+
+
+def failed_records(mode: Mode, failure: str) -> dict[str, TrajectoryRecord]:
+    """What ``run.json`` holds of a mode that could not start."""
+    first = mode.trajectory_names[0]
+    return {
+        first: TrajectoryRecord(
+            mode=mode.name,
+            sensors=(),
+            measurements=0,
+            estimates=0,
+            compute_s=0.0,
+            realtime_factor=None,
+            counts={},
+            events=(),
+            keyframes=None,
+            calibration=None,
+            pictures=0,
+            recording_ns=None,
+            failure=failure,
+        )
+    }
