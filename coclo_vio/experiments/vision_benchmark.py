@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How fast the eyes are, in figures: front end and smoother on the bundled sample, frame by frame, and their memory.
+"""How fast vision is, in figures: front end and smoother on the bundled sample, frame by frame, and their memory.
 
 Milliseconds are of processor time: those of one core if ``OPENBLAS_NUM_THREADS=1`` is set before Python starts.
 """
@@ -21,10 +21,9 @@ from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.keyframes import OdometryDelta
+from coclo_vio.values.keyframes import FrameResult, OdometryDelta, PoseEvidence, PoseMarginal
 from coclo_vio.values.measurements import CameraImuSample, InertialReading, Measurement, StereoFrame, StereoTracks
-from coclo_vio.values.outputs import Event, KeyframeHealth
+from coclo_vio.values.outputs import KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
 
 _SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame})
@@ -60,11 +59,11 @@ class TimedFrontend:
         self.watch = Stopwatch()
 
     def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:
-        """The points of a frame."""
+        """The tracks of a frame."""
         return self.watch.time(lambda: self._frontend.track(frame, T_previous_current))
 
     def overlay(self) -> ByteImage:
-        """The last frame for the eye."""
+        """The last frame with its tracks drawn on it."""
         return self._frontend.overlay()
 
     @property
@@ -103,17 +102,15 @@ class TimedSmoother:
         """``T_world_body`` expected at a stamp."""
         return self.watch.time(lambda: self._smoother.predicted_pose(stamp_ns))
 
-    def push_tracks(self, tracks: StereoTracks, odometry: OdometryDelta | None = None) -> StateEstimate | None:
-        """The estimate of a frame."""
-        return self.watch.time(lambda: self._smoother.push_tracks(tracks, odometry))
+    def start_from(self, marginal: PoseMarginal) -> None:
+        """Start with the frame of this stamp."""
+        self._smoother.start_from(marginal)
 
-    def take_events(self) -> tuple[Event, ...]:
-        """What happened since the last call."""
-        return self._smoother.take_events()
-
-    def take_health(self) -> tuple[KeyframeHealth, ...]:
-        """The keyframes since the last call."""
-        return self._smoother.take_health()
+    def push_tracks(
+        self, tracks: StereoTracks, odometry: OdometryDelta | None = None, evidence: PoseEvidence | None = None
+    ) -> FrameResult:
+        """What a frame comes to."""
+        return self.watch.time(lambda: self._smoother.push_tracks(tracks, odometry, evidence))
 
 
 def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | None]:
@@ -134,7 +131,7 @@ def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | 
 def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
     """Memory of this process (MiB) at even distances over so many frames through ``vins``, the first at their start.
 
-    The sample is seen forwards and backwards in turn, so that the world never jumps: backwards in time rates change
+    The sample is processed forwards and backwards in turn, so that the world never jumps: backwards in time rates change
     their sign and specific forces do not.
 
     Raises:
@@ -144,12 +141,11 @@ def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
     recorded = tuple(dataset.measurements(_SENSORS))
     due = [round(frames * number / samples) for number in range(samples + 1)]
     held: list[float] = []
-    seen = 0
+    frames_done = 0
     for measurement in _to_and_fro(recorded):
         odometry.push(measurement)
-        odometry.take_events(), odometry.take_health()
-        seen += isinstance(measurement, StereoFrame)
-        if seen > due[len(held)]:
+        frames_done += isinstance(measurement, StereoFrame)
+        if frames_done > due[len(held)]:
             held.append(resident_mb())
             if len(held) > samples:
                 break
@@ -160,10 +156,10 @@ def _stages() -> tuple[Dataset, VisualOdometry, TimedFrontend, TimedSmoother]:
     config = RunConfig()
     dataset = open_dataset(sample_path(), None)
     equipment = Equipment.of(dataset, config, _SENSORS)
-    _, imu = equipment.inertial()
-    frontend = TimedFrontend(StereoFrontend(equipment.cameras(), config.frontend))
+    _, imu = equipment.require_vision_imu()
+    frontend = TimedFrontend(StereoFrontend(equipment.require_cameras(), config.frontend))
     smoother = TimedSmoother(SlidingWindowSmoother(frontend.rig, config.smoother, imu, uses_imu=True))
-    return dataset, VisualOdometry(smoother, frontend, imu_kind=CameraImuSample), frontend, smoother
+    return dataset, VisualOdometry("vins", smoother, frontend, imu_kind=CameraImuSample), frontend, smoother
 
 
 def _timed(until_s: float) -> dict[str, float | None]:
@@ -176,24 +172,23 @@ def _timed(until_s: float) -> dict[str, float | None]:
         end_ns = measurement.stamp_ns + until_s * NS_PER_S if end_ns is None else end_ns
         if measurement.stamp_ns > end_ns:
             break
-        odometry.push(measurement)
-        odometry.take_events()
+        outputs = odometry.push(measurement)
         if isinstance(measurement, StereoFrame):
-            health = odometry.take_health()
+            health = [output for output in outputs if isinstance(output, KeyframeHealth)]
             keyframes += health
             frontend_ms.append(frontend.watch.read() * MS_PER_S)
             smoother_ms.append(smoother.watch.read() * MS_PER_S)
             is_keyframe.append(bool(health))
-    eyes, window = np.array(frontend_ms), np.array(smoother_ms)
+    front, window = np.array(frontend_ms), np.array(smoother_ms)
     at_keyframes = window[np.array(is_keyframe, dtype=np.bool_)]
     return {
-        "frontend_ms_median": _share(eyes, 50.0),
-        "frontend_ms_p95": _share(eyes, 95.0),
+        "frontend_ms_median": _share(front, 50.0),
+        "frontend_ms_p95": _share(front, 95.0),
         "smoother_ms_median": _share(at_keyframes, 50.0),
         "smoother_ms_p95": _share(at_keyframes, 95.0),
-        "vision_ms_per_frame": float((eyes + window).mean()) if len(eyes) else None,
-        "vision_ms_p95": _share(eyes + window, 95.0),
-        "keyframes_per_frame": len(keyframes) / len(eyes) if len(eyes) else None,
+        "vision_ms_per_frame": float((front + window).mean()) if len(front) else None,
+        "vision_ms_p95": _share(front + window, 95.0),
+        "keyframes_per_frame": len(keyframes) / len(front) if len(front) else None,
         **{
             f"keyframe_{name}": _share(np.array([getattr(one, name) for one in keyframes]), 50.0)
             for name in ("tracks", "factors", "landmarks", "iterations")

@@ -206,11 +206,7 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         report=report,
         topics=_topics(dataset),
         joints=joints,
-        calibrations={
-            "imu": _imu_sentence(calibrations.imu),
-            "camera_imu": _imu_sentence(calibrations.camera_imu),
-            "cameras": _stereo_sentence(calibrations.stereo),
-        },
+        calibrations=_calibration_sentences(calibrations),
         ground_truth=truth,
         problems=tuple(dict.fromkeys(problems)),
         missing={
@@ -218,6 +214,15 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
             for mode in modes().values()
         },
     )
+
+
+def _calibration_sentences(calibrations: SensorCalibrations) -> dict[str, str | None]:
+    """By sensor, what is known of it."""
+    return {
+        "imu": _imu_sentence(calibrations.imu),
+        "camera_imu": _imu_sentence(calibrations.camera_imu),
+        "cameras": _stereo_sentence(calibrations.stereo),
+    }
 
 
 def _calibrations(dataset: Dataset, problems: list[str]) -> SensorCalibrations:

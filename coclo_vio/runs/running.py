@@ -71,12 +71,7 @@ def run_modes(
                 recording_ns, trajectories = None, failed_records(modes[name], str(ready))
             else:
                 recording_ns, trajectories = _run_one(ready, dataset, faults, folder, progress, watch)
-            record = record.model_copy(
-                update={
-                    "recording_ns": _union(record.recording_ns, recording_ns),
-                    "estimators": {**record.estimators, **trajectories},
-                }
-            )
+            record = _with_trajectories(record, recording_ns, trajectories)
             run_folder.write_record(folder, record)
         record = _with_reader(record, dataset)
         run_folder.write_record(folder, record)
@@ -150,6 +145,17 @@ def _run_one(
             None if progress is None else lambda stamp_ns: progress(name, stamp_ns),
         )
     return summary.recording_ns, recorder.records(summary, ready.sensors)
+
+
+def _with_trajectories(
+    record: RunRecord, recording_ns: Interval | None, trajectories: dict[str, TrajectoryRecord]
+) -> RunRecord:
+    """The record with the trajectories of one more mode."""
+    update = {
+        "recording_ns": _union(record.recording_ns, recording_ns),
+        "estimators": {**record.estimators, **trajectories},
+    }
+    return record.model_copy(update=update)
 
 
 def _with_reader(record: RunRecord, dataset: Dataset) -> RunRecord:
