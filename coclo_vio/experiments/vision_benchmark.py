@@ -131,8 +131,8 @@ def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | 
 def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
     """Memory of this process (MiB) at even distances over so many frames through ``vins``, the first at their start.
 
-    The sample is processed forwards and backwards in turn, so that the world never jumps: backwards in time rates change
-    their sign and specific forces do not.
+    The sample is processed forwards and backwards in turn, so that the world never jumps: backwards in time rates
+    change their sign and specific forces do not.
 
     Raises:
         DatasetError: the system does not say how much memory a process holds (Linux does, in /proc).
