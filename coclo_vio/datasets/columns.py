@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which columns of a log hold what: name patterns as configuration, found in a header for a robot's joints and legs."""
+"""The columns of a log: name patterns as configuration, matched against a header for a robot's joints and legs."""
 
 import re
 import string
@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -22,9 +22,9 @@ Patterns = tuple[str, ...]
 
 
 class ColumnNames(StageConfig):
-    """Patterns of column names, the first that occurs is taken; ``{joint}``, ``{leg}``, ``{axis}`` stand for a name.
+    """Patterns of column names; ``{joint}``, ``{leg}``, ``{axis}`` stand for a name. The first match is used.
 
-    A joint is looked for under its URDF name and under the aliases that the robot's description gives it.
+    A joint is matched by its URDF name and by its aliases in the robot's description.
     """
 
     stamp_ns: Annotated[Patterns, Field(description="time in integer nanoseconds")] = ("stamp_ns", "timestamp")
@@ -67,25 +67,25 @@ def _checked_patterns(patterns: Patterns, placeholder: str) -> Patterns:
     for pattern in patterns:
         names = [name for _, name, _, _ in string.Formatter().parse(pattern) if name is not None]
         if names != [placeholder]:
-            raise ValueError(f"the pattern {pattern!r} must hold {{{placeholder}}} once and nothing else in braces")
+            raise ValueError(f"the pattern {pattern!r} must hold {{{placeholder}}} once and no other braces")
     return patterns
 
 
 @dataclass(frozen=True, slots=True)
 class StampColumn:
-    """The column that holds time: its index, and whether in decimal seconds."""
+    """The time column: its index, and whether it is in decimal seconds."""
 
     index: int
     in_seconds: bool
 
     def read(self, row: CsvRow) -> int | None:
-        """The row's stamp in nanoseconds, None where it has none."""
+        """The row's stamp in nanoseconds, or None."""
         return row.stamp_ns(self.index, in_seconds=self.in_seconds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OptionalColumns:
-    """Columns of a vector of which some entries may have none.
+    """Columns of a vector; an entry may have no column.
 
     Attributes:
         indices: the column of every entry that has one, in order.
@@ -97,7 +97,7 @@ class OptionalColumns:
 
     @classmethod
     def of(cls, found: Sequence[int | None]) -> "OptionalColumns":
-        """From one index or None for each entry."""
+        """From an index or None for each entry."""
         return cls(tuple(i for i in found if i is not None), np.array([i is not None for i in found], dtype=np.bool_))
 
     def read(self, row: CsvRow) -> Array:
@@ -109,7 +109,7 @@ class OptionalColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointColumns:
-    """Where the joints' angles, velocities and torques stand, in the order of ``RobotModel.joint_names``."""
+    """Columns of the joints' angles, velocities and torques, in the order of ``RobotModel.joint_names``."""
 
     names: tuple[str, ...]
     position: OptionalColumns
@@ -118,12 +118,12 @@ class JointColumns:
 
     @property
     def all_indices(self) -> tuple[int, ...]:
-        """Every column of the joints."""
+        """All columns of the joints."""
         return self.position.indices + self.velocity.indices + self.effort.indices
 
 
 class Header:
-    """A file's column names, and what is found among them."""
+    """A file's column names, and the lookup of columns among them."""
 
     def __init__(self, path: Path, names: Sequence[str], patterns: ColumnNames) -> None:
         self._path = path
@@ -133,7 +133,7 @@ class Header:
         self._repeated = {name for name, count in Counter(names).items() if count > 1}
 
     def find_stamp(self) -> StampColumn | None:
-        """The column of time, nanoseconds before seconds, or None."""
+        """The time column, nanoseconds before seconds, or None."""
         for patterns, in_seconds in ((self._patterns.stamp_ns, False), (self._patterns.stamp_s, True)):
             index = self._first(patterns)
             if index is not None:
@@ -141,25 +141,25 @@ class Header:
         return None
 
     def stamp(self) -> StampColumn:
-        """The column of time.
+        """The time column.
 
         Raises:
-            TopicNotFound: there is none; names what was looked for.
+            TopicNotFound: there is none; lists the names that are accepted.
         """
         found = self.find_stamp()
         if found is None:
-            wanted = listing(self._patterns.stamp_ns + self._patterns.stamp_s)
+            accepted = listing(self._patterns.stamp_ns + self._patterns.stamp_s)
             raise TopicNotFound(
-                f"{self._path} has no column of time: looked for {wanted} among {listing(self._names)}; "
+                f"{self._path} has no time column: none of {accepted} is among {listing(self._names)}; "
                 "name yours in dataset.columns.stamp_ns or stamp_s"
             )
         return found
 
     def imu(self) -> tuple[int, ...] | None:
-        """Columns of gyroscope x, y, z and accelerometer x, y, z, or None where there is none of the six.
+        """Columns of gyroscope x, y, z and accelerometer x, y, z, or None where all six are missing.
 
         Raises:
-            TopicNotFound: some of the six are there and some are not.
+            TopicNotFound: some but not all of the six are missing.
         """
         patterns = (self._patterns.gyroscope, self._patterns.accelerometer)
         found = [self._first(_filled(group, "axis", ("xyz"[axis],))) for group in patterns for axis in range(3)]
@@ -167,43 +167,46 @@ class Header:
         if 0 < len(indices) < 6:
             raise TopicNotFound(
                 f"{self._path} has {len(indices)} of the 6 IMU columns, {listing(self._names[i] for i in indices)}; "
-                f"name the others in dataset.columns.gyroscope and accelerometer; there are {listing(self._names)}"
+                f"name the rest in dataset.columns.gyroscope and accelerometer; the columns are {listing(self._names)}"
             )
         return indices or None
 
-    def no_imu(self) -> NoReturn:
-        """Say that there is no IMU where there has to be one.
+    def required_imu(self) -> tuple[int, ...]:
+        """Columns of gyroscope x, y, z and accelerometer x, y, z.
 
         Raises:
-            TopicNotFound: always; lists the columns that exist.
+            TopicNotFound: one of them is missing; lists the columns that exist.
         """
-        raise TopicNotFound(
-            f"{self._path} has no IMU column among {listing(self._names)}; name yours in "
-            "dataset.columns.gyroscope and accelerometer, or name the robot to read its joints"
-        )
+        indices = self.imu()
+        if indices is None:
+            raise TopicNotFound(
+                f"{self._path} has no IMU column among {listing(self._names)}; name yours in "
+                "dataset.columns.gyroscope and accelerometer, or name the robot to read its joints"
+            )
+        return indices
 
     def joint_names(self) -> tuple[str, ...]:
-        """The names of all joints whose angles have a column, whatever robot's they are."""
+        """The names of all joints whose angles have a column, of whichever robot."""
         patterns = [re.escape(pattern).replace(r"\{joint\}", "(.+)") for pattern in self._patterns.position]
         found = (re.fullmatch(pattern, name) for name in self._names for pattern in patterns)
         return tuple(dict.fromkeys(match[1] for match in found if match))
 
     def find_joints(self, robot: RobotDescription) -> tuple[int | None, ...]:
-        """The column of every joint's angle, None where there is none."""
+        """The column of every joint's angle, or None."""
         return self._of_joints(self._patterns.position, robot)
 
     def joints(self, robot: RobotDescription) -> JointColumns:
         """The columns of all joints of ``robot``.
 
         Raises:
-            TopicNotFound: a joint without a column of its angle; lists the columns and the joints.
+            TopicNotFound: a joint without a column for its angle; lists the columns and the joints.
         """
         names = robot.joint_names
         position = self.find_joints(robot)
         missing = [name for name, index in zip(names, position, strict=True) if index is None]
         if missing:
             raise TopicNotFound(
-                f"{self._path} has no angle of {listing(missing)}: the robot wants the joints {listing(names)}, the "
+                f"{self._path} has no angle of {listing(missing)}: the robot has the joints {listing(names)}, the "
                 f"columns are {listing(self._names)}; add joint_aliases to the robot's description, patterns to "
                 "dataset.columns.position, or name another robot"
             )
@@ -212,14 +215,14 @@ class Header:
         return JointColumns(names, *(OptionalColumns.of(found) for found in (position, velocity, effort)))
 
     def forces(self, robot: RobotDescription) -> OptionalColumns | None:
-        """The columns of the legs' foot force, or None where no leg has one."""
+        """The columns of the legs' foot force, or None where no leg has a column."""
         found = [self._first(_filled(self._patterns.force, "leg", (leg.name,))) for leg in robot.legs]
         return OptionalColumns.of(found) if any(index is not None for index in found) else None
 
     def unused(self, used: Iterable[int]) -> tuple[str, ...]:
         """The names of the other columns."""
-        taken = set(used)
-        return tuple(name for i, name in enumerate(self._names) if i not in taken)
+        indices = set(used)
+        return tuple(name for i, name in enumerate(self._names) if i not in indices)
 
     def _of_joints(self, patterns: Patterns, robot: RobotDescription) -> tuple[int | None, ...]:
         spellings = {name: [name] for name in robot.joint_names}
@@ -230,7 +233,7 @@ class Header:
     def _first(self, names: Iterable[str]) -> int | None:
         for name in names:
             if name in self._repeated:
-                raise DatasetError(f"{self._path} names the column {name} more than once; rename or delete the others")
+                raise DatasetError(f"{self._path} has more than one column {name}; rename or delete the others")
             if name in self._index:
                 return self._index[name]
         return None

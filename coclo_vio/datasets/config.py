@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How recordings are read: column names, order, and what is estimated where a log is silent."""
+"""How recordings are read: column names, time order, and estimates for missing readings."""
 
 from typing import Annotated
 
@@ -12,26 +12,26 @@ from coclo_vio.values.config import StageConfig
 
 
 class DatasetConfig(StageConfig):
-    """Everything a reader may be told."""
+    """Configuration of the readers."""
 
     columns: Annotated[ColumnNames, Field(description="patterns of column names")] = ColumnNames()
     joint_velocity: Annotated[
-        JointVelocityConfig, Field(description="the estimate where a log has no joint velocity")
+        JointVelocityConfig, Field(description="estimation of joint velocities that a log lacks")
     ] = JointVelocityConfig()
     sort: Annotated[
-        bool, Field(description="put measurements in time order (holds them all in memory); else as in the file")
+        bool, Field(description="sort measurements by time (holds all of them in memory); otherwise as in the file")
     ] = False
     rosbag: Annotated[RosbagConfig, Field(description="how a rosbag is read")] = RosbagConfig()
     allow_partial: Annotated[
         bool,
         Field(
-            description="take what can be read of a damaged bag, and leave out what cannot: what comes after a break, "
-            "joints that are missing, samples whose stamps go back; the report tells of it"
+            description="read a damaged recording as far as possible and leave out the rest: data after the damage, "
+            "missing joints, samples whose stamps go back; the report counts them"
         ),
     ] = False
     frame_rate_hz: Annotated[
-        float, Field(gt=0, le=1e6, description="pairs of images a second in a recording without stamps, Hz")
+        float, Field(gt=0, le=1e6, description="rate of image pairs in a recording without stamps, Hz")
     ] = 10.0
     gap_s: Annotated[
-        float, Field(gt=0, description="a longer pause is counted as a gap, if it is 2.5 usual steps too, s")
+        float, Field(gt=0, description="a pause counts as a gap if it is longer than this and than 2.5 median steps, s")
     ] = 0.1

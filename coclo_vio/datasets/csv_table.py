@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A CSV file as a stream of rows, read once from top to bottom: what every text format of this package stands on.
+"""A CSV file as a stream of rows, read once from top to bottom: the basis of all text formats.
 
 A file that was cut off in the middle of a line is read up to that line; any other malformed row is an error that
 names the file, the line and the column.
@@ -22,14 +22,14 @@ _STAMP_LIMIT_NS = 2**63
 
 @dataclass(slots=True)
 class CsvTable:
-    """A header and the rows under it; the rows are streamed, so that a file may be larger than memory.
+    """A header and its rows; the rows are streamed, so that a file may be larger than memory.
 
     Attributes:
         path: the file.
         header: column names, without surrounding blanks, a leading ``#`` and a unit in square brackets.
-        ends_in_text: whether the last column holds text: then no number at the end of the file tells of no cut.
-        has_cut_line: after the rows were read: whether the last line was cut off and left out.
-        lacks_newline: after the rows were read: whether the last line, though complete, ends without a newline.
+        ends_in_text: whether the last column holds text, so that a last cell that is not a number is no sign of a cut.
+        has_cut_line: whether the last line was cut off and left out; set when all rows have been read.
+        lacks_newline: whether the last line is complete but has no newline; set when all rows have been read.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class CsvTable:
         return cls(path, tuple(_plain_name(name) for name in header), ends_in_text)
 
     def rows(self) -> Iterator["CsvRow"]:
-        """The rows under the header, in file order; blank lines are passed over.
+        """The rows under the header, in file order; blank lines are skipped.
 
         Raises:
             DatasetError: a row before the last one with another number of cells than the header.
@@ -79,7 +79,7 @@ class CsvTable:
 
 @dataclass(slots=True)
 class CsvRow:
-    """One row: its cells as text, and where it stands for an error message."""
+    """One row: its cells as text, and its line number for error messages."""
 
     table: CsvTable
     line: int
@@ -94,7 +94,7 @@ class CsvRow:
         if len(self.cells) != width:
             raise DatasetError(
                 f"{self.table.path}, line {self.line}: {len(self.cells)} cells under a header of {width} columns; "
-                "mend or delete the line"
+                "correct or delete the line"
             )
         return self
 
@@ -128,7 +128,7 @@ class CsvRow:
         return self.cells[column].strip()
 
     def is_blank(self, columns: Sequence[int]) -> bool:
-        """Whether all cells in ``columns`` are empty: the row says nothing of that stream."""
+        """Whether all cells in ``columns`` are empty: the sensor has no sample in this row."""
         cells = self.cells
         return not any(cells[column].strip() for column in columns)
 
@@ -160,7 +160,7 @@ class CsvRow:
     def _not_a_number(self, column: int) -> DatasetError:
         return DatasetError(
             f"{self.table.path}, line {self.line}, column {self.table.header[column]}: {self.cells[column]!r} is not a "
-            "number; mend the cell, or leave it empty where the sensor said nothing"
+            "number; correct the cell, or leave it empty where the sensor has no reading"
         )
 
 
@@ -190,7 +190,7 @@ def _opened(path: Path) -> TextIO:
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Turns what the csv module and the decoder raise into a DatasetError that names the file."""
+    """Turn errors of the csv module and the decoder into a DatasetError that names the file."""
     try:
         yield
     except (csv.Error, UnicodeDecodeError, OSError) as error:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The door to recordings: the protocol every reader fulfils, the registry of formats, which robot it can be of.
+"""Opening recordings: the protocol of every reader, the registry of formats, the robots that a recording fits.
 
-A further format is one file, and one row in ``FORMATS``.
+A further format is one file: a reader class, and ``register_format`` with its name and a function that recognises it.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from coclo_vio.datasets import euroc_folder, kitti_odometry, leg_log, stereo_tracks
+from coclo_vio.datasets import euroc_folder, kitti_odometry, leg_log, stereo_track_file
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.read_report import ReadReport, StreamReport
@@ -17,7 +17,7 @@ from coclo_vio.datasets.robot_fit import RobotFit, fit_of
 from coclo_vio.datasets.rosbag import reader as rosbag
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.measurements import LEG_SENSORS, Measurement
 from coclo_vio.values.trajectory import GroundTruth
 
@@ -31,52 +31,53 @@ __all__ = [
     "StreamReport",
     "guess_robot",
     "open_dataset",
+    "register_format",
     "robot_fit",
 ]
 
 
 class Dataset(Protocol):
-    """A recording, whatever its format."""
+    """A recording of any format."""
 
     name: str
 
     def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
-        """All samples of ``sensors`` in time order, from the beginning each time; no image is decoded unasked.
+        """All samples of ``sensors`` in time order, from the beginning at each call; other images are not decoded.
 
         Raises:
             DatasetError: the recording is malformed.
         """
 
     def ground_truth(self) -> GroundTruth | None:
-        """The reference trajectory, or None where there is none.
+        """The reference trajectory, or None.
 
         Raises:
             DatasetError: it is malformed.
         """
 
     def imu_calibration(self) -> ImuCalibration | None:
-        """Mounting and noise of the IMU where the recording says them, otherwise None.
+        """The recording's mounting and noise of the body's IMU, or None.
 
         Raises:
             DatasetError: it is malformed.
         """
 
     def camera_imu_calibration(self) -> ImuCalibration | None:
-        """Mounting (``T_body_camera_imu``) and noise of the camera's IMU where the recording says them, otherwise None.
+        """The recording's mounting (``T_body_camera_imu``) and noise of the camera's IMU, or None.
 
         Raises:
             DatasetError: it is malformed.
         """
 
     def stereo_calibration(self) -> StereoCalibration | None:
-        """Lenses and mounting of the two cameras where the recording says them, otherwise None.
+        """The recording's intrinsics and mounting of the two cameras, or None.
 
         Raises:
             DatasetError: it is malformed.
         """
 
     def report(self) -> ReadReport:
-        """What the recording holds and what was left out; reads it through if that has not been done.
+        """What the recording holds and what was left out; reads the recording through if that has not been done.
 
         Covers every sensor; stereo frames are counted by their stamps, without decoding an image.
 
@@ -85,72 +86,106 @@ class Dataset(Protocol):
         """
 
 
+JointNames = Callable[[Path, ColumnNames], tuple[Path, tuple[str, ...]]]
+
+
+def no_joints(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
+    """The joint names of a format without joints: none."""
+    return path, ()
+
+
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One kind of recording.
+    """A format of recordings.
 
     Attributes:
-        name: what it is called.
-        looks_for: what makes a path a recording of this kind, for the error message.
-        matches: whether a path is one.
-        open: makes the reader.
-        joint_names: the file that holds the joints, and their names.
+        name: its name.
+        layout: the files that make up a recording, for the error message on an unknown path.
+        matches: whether a path is a recording of this format.
+        open: the reader class, called with path, robot (or None) and configuration.
+        joint_names: the file that holds the joints of a recording, and their names.
     """
 
     name: str
-    looks_for: str
+    layout: str
     matches: Callable[[Path], bool]
     open: Callable[[Path, RobotDescription | None, DatasetConfig], Dataset]
-    joint_names: Callable[[Path, ColumnNames], tuple[Path, tuple[str, ...]]]
+    joint_names: JointNames = no_joints
 
 
-FORMATS: tuple[Format, ...] = (
+FORMATS: list[Format] = [
     Format(
         euroc_folder.EurocFolder.format_name,
-        euroc_folder.LOOKS_FOR,
+        euroc_folder.LAYOUT,
         euroc_folder.is_euroc_folder,
         euroc_folder.EurocFolder,
         euroc_folder.joint_names,
     ),
-    Format(rosbag.RosBag.format_name, rosbag.LOOKS_FOR, rosbag.is_rosbag, rosbag.RosBag, rosbag.joint_names),
+    Format(rosbag.RosBag.format_name, rosbag.LAYOUT, rosbag.is_rosbag, rosbag.RosBag, rosbag.joint_names),
     Format(
         kitti_odometry.KittiOdometry.format_name,
-        kitti_odometry.LOOKS_FOR,
+        kitti_odometry.LAYOUT,
         kitti_odometry.is_kitti_odometry,
         kitti_odometry.KittiOdometry,
-        kitti_odometry.joint_names,
     ),
     Format(
-        stereo_tracks.StereoTrackFile.format_name,
-        stereo_tracks.LOOKS_FOR,
-        stereo_tracks.is_stereo_tracks,
-        stereo_tracks.StereoTrackFile,
-        stereo_tracks.joint_names,
+        stereo_track_file.StereoTrackFile.format_name,
+        stereo_track_file.LAYOUT,
+        stereo_track_file.is_stereo_track_file,
+        stereo_track_file.StereoTrackFile,
     ),
-    Format(leg_log.LegLog.format_name, leg_log.LOOKS_FOR, leg_log.is_leg_log, leg_log.LegLog, leg_log.joint_names),
-)
+    Format(leg_log.LegLog.format_name, leg_log.LAYOUT, leg_log.is_leg_log, leg_log.LegLog, leg_log.joint_names),
+]
+"""The known formats; the first that matches a path opens it."""
+
+
+def register_format(
+    name: str,
+    matches: Callable[[Path], bool],
+    reader: Callable[[Path, RobotDescription | None, DatasetConfig], Dataset],
+    *,
+    layout: str = "",
+    joint_names: JointNames = no_joints,
+) -> None:
+    """Add a format, which is tried before those already known.
+
+    Args:
+        name: its name, in reports and error messages.
+        matches: whether a path is a recording of this format; called with paths that exist.
+        reader: the class that fulfils ``Dataset``, called with path, robot (or None) and configuration.
+        layout: the files that make up a recording, for the error message on an unknown path.
+        joint_names: the file that holds the joints of a recording, and their names, from which the robot is inferred.
+
+    Raises:
+        DatasetError: the name is taken.
+    """
+    if name in {known.name for known in FORMATS}:
+        raise DatasetError(
+            f"the format {name} is registered already; choose a name other than {listing(f.name for f in FORMATS)}"
+        )
+    FORMATS.insert(0, Format(name, layout, matches, reader, joint_names))
 
 
 def open_dataset(path: Path, robot: RobotDescription | None, config: DatasetConfig | None = None) -> Dataset:
-    """The recording at ``path``, of whatever format it is.
+    """The recording at ``path``, of any known format.
 
     Args:
         path: a file or a folder.
-        robot: whose joints and legs to look for; None reads all but the legs.
+        robot: its joints and legs are read; with None only the sensors that need no robot.
         config: how to read; the defaults if None.
 
     Raises:
-        DatasetError: no such path, no known format (says what was looked for), or a malformed recording.
+        DatasetError: no such path, no known format (lists the formats), or a malformed recording.
     """
     return _format_of(path).open(path, robot, config or DatasetConfig())
 
 
 def guess_robot(path: Path, config: DatasetConfig | None = None) -> str | None:
-    """The name of the known robot whose joints all have a column in the recording at ``path``.
+    """The name of the known robot whose joints are all in the recording at ``path``.
 
-    Among several, those with the most joints are kept, then the one whose name occurs in the name of the folder or
-    file; None where none fits, or where several do and no name decides. Where partial reading is allowed a robot fits
-    that lacks some joints.
+    Of several, those with the most joints are kept, then the one whose name occurs in the name of the folder or file;
+    None where none fits, or where several do and no name decides. Where partial reading is allowed a robot fits that
+    lacks some joints.
 
     Raises:
         DatasetError: no such path, or no known format.
@@ -161,7 +196,7 @@ def guess_robot(path: Path, config: DatasetConfig | None = None) -> str | None:
 
 
 def robot_fit(path: Path, config: DatasetConfig | None = None) -> RobotFit:
-    """How far the joints in the recording at ``path`` are those of the known robots.
+    """How well the joints in the recording at ``path`` fit the known robots.
 
     Raises:
         DatasetError: no such path, or no known format.
@@ -176,9 +211,12 @@ def _joints_of(path: Path, config: DatasetConfig) -> tuple[Path, RobotFit]:
 
 def _format_of(path: Path) -> Format:
     if not path.exists():
-        raise DatasetError(f"there is no {path}; give the path of a recording, a file or a folder")
+        raise DatasetError(f"{path} does not exist; pass the path of a recording, a file or a folder")
     for candidate in FORMATS:
         if candidate.matches(path):
             return candidate
-    wanted = "; ".join(candidate.looks_for for candidate in FORMATS)
-    raise DatasetError(f"{path} is no recording of a known format; looked for {wanted}")
+    known = "; ".join(f"{known.name} ({known.layout})" if known.layout else known.name for known in FORMATS)
+    raise DatasetError(
+        f"{path} is not a recording of a known format; the formats are: {known}; "
+        "add another with coclo_vio.datasets.dataset.register_format"
+    )

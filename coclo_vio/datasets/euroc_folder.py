@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The EuRoC (ASL) folder, with three sensors of our own: the legs' two, and the camera's IMU.
+"""The EuRoC (ASL) folder, extended by three sensors: joints, foot forces and the camera's IMU.
 
 ======================================= =============================================================================
 ``mav0/imu0/data.csv``                  ``#timestamp [ns]``, ``w_RS_S_x`` ... rad/s, ``a_RS_S_x`` ... m/s^2
-``mav0/imu1/data.csv``                  ours: the same, of the IMU inside the camera
-``mav0/joints0/data.csv``               ours: ``#timestamp [ns]``, ``<joint>.position``, ``.velocity``, ``.effort``
-``mav0/foot_force0/data.csv``           ours: ``#timestamp [ns]``, ``<leg>.force``
+``mav0/imu1/data.csv``                  extension: the same, of the IMU inside the camera
+``mav0/joints0/data.csv``               extension: ``#timestamp [ns]``, ``<joint>.position``, ``.velocity``, ``.effort``
+``mav0/foot_force0/data.csv``           extension: ``#timestamp [ns]``, ``<leg>.force``
 ``mav0/cam0``, ``mav0/cam1``            left, right camera: ``data.csv`` (``#timestamp [ns]``, ``filename``), ``data/``
-``mav0/<sensor>/sensor.yaml``           mounting ``T_BS`` = ``T_body_sensor``; an IMU's noise, a camera's lens
+``mav0/<sensor>/sensor.yaml``           mounting ``T_BS`` = ``T_body_sensor``; an IMU's noise, a camera's intrinsics
 ``mav0/state_groundtruth_estimate0``    ground truth; otherwise ``mav0/vicon0``, ``mav0/mocap0`` (their ``T_BS`` is
                                         taken into account), or ``groundtruth.tum`` beside ``mav0``
 ======================================= =============================================================================
 
-The folder given may be ``mav0`` itself or the one that holds it. The body is the frame that ``T_BS`` refers to; in the
-published sequences it is the IMU, whose x axis points up. Source of the layout: Burri et al., "The EuRoC micro
+The path may be that of ``mav0`` itself or of the folder that holds it. The body is the frame that ``T_BS`` refers to;
+in the published sequences it is the IMU, whose x axis points up. Source of the layout: Burri et al., "The EuRoC micro
 aerial vehicle datasets", IJRR 2016.
 """
 
@@ -23,15 +23,15 @@ from pathlib import Path
 import numpy as np
 
 from coclo_vio.datasets import euroc_sensor
-from coclo_vio.datasets.camera_rows import CAMERAS, CameraRows
 from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.euroc_sensor import SENSOR_YAML
 from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.image_pairs import CAMERAS, EurocImagePairs
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording import Recording
-from coclo_vio.datasets.samples import SampleTable
+from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
@@ -39,10 +39,10 @@ from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import CameraImuSample
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
-LOOKS_FOR = "an EuRoC folder: mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/cam0/data.csv"
+LAYOUT = "mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/cam0/data.csv"
 _SENSORS = ("imu0", "imu1", "joints0", "foot_force0")
-_MISSED = ("imu0", "joints0")
-_OF_THE_ROBOT = ("joints0", "foot_force0")
+_USUAL = ("imu0", "joints0")
+_ROBOT_SENSORS = ("joints0", "foot_force0")
 _POSITIONS_ONLY = "leica0"
 _GROUND_TRUTH_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
 
@@ -66,8 +66,8 @@ class EurocFolder(Recording):
         tables, cameras = self._tables(tally), self._cameras(tally)
         if not tables and cameras is None:
             raise DatasetError(
-                f"{self._mav0} has nothing that can be read: imu0 is absent, imu1 too, cam0 and cam1 are not both there"
-                f"{', and the joints want a robot: name one' if robot is None else ''}"
+                f"{self._mav0} has nothing that can be read: imu0 and imu1 are absent, and so is cam0 or cam1"
+                f"{'; joints need a robot: name one' if robot is None else ''}"
             )
 
     def imu_calibration(self) -> ImuCalibration | None:
@@ -87,7 +87,7 @@ class EurocFolder(Recording):
         return self._imu("imu1")
 
     def stereo_calibration(self) -> StereoCalibration | None:
-        """Lenses and mountings from ``sensor.yaml`` of both cameras, or None where one of them is absent.
+        """Intrinsics and mountings from ``sensor.yaml`` of both cameras, or None where one of them is absent.
 
         Raises:
             CalibrationMissing: a file lacks a key.
@@ -103,25 +103,25 @@ class EurocFolder(Recording):
     def _tables(self, tally: ReadTally) -> list[SampleTable]:
         return [table for name in _SENSORS for table in self._table(name, tally)]
 
-    def _cameras(self, tally: ReadTally) -> CameraRows | None:
+    def _cameras(self, tally: ReadTally) -> EurocImagePairs | None:
         absent = [camera for camera in CAMERAS if not (self._mav0 / camera / "data.csv").is_file()]
         if not absent:
             if not (self._mav0 / "joints0" / "data.csv").is_file():
-                tally.note("the body is the frame that T_BS of each sensor.yaml refers to, whatever its axes")
-            return CameraRows(self._mav0, self._config.columns)
+                tally.note("the body frame is the one that T_BS of each sensor.yaml refers to, whatever its axes")
+            return EurocImagePairs(self._mav0, self._config.columns)
         if len(absent) == 1:
-            tally.note(f"{absent[0]}/data.csv is absent: the images of the other camera are left unread")
+            tally.note(f"{absent[0]}/data.csv is absent: the images of the other camera are not read")
         return None
 
     def _table(self, sensor: str, tally: ReadTally) -> Iterator[SampleTable]:
         path = self._mav0 / sensor / "data.csv"
         label = f"{sensor}/data.csv"
         if not path.is_file():
-            if sensor in _MISSED:
+            if sensor in _USUAL:
                 tally.note(f"{label} is absent")
             return
-        if sensor in _OF_THE_ROBOT and self._robot is None:
-            tally.note(f"{label} is left unread: no robot was named")
+        if sensor in _ROBOT_SENSORS and self._robot is None:
+            tally.note(f"{label} is not read: no robot was named")
             return
         table = CsvTable.open(path)
         header = Header(path, table.header, self._config.columns)
@@ -132,10 +132,10 @@ class EurocFolder(Recording):
             case "foot_force0", RobotDescription() as robot:
                 samples = SampleTable(table, label, stamp, force=header.forces(robot))
             case "imu1", _:
-                imu = header.imu() or header.no_imu()
+                imu = header.required_imu()
                 samples = SampleTable(table, label, stamp, imu=imu, imu_kind=CameraImuSample)
             case _:
-                samples = SampleTable(table, label, stamp, imu=header.imu() or header.no_imu())
+                samples = SampleTable(table, label, stamp, imu=header.required_imu())
         samples.describe(header, tally)
         yield samples
 
@@ -144,12 +144,12 @@ class EurocFolder(Recording):
             path = self._mav0 / sensor / "data.csv"
             if path.is_file():
                 truth = read_ground_truth(path, self._config.columns, tally)
-                return _at_body(truth, path.with_name(SENSOR_YAML), f"{sensor}/data.csv")
+                return _of_body(truth, path.with_name(SENSOR_YAML), f"{sensor}/data.csv")
         path = self._mav0.resolve().parent / "groundtruth.tum"
         if path.is_file():
             return read_ground_truth(path, self._config.columns, tally)
         if (self._mav0 / _POSITIONS_ONLY / "data.csv").is_file():
-            tally.note(f"{_POSITIONS_ONLY}/data.csv is left unread: positions of a prism, no poses of the body")
+            tally.note(f"{_POSITIONS_ONLY}/data.csv is not read: it holds positions of a prism, not poses of the body")
         return None
 
 
@@ -170,7 +170,7 @@ def _mav0(path: Path) -> Path:
     return path / "mav0" if (path / "mav0").is_dir() else path
 
 
-def _at_body(truth: GroundTruth, sensor_yaml: Path, source: str) -> GroundTruth:
+def _of_body(truth: GroundTruth, sensor_yaml: Path, source: str) -> GroundTruth:
     """The body's poses from those of a marker mounted at ``T_BS``."""
     sensor = euroc_sensor.read_sensor_yaml(sensor_yaml) if sensor_yaml.is_file() else {}
     T_body_sensor = euroc_sensor.mounting(sensor_yaml, sensor)

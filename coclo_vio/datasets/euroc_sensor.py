@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``sensor.yaml`` of the EuRoC layout, in and out: mounting and noise of an IMU, lens and mounting of a camera.
+"""``sensor.yaml`` of the EuRoC layout, read and written: mounting, noise of an IMU, intrinsics of a camera.
 
 ``T_BS`` is ``T_body_sensor``, as rows of a 4 x 4 matrix. Of a camera: ``intrinsics`` fx, fy, cx, cy (px),
 ``resolution`` width, height (px), ``distortion_model`` radial-tangential or equidistant with its
@@ -37,7 +37,7 @@ _TIME_SHIFT = "timeshift_cam_imu"
 
 
 def read_sensor_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a ``sensor.yaml``, whose ``%YAML:1.0`` line and OpenCV tags are no YAML.
+    """The mapping in a ``sensor.yaml``, whose ``%YAML:1.0`` line and OpenCV tags are not valid YAML.
 
     Raises:
         DatasetError: it cannot be read.
@@ -53,33 +53,33 @@ def read_sensor_yaml(path: Path) -> dict[str, Any]:
 
 
 def mounting(path: Path, sensor: Mapping[str, Any]) -> Array | None:
-    """``T_body_sensor`` (4, 4) from the key ``T_BS``, given as OpenCV matrix or as nested lists; None without it.
+    """``T_body_sensor`` (4, 4) from the key ``T_BS``, an OpenCV matrix or nested lists; None without it.
 
     Raises:
-        DatasetError: it is no rigid transform.
+        DatasetError: it is not a rigid transform.
     """
-    given = sensor.get("T_BS")
-    if given is None:
+    value = sensor.get("T_BS")
+    if value is None:
         return None
     try:
-        matrix = np.array(given["data"] if isinstance(given, dict) else given, dtype=np.float64).reshape(4, 4)
+        matrix = np.array(value["data"] if isinstance(value, dict) else value, dtype=np.float64).reshape(4, 4)
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: T_BS must be a matrix of 4 x 4 numbers ({error})") from error
     rotation = matrix[:3, :3]
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0:
-        raise DatasetError(f"{path}: T_BS holds no rotation; keys there are {listing(sensor)}")
+        raise DatasetError(f"{path}: the rotation of T_BS is not orthonormal; correct the matrix")
     return matrix
 
 
 def read_imu(path: Path) -> ImuCalibration:
-    """Mounting and noise of an IMU; the defaults where the file is silent.
+    """Mounting and noise of an IMU; the defaults for keys that the file lacks.
 
     Raises:
         DatasetError: the file is malformed.
         ConfigError: a noise density is out of bounds.
     """
     sensor = read_sensor_yaml(path)
-    values: dict[str, Any] = {ours: sensor[theirs] for theirs, ours in _NOISE_KEYS.items() if theirs in sensor}
+    values: dict[str, Any] = {field: sensor[key] for key, field in _NOISE_KEYS.items() if key in sensor}
     T_body_imu = mounting(path, sensor)
     if T_body_imu is not None:
         values["position_body_m"] = tuple(T_body_imu[:3, 3].tolist())
@@ -89,23 +89,23 @@ def read_imu(path: Path) -> ImuCalibration:
 
 def write_imu(folder: Path, imu: ImuCalibration) -> None:
     """Write ``sensor.yaml`` of an IMU into its folder."""
-    noise = {theirs: getattr(imu, ours) for theirs, ours in _NOISE_KEYS.items()}
+    noise = {key: getattr(imu, field) for key, field in _NOISE_KEYS.items()}
     _write(folder, {"sensor_type": "imu", "T_BS": _opencv_matrix(imu.T_body_imu), **noise})
 
 
 def read_stereo(left: Path, right: Path) -> StereoCalibration:
-    """Lenses and mountings of two cameras, from the ``sensor.yaml`` of each.
+    """Intrinsics and mountings of two cameras, from the ``sensor.yaml`` of each.
 
     Raises:
-        CalibrationMissing: a file lacks a key; names those it has.
+        CalibrationMissing: a file lacks a key; lists those it has.
         DatasetError: a file is malformed.
     """
     sensors = [read_sensor_yaml(path) for path in (left, right)]
     mountings = [_camera_mounting(path, sensor) for path, sensor in zip((left, right), sensors, strict=True)]
     try:
         return StereoCalibration(
-            left=_lens(left, sensors[0]),
-            right=_lens(right, sensors[1]),
+            left=_intrinsics(left, sensors[0]),
+            right=_intrinsics(right, sensors[1]),
             body_left_camera=matrix4(mountings[0]),
             body_right_camera=matrix4(mountings[1]),
             time_offset_s=float(sensors[0].get(_TIME_SHIFT, 0.0)),
@@ -115,20 +115,20 @@ def read_stereo(left: Path, right: Path) -> StereoCalibration:
         raise DatasetError(f"the cameras of {left.parent.parent}: {'; '.join(reason[-2:])}") from error
 
 
-def write_camera(folder: Path, lens: CameraCalibration, T_body_camera: Array, time_offset_s: float) -> None:
+def write_camera(folder: Path, intrinsics: CameraCalibration, T_body_camera: Array, time_offset_s: float) -> None:
     """Write ``sensor.yaml`` of a camera into its folder.
 
-    A camera without distortion is written as radial-tangential with zeros, which every reader of the layout knows.
+    A camera without distortion is written as radial-tangential with zeros, which every reader of the layout accepts.
     """
-    is_straight = lens.distortion == "none"
+    is_undistorted = intrinsics.distortion == "none"
     values: dict[str, Any] = {
         "sensor_type": "camera",
         "T_BS": _opencv_matrix(T_body_camera),
-        "resolution": [lens.width_px, lens.height_px],
+        "resolution": [intrinsics.width_px, intrinsics.height_px],
         "camera_model": "pinhole",
-        "intrinsics": [*lens.focal_px, *lens.principal_point_px],
-        "distortion_model": "equidistant" if lens.distortion == "equidistant" else "radial-tangential",
-        "distortion_coefficients": [0.0] * 4 if is_straight else list(lens.distortion_coefficients),
+        "intrinsics": [*intrinsics.focal_px, *intrinsics.principal_point_px],
+        "distortion_model": "equidistant" if intrinsics.distortion == "equidistant" else "radial-tangential",
+        "distortion_coefficients": [0.0] * 4 if is_undistorted else list(intrinsics.distortion_coefficients),
     }
     if time_offset_s:
         values[_TIME_SHIFT] = time_offset_s
@@ -138,14 +138,14 @@ def write_camera(folder: Path, lens: CameraCalibration, T_body_camera: Array, ti
 def _camera_mounting(path: Path, sensor: Mapping[str, Any]) -> Array:
     T_body_camera = mounting(path, sensor)
     if T_body_camera is None:
-        raise CalibrationMissing(f"{path} has no T_BS (T_body_camera); the keys there are: {listing(sensor)}")
+        raise CalibrationMissing(f"{path} has no T_BS (T_body_camera); its keys are: {listing(sensor)}")
     return T_body_camera
 
 
-def _lens(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
+def _intrinsics(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
     missing = {"intrinsics", "resolution"} - set(sensor)
     if missing:
-        raise CalibrationMissing(f"{path} has no {listing(missing)}; the keys there are: {listing(sensor)}")
+        raise CalibrationMissing(f"{path} has no {listing(missing)}; its keys are: {listing(sensor)}")
     intrinsics, resolution = sensor["intrinsics"], sensor["resolution"]
     if not isinstance(intrinsics, list) or len(intrinsics) != 4:
         raise DatasetError(f"{path}: intrinsics = {intrinsics} must be the four numbers fx, fy, cx, cy, in pixels")
@@ -164,16 +164,18 @@ def _lens(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
 
 
 def _distortion(path: Path, sensor: Mapping[str, Any]) -> tuple[str, list[float]]:
-    """The model and its coefficients; radial-tangential with nothing but zeros is no distortion."""
-    given = str(sensor.get("distortion_model", "none"))
-    if given not in _DISTORTION_MODELS:
-        raise DatasetError(f"{path}: distortion_model {given!r} is not known; known are {listing(_DISTORTION_MODELS)}")
-    model = _DISTORTION_MODELS[given]
+    """The model and its coefficients; radial-tangential with zeros only means no distortion."""
+    name = str(sensor.get("distortion_model", "none"))
+    if name not in _DISTORTION_MODELS:
+        raise DatasetError(
+            f"{path}: distortion_model {name!r} is not supported; supported are {listing(_DISTORTION_MODELS)}"
+        )
+    model = _DISTORTION_MODELS[name]
     coefficients = sensor.get("distortion_coefficients") or []
     if not isinstance(coefficients, list):
         raise DatasetError(f"{path}: distortion_coefficients = {coefficients} must be a list of numbers")
-    is_straight = model == "none" or (model == "radtan" and not any(coefficients))
-    return ("none", []) if is_straight else (model, coefficients)
+    is_undistorted = model == "none" or (model == "radtan" and not any(coefficients))
+    return ("none", []) if is_undistorted else (model, coefficients)
 
 
 def _opencv_matrix(T: Array) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from coclo_vio.values.errors import DatasetError, TimestampError, listing
 from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum
 
 UNSTAMPED_PERIOD_NS = 10_000_000
-"""Poses without stamps are numbered in this step; only their order means anything."""
+"""Step of the stamps assigned to poses without stamps; only their order is meaningful."""
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _SPELLINGS: Mapping[str, tuple[str, ...]] = {
@@ -29,7 +29,7 @@ _QUATERNION_TOLERANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class _PoseColumns:
-    """Indices of x y z qx qy qz qw, of the velocity where there is one, and of time."""
+    """Column indices of x y z qx qy qz qw, of the velocity if any, and of time."""
 
     pose: tuple[int, ...]
     velocity: tuple[int, ...]
@@ -37,14 +37,14 @@ class _PoseColumns:
 
 
 def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> GroundTruth:
-    """The reference trajectory in a ``.tum`` or ``.csv`` file; what was assumed or left out goes to ``tally``.
+    """The reference trajectory in a ``.tum`` or ``.csv`` file; assumptions and rows left out go to ``tally``.
 
-    A CSV's columns are taken by name (x y z qx qy qz qw, or EuRoC's ``p_RS_R_x`` ... ``q_RS_w``, with
-    ``v_RS_R_x`` ... where present). Where the names repeat or say nothing and there are seven of them beside time, they
+    The columns of a CSV file are taken by name (x y z qx qy qz qw, or EuRoC's ``p_RS_R_x`` ... ``q_RS_w``, with
+    ``v_RS_R_x`` ... where present). Where the names repeat or are unknown and there are seven columns beside time, they
     are taken in the order x y z qx qy qz qw.
 
     Raises:
-        DatasetError: the file cannot be read, or its columns cannot be told apart, or hold no unit quaternion.
+        DatasetError: the file cannot be read, or its columns cannot be identified, or hold no unit quaternion.
         TimestampError: no pose, or a TUM file whose stamps do not increase.
     """
     if path.suffix == ".tum":
@@ -56,32 +56,32 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
     transforms = se3.transform(so3.from_quat_xyzw(poses[:, 3:7]), poses[:, :3])
     velocity = poses[:, 7:] if found.velocity else None
     if found.stamp is None:
-        tally.note(f"{path.name}: ground truth has no stamps, offset and rate of its clock have to be estimated")
+        tally.note(f"{path.name}: ground truth has no stamps, offset and rate of its clock must be estimated")
     trajectory = Trajectory(stamps_ns, transforms, velocity)
     return GroundTruth(trajectory, has_stamps=found.stamp is not None, source=path.name)
 
 
 def stamped_truth(stamps_ns: IntArray, T_world_body: Array, source: str, tally: ReadTally) -> GroundTruth:
-    """Ground truth from poses in file order; those that are not finite or do not go on in time are left out and told.
+    """Ground truth from poses in file order; poses that are not finite or not later than all before are left out.
 
     Args:
         stamps_ns: nanoseconds, (N,).
         T_world_body: (N, 4, 4).
         source: the file it came from.
-        tally: where to tell what was left out.
+        tally: counts what is left out.
 
     Raises:
         TimestampError: no pose remains.
     """
     is_finite = np.isfinite(T_world_body).all(axis=(1, 2))
-    tally.dropped["ground truth: empty or NaN"] += int((~is_finite).sum())
+    tally.dropped["ground truth: pose empty or NaN"] += int((~is_finite).sum())
     stamps_ns, poses = stamps_ns[is_finite], T_world_body[is_finite]
-    goes_on = np.append([True], stamps_ns[1:] > np.maximum.accumulate(stamps_ns)[:-1])[: len(stamps_ns)]
-    tally.dropped["ground truth: stamp repeated or out of order"] += int((~goes_on).sum())
+    is_later = np.append([True], stamps_ns[1:] > np.maximum.accumulate(stamps_ns)[:-1])[: len(stamps_ns)]
+    tally.dropped["ground truth: stamp repeated or out of order"] += int((~is_later).sum())
     tally.dropped = +tally.dropped
-    if not goes_on.any():
-        raise TimestampError(f"{source} holds no complete pose; take its poses away to run without ground truth")
-    return GroundTruth(Trajectory(stamps_ns[goes_on], poses[goes_on]), has_stamps=True, source=source)
+    if not is_later.any():
+        raise TimestampError(f"{source} holds no complete pose; delete its poses to run without ground truth")
+    return GroundTruth(Trajectory(stamps_ns[is_later], poses[is_later]), has_stamps=True, source=source)
 
 
 def _pose_columns(table: CsvTable, columns: ColumnNames, tally: ReadTally) -> _PoseColumns:
@@ -93,14 +93,14 @@ def _pose_columns(table: CsvTable, columns: ColumnNames, tally: ReadTally) -> _P
         return _PoseColumns(
             tuple(by_name[key][0] for key in _POSE), tuple(velocity) if len(velocity) == 3 else (), stamp
         )
-    others = tuple(i for i in range(len(names)) if stamp is None or i != stamp.index)
-    if len(others) != len(_POSE):
+    unnamed = tuple(i for i in range(len(names)) if stamp is None or i != stamp.index)
+    if len(unnamed) != len(_POSE):
         raise DatasetError(
-            f"{table.path}: no ground truth can be read from the columns {listing(names)}; name them "
+            f"{table.path}: ground truth cannot be read from the columns {listing(names)}; name them "
             f"{', '.join(_POSE)} (metres, unit quaternion), with stamp_ns or time_s beside them"
         )
     tally.note(f"{table.path.name}: the header does not name x y z qx qy qz qw, the columns are taken in that order")
-    return _PoseColumns(others, (), stamp)
+    return _PoseColumns(unnamed, (), stamp)
 
 
 def _poses(table: CsvTable, found: _PoseColumns, tally: ReadTally) -> tuple[IntArray, Array]:
@@ -111,7 +111,7 @@ def _poses(table: CsvTable, found: _PoseColumns, tally: ReadTally) -> tuple[IntA
         stamp_ns = number * UNSTAMPED_PERIOD_NS if found.stamp is None else found.stamp.read(row)
         values = row.numbers(found.pose + found.velocity)
         if stamp_ns is None or np.isnan(values).any():
-            tally.dropped["ground truth: empty or NaN"] += 1
+            tally.dropped["ground truth: pose empty or NaN"] += 1
         elif stamps and stamp_ns <= stamps[-1]:
             tally.dropped["ground truth: stamp repeated or out of order"] += 1
         else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Image files in memory: grey 8-bit images to PNG or JPEG and back. The only importer of cv2 among the readers."""
+"""Encoding and decoding of grey 8-bit images as PNG or JPEG. The only importer of cv2 among the readers."""
 
 from typing import Any, Literal
 
@@ -15,20 +15,20 @@ ImageEncoding = Literal["png", "jpeg"]
 _SUFFIXES: dict[ImageEncoding, str] = {"png": ".png", "jpeg": ".jpg"}
 _TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
-# What OpenCV has to say of a broken file would stand between the lines of ours.
+# OpenCV would print its own warnings on damaged files to standard error.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
 
 def suffix_of(encoding: ImageEncoding) -> str:
-    """How the name of such a file ends."""
+    """The file name suffix of an encoding."""
     return _SUFFIXES[encoding]
 
 
 def encoded(image: ByteImage, encoding: ImageEncoding) -> bytes:
-    """The file of a grey image (rows, columns): PNG keeps every pixel, JPEG (quality 95) does not.
+    """A grey image (rows, columns) as an image file: PNG is lossless, JPEG has quality 95.
 
     Raises:
-        DatasetError: the image is empty or not of a kind that can be written.
+        DatasetError: the image is empty, or its type cannot be encoded.
     """
     try:
         done, data = cv2.imencode(_SUFFIXES[encoding], image)
@@ -40,21 +40,21 @@ def encoded(image: ByteImage, encoding: ImageEncoding) -> bytes:
 
 
 def decoded(data: bytes, source: str) -> ByteImage:
-    """The grey image (rows, columns) in an image file; colours are turned to grey.
+    """The grey image (rows, columns) in an image file; colour is converted to grey.
 
     Args:
-        data: the whole file, of any kind that OpenCV reads.
-        source: where it is from, for an error message.
+        data: the whole file, in any encoding that OpenCV reads.
+        source: its origin, for error messages.
 
     Raises:
-        DatasetError: no image, one that was cut off, or one of more than 8 bits a channel.
+        DatasetError: not an image, a file that was cut off, or more than 8 bits per channel.
     """
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # of an empty file
+    except cv2.error:  # an empty file
         image = None
     if image is None:
-        raise DatasetError(f"{source} is no image that can be read ({len(data)} bytes); was it cut off?")
+        raise DatasetError(f"{source} cannot be decoded as an image ({len(data)} bytes); check whether it was cut off")
     return grey(np.asarray(image), source)
 
 
@@ -62,16 +62,18 @@ def grey(image: npt.NDArray[np.integer[Any] | np.floating[Any]], source: str) ->
     """An 8-bit image in OpenCV's order of channels (grey, BGR or BGRA) as a grey one (rows, columns).
 
     Raises:
-        DatasetError: more than 8 bits a channel, or another number of channels.
+        DatasetError: more than 8 bits per channel, or another number of channels.
     """
     if image.dtype != np.uint8:
         raise DatasetError(
-            f"{source} has pixels of {image.dtype}, only 8-bit images are read: how its range becomes 0..255 is "
-            "for you to say; convert the images first"
+            f"{source} has pixels of {image.dtype}, only 8-bit images are read: convert the images to 8 bits first, "
+            "with the scaling of your choice"
         )
     if image.ndim == 2:
         return image.astype(np.uint8, copy=False)
     channels = image.shape[2]
     if channels not in _TO_GREY:
-        raise DatasetError(f"{source} has {channels} channels; grey, colour and colour with alpha are read")
+        raise DatasetError(
+            f"{source} has {channels} channels; supported are 1 (grey), 3 (colour) and 4 (colour with alpha)"
+        )
     return np.asarray(cv2.cvtColor(image, _TO_GREY[channels]))

@@ -8,7 +8,7 @@ and for irregular stamps). A line (degree 1) is the mean slope of its window and
 far apart, as long as no gap lies between them.
 
 Trade-off, measured on a trotting Go1 (12 joints, 400 Hz, rms speed 2.5 rad/s) against its own angles alone: ``error``
-is the rms difference from a central cubic over seven samples, which has no lag but sees the future; ``next`` the rms
+is the rms difference from a central cubic over seven samples, which has no lag but is not causal; ``next`` the rms
 error of the next angle predicted with the velocity; ``noise`` the velocity noise for 1 mrad of white angle noise.
 
 ====== ======= =========== ============ ========= ============
@@ -42,15 +42,15 @@ from coclo_vio.values.units import NS_PER_S
 
 
 class JointVelocityConfig(StageConfig):
-    """How joint velocities are estimated where a log has none."""
+    """Estimation of joint velocities that a log lacks."""
 
-    window_s: Annotated[float, Field(gt=0, le=0.5, description="span of angles that are fitted, s")] = 0.006
+    window_s: Annotated[float, Field(gt=0, le=0.5, description="span of the fitted angles, s")] = 0.006
     degree: Annotated[int, Field(ge=1, le=2, description="1 fits a line (lags half the window), 2 a parabola")] = 1
-    max_gap_s: Annotated[float, Field(gt=0, description="a longer pause starts the fit anew, s")] = 0.1
+    max_gap_s: Annotated[float, Field(gt=0, description="a longer pause restarts the fit, s")] = 0.1
 
 
 class JointVelocityEstimator:
-    """Estimates the velocity of every joint from the angles so far.
+    """Estimates the velocity of every joint from its past angles.
 
     Invariant: the angles held are in strictly increasing time order without a pause longer than ``max_gap_s``.
     """
@@ -62,15 +62,15 @@ class JointVelocityEstimator:
         self._held: deque[tuple[int, Array]] = deque()
 
     def push(self, stamp_ns: int, position: Array) -> Array:
-        """Take the angles at one time; the velocities then.
+        """Add the angles of one time; returns the velocities at that time.
 
         Args:
             stamp_ns: time in nanoseconds.
-            position: angles, rad, (joints,); NaN where a joint said nothing.
+            position: angles, rad, (joints,); NaN where a joint has no reading.
 
         Returns:
             rad/s, (joints,); NaN for a joint that has no angle now, or too few since the start or the last gap, and
-            for all joints where the stamp repeats or goes back (by more than ``max_gap_s`` it starts anew).
+            for all joints where the stamp repeats or goes back (by more than ``max_gap_s`` the fit restarts).
         """
         if self._held:
             step_ns = stamp_ns - self._held[-1][0]
@@ -79,11 +79,11 @@ class JointVelocityEstimator:
             elif step_ns <= 0:
                 return np.full(len(position), np.nan)
         self._held.append((stamp_ns, position))
-        self._forget(stamp_ns)
+        self._drop_old(stamp_ns)
         return self._slope(stamp_ns)
 
-    def _forget(self, now_ns: int) -> None:
-        """Let go of angles before the window, but not of the newest ``degree + 1``."""
+    def _drop_old(self, now_ns: int) -> None:
+        """Drop angles before the window, but keep the newest ``degree + 1``."""
         while len(self._held) > self._config.degree + 1 and now_ns - self._held[0][0] > self._window_ns:
             self._held.popleft()
 
@@ -101,7 +101,7 @@ class JointVelocityEstimator:
         return velocity
 
     def _fitted(self, ages: Array, angles: Array) -> Array:
-        """Slope at age 0 of the least-squares polynomial through ``angles`` (n, joints), NaN for too few."""
+        """Slope at age 0 of the least-squares polynomial through ``angles`` (n, joints); NaN for too few angles."""
         if len(ages) <= self._config.degree:
             return np.full(angles.shape[1], np.nan)
         powers = np.vander(ages, self._config.degree + 1, increasing=True)

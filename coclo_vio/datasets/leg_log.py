@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The leg log: one CSV file with a row a time, read by its header.
+"""The leg log: one CSV file with a row for each time, read by its header.
 
-Canonical columns, as ``writer.write_leg_log`` writes them; all but the stamp and the joints' angles may be absent::
+Canonical columns, as ``writer.write_leg_log`` writes them; only the stamp and the joints' angles are required::
 
     stamp_ns  (or time_s)                                 integer nanoseconds (or decimal seconds)
     gyro_x_radps  gyro_y_radps  gyro_z_radps              rad/s, imu frame
@@ -9,7 +9,7 @@ Canonical columns, as ``writer.write_leg_log`` writes them; all but the stamp an
     <joint>.position  <joint>.velocity  <joint>.effort    rad, rad/s, Nm
     <leg>.force                                           in the unit of the robot's contact thresholds
 
-``nan`` is a reading that failed; where all cells of a sensor are empty it has no sample in that row. Other spellings
+``nan`` is a failed reading; where all cells of a sensor are empty it has no sample in that row. Other column names
 are patterns in ``DatasetConfig.columns``; those of the Unitree Go1 motion-capture log (``Time(s)``, ``FR_Force``,
 ``BaseAx``, ``BaseWx``, ``JointPosFR_hip``) are among the defaults.
 
@@ -24,13 +24,13 @@ from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording import Recording
-from coclo_vio.datasets.samples import SampleTable
+from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.trajectory import GroundTruth
 
 GROUND_TRUTH_NAMES = ("groundtruth.tum", "groundtruth.csv", "mocap.csv")
-LOOKS_FOR = "a leg log: a .csv file, or a folder with one (columns stamp_ns or time_s, gyro_x_radps, <joint>.position)"
+LAYOUT = "a .csv file, or a folder with one (columns stamp_ns or time_s, gyro_x_radps, <joint>.position)"
 
 
 class LegLog(Recording):
@@ -39,7 +39,7 @@ class LegLog(Recording):
     format_name = "leg log"
 
     def __init__(self, path: Path, robot: RobotDescription | None, config: DatasetConfig) -> None:
-        """Find the columns that ``robot`` wants; without a robot only the IMU is read.
+        """Find the columns of ``robot``; without a robot only the IMU is read.
 
         Raises:
             TopicNotFound: a column is missing; lists those that exist.
@@ -57,7 +57,7 @@ class LegLog(Recording):
             CsvTable(self._log, self._header),
             self._log.name,
             header.stamp(),
-            imu=header.imu() or (header.no_imu() if self._robot is None else None),
+            imu=header.required_imu() if self._robot is None else header.imu(),
             joints=None if self._robot is None else header.joints(self._robot),
             force=None if self._robot is None else header.forces(self._robot),
         )
@@ -70,8 +70,8 @@ class LegLog(Recording):
         folder = self._log.parent
         if len(_logs_in(folder, self._config.columns)) > 1:
             tally.note(
-                f"{folder.resolve().name} holds several logs: whose the ground truth beside them is "
-                "is not known, none is read"
+                f"{folder.resolve().name} holds several logs: the ground truth beside them cannot be assigned to one "
+                "and is not read"
             )
             return None
         found = [folder / name for name in GROUND_TRUTH_NAMES if (folder / name).is_file()]
@@ -79,13 +79,13 @@ class LegLog(Recording):
             return None
         if len(found) > 1:
             tally.note(
-                f"several ground truths: {found[0].name} is read, not {listing(path.name for path in found[1:])}"
+                f"several ground truth files: {found[0].name} is read, not {listing(path.name for path in found[1:])}"
             )
         return read_ground_truth(found[0], self._config.columns, tally)
 
 
 def is_leg_log(path: Path) -> bool:
-    """Whether ``path`` is a CSV file or a folder with one that is not ground truth."""
+    """Whether ``path`` is a CSV file, or a folder with a CSV file that is not ground truth."""
     return path.suffix.lower() == ".csv" if path.is_file() else bool(_csv_files(path))
 
 
@@ -100,7 +100,7 @@ def find_log(path: Path, columns: ColumnNames) -> Path:
     logs = _logs_in(path, columns)
     if len(logs) != 1:
         listed = listing(log.name for log in logs)
-        raise DatasetError(f"{path} holds {len(logs)} leg logs ({listed}); give the path of one of them")
+        raise DatasetError(f"{path} holds {len(logs)} leg logs ({listed}); pass the path of one of them")
     return logs[0]
 
 
@@ -115,7 +115,7 @@ def _csv_files(folder: Path) -> list[Path]:
 
 
 def _logs_in(folder: Path, columns: ColumnNames) -> list[Path]:
-    """The CSV files that can be logs: the only one there is, or those with a column of time."""
+    """The CSV files that can be logs: the only one, or those with a time column."""
     files = _csv_files(folder)
     if len(files) <= 1:
         return files

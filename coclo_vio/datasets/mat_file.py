@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""MATLAB files through SciPy: names first, then only the arrays that are asked for.
+"""MATLAB files through SciPy: names first, then only the requested arrays.
 
-SciPy has another exception for every kind of damage, and passes over what was cut off at the end without a word.
+SciPy raises a different exception for each kind of damage, and silently drops arrays that were cut off at the end.
 """
 
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ import scipy.io
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import DatasetError, listing
 
-_NEXT_STEP = "only MATLAB files up to version 7 are read: save it anew with -v7, or copy it again if it was cut off"
+_NEXT_STEP = "only MATLAB files up to version 7 are read: save it again with -v7, or copy it again if it was cut off"
 
 
 def variable_names(path: Path) -> tuple[str, ...]:
@@ -29,24 +29,24 @@ def variable_names(path: Path) -> tuple[str, ...]:
 
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Array]:
-    """Arrays of numbers by name; of the others in the file nothing is held in memory.
+    """Arrays of numbers by name; the other arrays of the file are not loaded.
 
     Raises:
-        DatasetError: one of them is not there (says which are) or holds no real numbers, or the file cannot be read.
+        DatasetError: an array is missing or does not hold real numbers, or the file cannot be read.
     """
-    wanted = list(names)
+    requested = list(names)
     try:
-        found = scipy.io.loadmat(path, variable_names=wanted, appendmat=False)
+        found = scipy.io.loadmat(path, variable_names=requested, appendmat=False)
     except Exception as error:
         raise _unreadable(path, error) from error
-    missing = [name for name in wanted if name not in found]
+    missing = [name for name in requested if name not in found]
     if missing:
         raise DatasetError(f"{path} has no {listing(missing)}, or was cut off before it; {_NEXT_STEP}")
-    kinds = {name: np.asarray(found[name]).dtype for name in wanted}
-    for name, kind in kinds.items():
-        if kind.kind not in "fiu":
-            raise DatasetError(f"{path}: {name} must be an array of real numbers, it holds {kind}")
-    return {name: np.asarray(found[name], dtype=np.float64) for name in wanted}
+    dtypes = {name: np.asarray(found[name]).dtype for name in requested}
+    for name, dtype in dtypes.items():
+        if dtype.kind not in "fiu":
+            raise DatasetError(f"{path}: {name} must be an array of real numbers, it holds {dtype}")
+    return {name: np.asarray(found[name], dtype=np.float64) for name in requested}
 
 
 def _unreadable(path: Path, error: Exception) -> DatasetError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a reader found in a recording: rows, rates, gaps, doubtful stamps, and what was left out and why."""
+"""The report on a recording: samples, rates, gaps, defective stamps, and what was left out and why."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,8 +19,8 @@ from coclo_vio.values.measurements import (
 )
 from coclo_vio.values.units import NS_PER_S
 
-_STEPS_TO_KNOW_IT = 32  # after so many steps the usual one is known
-_GAP_STEPS = 2.5  # a pause of fewer usual steps is no gap, however slow the sensor
+_STEPS_FOR_MEDIAN = 32  # the median step of a stream is taken from its first steps
+_GAP_STEPS = 2.5  # a pause of fewer median steps is not a gap, however slow the sensor
 STREAM_NAMES: Mapping[type, str] = {
     FootForceSample: "foot_force",
     ImuSample: "imu",
@@ -34,15 +34,15 @@ STREAM_NAMES: Mapping[type, str] = {
 
 @dataclass(frozen=True, slots=True)
 class StreamReport:
-    """One sensor's samples, as they were passed on.
+    """The samples of one sensor, as passed on.
 
     Attributes:
         name: one of ``STREAM_NAMES``.
-        samples: how many were passed on.
-        rate_hz: samples a second outside the gaps; 0 for fewer than two.
+        samples: number of samples passed on.
+        rate_hz: samples per second outside the gaps; 0 for fewer than two samples.
         start_ns: the earliest stamp.
         end_ns: the latest stamp.
-        gaps: how many pauses were longer than ``DatasetConfig.gap_s`` and than 2.5 of the stream's usual steps.
+        gaps: number of pauses longer than ``DatasetConfig.gap_s`` and than 2.5 of the stream's median steps.
         longest_gap_s: the longest pause between two samples, s.
         longest_gap_start_ns: the stamp before it.
         repeated_stamps: samples with the stamp of the one before.
@@ -70,13 +70,13 @@ class StreamReport:
 
 @dataclass(frozen=True, slots=True)
 class ReadReport:
-    """All that a reader can say of a recording after reading it through.
+    """What a reader found in a recording.
 
     Attributes:
-        format: the name of the format that read it.
-        streams: one entry a sensor that has samples.
-        dropped: how many rows were left out, by reason.
-        notes: sentences a user should know: what was estimated, assumed, or left unread.
+        format: the name of the recording's format.
+        streams: one entry for each sensor that has samples.
+        dropped: number of rows or messages left out, by reason (``<file, topic or stream>: <reason>``).
+        notes: sentences for the user on what was estimated, assumed, or not read.
     """
 
     format: str
@@ -85,15 +85,15 @@ class ReadReport:
     notes: tuple[str, ...]
 
     def stream(self, name: str) -> StreamReport | None:
-        """The stream called ``name``, or None where the recording has no sample of it."""
+        """The stream called ``name``, or None where it has no sample."""
         return next((stream for stream in self.streams if stream.name == name), None)
 
 
 @dataclass(slots=True)
 class StreamTally:
-    """Counts one sensor's stamps as they pass, in constant memory.
+    """Counts the stamps of one sensor in constant memory.
 
-    What its usual step is, and so what a gap is, is told by its first steps.
+    The median of its first steps sets how long a gap is.
     """
 
     gap_ns: int
@@ -132,23 +132,23 @@ class StreamTally:
         elif step_ns < 0:
             self.backward += 1
         elif self._longest_steady_ns is not None:
-            self._tell_gap(step_ns, self._longest_steady_ns)
+            self._count_step(step_ns, self._longest_steady_ns)
         else:
             self._first_steps_ns.append(step_ns)
-            if len(self._first_steps_ns) == _STEPS_TO_KNOW_IT:
-                self._settle()
+            if len(self._first_steps_ns) == _STEPS_FOR_MEDIAN:
+                self._set_gap_length()
 
-    def _settle(self) -> None:
-        """Tell from the first steps what a gap is, and which of them are gaps."""
+    def _set_gap_length(self) -> None:
+        """Set the length of a gap from the median of the first steps, and count the gaps among them."""
         if self._longest_steady_ns is not None or not self._first_steps_ns:
             return
-        usual_ns = sorted(self._first_steps_ns)[(len(self._first_steps_ns) - 1) // 2]
-        self._longest_steady_ns = max(self.gap_ns, _GAP_STEPS * usual_ns)
+        median_ns = sorted(self._first_steps_ns)[(len(self._first_steps_ns) - 1) // 2]
+        self._longest_steady_ns = max(self.gap_ns, _GAP_STEPS * median_ns)
         for step_ns in self._first_steps_ns:
-            self._tell_gap(step_ns, self._longest_steady_ns)
+            self._count_step(step_ns, self._longest_steady_ns)
         self._first_steps_ns.clear()
 
-    def _tell_gap(self, step_ns: int, longest_steady_ns: float) -> None:
+    def _count_step(self, step_ns: int, longest_steady_ns: float) -> None:
         if step_ns > longest_steady_ns:
             self.gaps += 1
         else:
@@ -157,7 +157,7 @@ class StreamTally:
 
     def report(self, name: str) -> StreamReport:
         """The counts as a value."""
-        self._settle()
+        self._set_gap_length()
         rate_hz = self._steady_steps * NS_PER_S / self._steady_ns if self._steady_ns else 0.0
         return StreamReport(
             name,
@@ -180,9 +180,9 @@ class ReadTally:
 
     Attributes:
         format: the name of the format.
-        gap_s: a longer pause is counted as a gap, s.
-        dropped: rows left out, by reason.
-        notes: sentences, each kept once, in order.
+        gap_s: a longer pause counts as a gap, s.
+        dropped: number of rows left out, by reason.
+        notes: sentences without repetition, in order.
     """
 
     format: str
@@ -192,18 +192,18 @@ class ReadTally:
     _streams: dict[str, StreamTally] = field(default_factory=dict)
 
     def note(self, sentence: str) -> None:
-        """Keep a sentence for the report."""
+        """Add a sentence to the report."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 
     def watch(self, measurements: Iterable[Measurement]) -> Iterator[Measurement]:
-        """The same measurements, counted as they pass."""
+        """The same measurements, each counted."""
         for sample in measurements:
             self.count(type(sample), sample.stamp_ns, has_nan=_has_nan(sample))
             yield sample
 
     def count(self, kind: type, stamp_ns: int, *, has_nan: bool = False) -> None:
-        """Count one sample of a sensor by its stamp: an image need not be decoded to be counted."""
+        """Count one sample of a sensor by its stamp; an image need not be decoded for that."""
         name = STREAM_NAMES[kind]
         tally = self._streams.get(name)
         if tally is None:
@@ -211,7 +211,7 @@ class ReadTally:
         tally.add(stamp_ns, has_nan=has_nan)
 
     def report(self) -> ReadReport:
-        """What was collected so far."""
+        """The report on what was counted so far."""
         streams = tuple(tally.report(name) for name, tally in sorted(self._streams.items()))
         return ReadReport(self.format, streams, dict(self.dropped), tuple(self.notes))
 

@@ -1,75 +1,79 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the readers of text tables have in common: order, missing velocities, images, counting, and one report."""
+"""Base class of the readers of files and folders: time order, missing velocities, images, counts and the report."""
 
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from coclo_vio.datasets.camera_rows import ImagePair, PairSource
 from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.image_pairs import ImagePair, ImagePairSource
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.read_report import ReadReport, ReadTally
-from coclo_vio.datasets.samples import SampleTable
+from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import LEG_SENSORS, Measurement, StereoFrame
 from coclo_vio.values.trajectory import GroundTruth
 
-_UNDECODED = "pair of images that cannot be decoded"
+_UNDECODED = "stereo: image pair cannot be decoded"
 
 
-class Recording(ABC):
-    """A recording made of tables of samples, and of images where a format has any; a format says where they are.
+class Recording:
+    """A recording of tables or other samples, and of images. Fulfils ``Dataset``.
 
-    Invariant: ``measurements`` starts from the beginning each time it is called.
+    A format derives from it and overrides ``_tables`` (tables of samples) or ``_samples`` (any other source), and where
+    it has them ``_cameras``, ``_read_ground_truth`` and the calibrations.
+
+    Invariant: ``measurements`` starts from the beginning at each call.
 
     Attributes:
-        name: what the recording is called in reports.
+        format_name: name of the format in reports.
+        name: name of the recording in reports.
     """
 
     format_name: str
 
     def __init__(self, name: str, config: DatasetConfig) -> None:
+        """Set the name and the configuration; nothing is read."""
         self.name = name
         self._config = config
         self._read: ReadReport | None = None
         self._truth: tuple[GroundTruth | None, ReadReport] | None = None
 
-    @abstractmethod
     def _tables(self, tally: ReadTally) -> list[SampleTable]:
         """The tables of samples; notes on them go to ``tally``."""
+        return []
 
-    @abstractmethod
     def _read_ground_truth(self, tally: ReadTally) -> GroundTruth | None:
-        """The reference trajectory, or None."""
+        """The reference trajectory, or None; notes on it go to ``tally``."""
+        return None
 
-    def _cameras(self, tally: ReadTally) -> PairSource | None:
+    def _cameras(self, tally: ReadTally) -> ImagePairSource | None:
         """The images of two cameras, or None; notes on them go to ``tally``."""
         return None
 
     def imu_calibration(self) -> ImuCalibration | None:
-        """Mounting and noise of the IMU where the recording says them, otherwise None."""
+        """The recording's mounting and noise of the body's IMU, or None."""
         return None
 
     def camera_imu_calibration(self) -> ImuCalibration | None:
-        """Mounting and noise of the camera's IMU where the recording says them, otherwise None."""
+        """The recording's mounting and noise of the camera's IMU, or None."""
         return None
 
     def stereo_calibration(self) -> StereoCalibration | None:
-        """Lenses and mounting of the cameras where the recording says them, otherwise None."""
+        """The recording's intrinsics and mounting of the two cameras, or None."""
         return None
 
     def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
         """All samples of ``sensors``, streamed; in time order as far as the files are, or sorted if so configured.
 
-        Images are decoded one pair at a time, and only where ``sensors`` asks for them; with ``allow_partial`` a pair
-        that cannot be decoded is left out and told in the report.
+        Images are decoded one pair at a time, and only if ``StereoFrame`` is in ``sensors``; with ``allow_partial`` a
+        pair that cannot be decoded is left out and counted in the report.
 
         Raises:
-            DatasetError: a malformed file, or no sample in it at all.
+            DatasetError: a malformed file, or no sample in it.
         """
         tally = self._new_tally()
         stream = self._stream(tally, decodes=StereoFrame in sensors)
@@ -109,7 +113,7 @@ class Recording(ABC):
         return report
 
     def _stream(self, tally: ReadTally, *, decodes: bool) -> Iterator[Measurement]:
-        """All samples, counted; images among them where they are to be decoded, otherwise counted by their stamps."""
+        """All samples, counted; with ``decodes`` images are among them, otherwise they are counted by their stamps."""
         cameras = self._cameras(tally)
         pairs = [] if cameras is None else cameras.pairs(tally, self._config)
         if decodes:
@@ -127,7 +131,7 @@ class Recording(ABC):
                     raise
                 tally.dropped[_UNDECODED] += 1
                 if tally.dropped[_UNDECODED] == 1:
-                    tally.note(f"the first of the images that cannot be decoded: {error}")
+                    tally.note(f"the first image that cannot be decoded: {error}")
 
     def _samples(self, tally: ReadTally) -> Iterator[Measurement]:
         """The samples of all sensors but the cameras."""
@@ -148,9 +152,9 @@ class Recording(ABC):
         return self._truth
 
     def _sorted(self, stream: Iterator[Measurement], tally: ReadTally) -> Iterator[Measurement]:
-        before = self._new_tally()
-        ordered = sort_measurements(before.watch(stream))
-        moved = sum(report.backward_stamps for report in before.report().streams)
+        unsorted = self._new_tally()
+        ordered = sort_measurements(unsorted.watch(stream))
+        moved = sum(report.backward_stamps for report in unsorted.report().streams)
         if moved:
-            tally.note(f"{moved} samples were older than the one before them: all have been put in time order")
+            tally.note(f"{moved} samples were older than the one before them: all samples were sorted by time")
         return ordered

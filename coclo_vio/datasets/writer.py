@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recordings written to disk: a leg-log folder and an EuRoC-style folder.
+"""Writers of recordings: a leg-log folder and an EuRoC-style folder; ``rosbag.writing`` writes bags.
 
-Every reading is written with as many digits as its float needs (``repr``), so that a log read back is equal to what was
-written, value by value; ``nan`` is written for a reading that failed, an empty cell where a sensor has no sample.
-Images are written as the files they come as. What is written as a bag is in ``rosbag.writing``.
+Every reading is written with all digits of its float (``repr``), so that a log that is read back is equal value by
+value; ``nan`` is a failed reading, an empty cell means that a sensor has no sample. Encoded images are written as they
+are.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,9 +16,9 @@ from typing import TextIO
 import numpy as np
 
 from coclo_vio.datasets import euroc_sensor
-from coclo_vio.datasets.camera_rows import CAMERAS
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.image_pairs import CAMERAS
 from coclo_vio.datasets.images import suffix_of
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
@@ -52,7 +52,7 @@ _SENSORS: Mapping[type, str] = {
 
 @dataclass(frozen=True, slots=True)
 class RecordedJoints:
-    """Which of the joints' readings are written; a column that is left out is read back as absent."""
+    """Which of the joints' readings are written; columns that are left out are read back as absent."""
 
     with_velocity: bool = True
     with_effort: bool = True
@@ -63,7 +63,7 @@ class RecordedJoints:
         return [f"{joint}.{kind}" for kind in kinds for joint in robot.joint_names]
 
     def cells_of(self, sample: Measurement) -> list[str]:
-        """The cells of a sample: those of joints under ``columns``, those of the other sensors all."""
+        """The cells of a sample: of joints those of ``columns``, of the other sensors all."""
         match sample:
             case FootForceSample():
                 arrays = [sample.force]
@@ -73,7 +73,7 @@ class RecordedJoints:
                 velocity = [sample.velocity] if self.with_velocity else []
                 arrays = [sample.position, *velocity, *([sample.effort] if self.with_effort else [])]
             case StereoFrame():
-                raise DatasetError("a decoded image is no row of a table; writers take encoded frames, as `frames`")
+                raise DatasetError("a decoded image cannot be a row of a table; pass encoded images as `frames`")
         return [cell for array in arrays for cell in _cells(array)]
 
 
@@ -107,9 +107,7 @@ def write_leg_log(
             for row in _rows(measurements):
                 cells = {type(sample): joints.cells_of(sample) for sample in row}
                 if not cells.keys() <= headers.keys():
-                    raise DatasetError(
-                        "a leg log has no place for the sensors of a camera; write an EuRoC folder or a bag"
-                    )
+                    raise DatasetError("a leg log cannot hold the sensors of a camera; write an EuRoC folder or a bag")
                 blanks = {kind: [""] * len(names) for kind, names in headers.items()}
                 out.write(_line([str(row[0].stamp_ns), *chain.from_iterable((blanks | cells).values())]))
         if ground_truth is not None:
@@ -124,23 +122,23 @@ def write_euroc_folder(
 ) -> Path:
     """Write ``mav0``: a folder for each sensor that has samples, its calibration, and the ground truth.
 
-    Images are written as the bytes given, named by their stamp.
+    Encoded images are written as they are, named by their stamp.
 
     Args:
-        folder: holds ``mav0`` afterwards; made if needed.
+        folder: the parent of ``mav0``; made if needed.
         contents: what to write; streamed.
-        joints: which of the joints' readings.
+        joints: which of the joints' readings to write.
 
     Returns:
         The path of ``mav0``.
 
     Raises:
-        DatasetError: there is a ``mav0`` already, whose files would be mixed with these; the folder cannot be written;
-            or the ground truth has no stamps, for which the layout has no place.
+        DatasetError: ``mav0`` exists already; the folder cannot be written; or the ground truth has no stamps, which
+            the layout requires.
     """
     truth = contents.ground_truth
     if truth is not None and not truth.has_stamps:
-        raise DatasetError("an EuRoC folder has no place for ground truth without stamps; write a leg log instead")
+        raise DatasetError("an EuRoC folder cannot hold ground truth without stamps; write a leg log instead")
     mav0 = folder / "mav0"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -151,7 +149,7 @@ def write_euroc_folder(
         if truth is not None:
             _write_euroc_truth(mav0 / "state_groundtruth_estimate0", truth.trajectory)
     except FileExistsError as error:
-        raise DatasetError(f"{error.filename} is there already; delete it, or choose another folder") from error
+        raise DatasetError(f"{error.filename} exists already; delete it, or choose another folder") from error
     except OSError as error:
         raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another folder") from error
     return mav0
@@ -160,26 +158,26 @@ def write_euroc_folder(
 def _write_euroc_samples(mav0: Path, contents: RecordingContents, joints: RecordedJoints) -> None:
     headers = _headers(contents.robot, _EUROC_IMU_COLUMNS, joints) | {CameraImuSample: _EUROC_IMU_COLUMNS}
     with ExitStack() as stack:
-        sheets: dict[type, TextIO] = {}
+        files: dict[type, TextIO] = {}
         for sample in contents.measurements:
             kind, cells = type(sample), joints.cells_of(sample)
-            if kind not in sheets:
-                sheets[kind] = stack.enter_context(_sheet(mav0 / _SENSORS[kind], headers[kind]))
-            sheets[kind].write(_line([str(sample.stamp_ns), *cells]))
+            if kind not in files:
+                files[kind] = stack.enter_context(_open_csv(mav0 / _SENSORS[kind], headers[kind]))
+            files[kind].write(_line([str(sample.stamp_ns), *cells]))
 
 
 def _write_euroc_images(mav0: Path, frames: Iterable[EncodedStereoFrame]) -> None:
     with ExitStack() as stack:
-        sheets: list[TextIO] = []
+        files: list[TextIO] = []
         for frame in frames:
-            if not sheets:
-                sheets = [stack.enter_context(_sheet(mav0 / camera, ["filename"])) for camera in CAMERAS]
+            if not files:
+                files = [stack.enter_context(_open_csv(mav0 / camera, ["filename"])) for camera in CAMERAS]
                 for camera in CAMERAS:
                     (mav0 / camera / "data").mkdir()
             name = f"{frame.stamp_ns}{suffix_of(frame.encoding)}"
-            for camera, sheet, data in zip(CAMERAS, sheets, (frame.left, frame.right), strict=True):
+            for camera, file, data in zip(CAMERAS, files, (frame.left, frame.right), strict=True):
                 (mav0 / camera / "data" / name).write_bytes(data)
-                sheet.write(_line([str(frame.stamp_ns), name]))
+                file.write(_line([str(frame.stamp_ns), name]))
 
 
 def _write_euroc_calibrations(mav0: Path, contents: RecordingContents) -> None:
@@ -188,14 +186,14 @@ def _write_euroc_calibrations(mav0: Path, contents: RecordingContents) -> None:
             euroc_sensor.write_imu(mav0 / sensor, imu)
     stereo = contents.stereo
     if stereo is not None:
-        lenses = (stereo.left, stereo.right)
+        cameras = (stereo.left, stereo.right)
         mountings = (stereo.T_body_left_camera, stereo.T_body_right_camera)
-        for camera, lens, T_body_camera in zip(CAMERAS, lenses, mountings, strict=True):
-            euroc_sensor.write_camera(mav0 / camera, lens, T_body_camera, stereo.time_offset_s)
+        for name, intrinsics, T_body_camera in zip(CAMERAS, cameras, mountings, strict=True):
+            euroc_sensor.write_camera(mav0 / name, intrinsics, T_body_camera, stereo.time_offset_s)
 
 
 def _rows(measurements: Iterable[Measurement]) -> Iterator[list[Measurement]]:
-    """Runs of samples that can share a row: one stamp, and in the order in which a row is read back."""
+    """Samples that share a row: of one stamp, and in the order in which a row is read back."""
     row: list[Measurement] = []
     for sample in measurements:
         if row and (sample.stamp_ns != row[-1].stamp_ns or order_key(sample) <= order_key(row[-1])):
@@ -222,12 +220,12 @@ def _write_euroc_truth(folder: Path, trajectory: Trajectory) -> None:
     if trajectory.velocity_world is not None:
         poses = np.hstack((poses, trajectory.velocity_world))
         columns += [f"v_RS_R_{axis} [m s^-1]" for axis in "xyz"]
-    with _sheet(folder, columns) as out:
+    with _open_csv(folder, columns) as out:
         for stamp_ns, pose in zip(trajectory.stamps_ns, poses, strict=True):
             out.write(_line([str(int(stamp_ns)), *_cells(pose)]))
 
 
-def _sheet(folder: Path, columns: Iterable[str]) -> TextIO:
+def _open_csv(folder: Path, columns: Iterable[str]) -> TextIO:
     """``data.csv`` of a sensor, with its header written."""
     folder.mkdir(parents=True, exist_ok=True)
     out = (folder / "data.csv").open("w", encoding="ascii", newline="\n")
@@ -236,7 +234,7 @@ def _sheet(folder: Path, columns: Iterable[str]) -> TextIO:
 
 
 def _headers(robot: RobotDescription, imu: Sequence[str], joints: RecordedJoints) -> dict[type, Sequence[str]]:
-    """Column names a sensor, in the order in which they stand in a row."""
+    """Column names by sensor, in the order of a row."""
     return {
         FootForceSample: [f"{leg}.force" for leg in robot.leg_names],
         ImuSample: imu,

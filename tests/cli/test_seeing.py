@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from console import Coclo, is_one_sentence
 
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.images import encoded
 from coclo_vio.datasets.sample import sample_path

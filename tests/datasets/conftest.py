@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.datasets import images
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.sequencer import merge_streams, sort_measurements
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import LegDescription, RobotDescription
@@ -55,7 +55,7 @@ def log() -> list[Measurement]:
 
 
 @pytest.fixture
-def seen(biped: RobotDescription, log: list[Measurement]) -> RecordingContents:
+def full_recording(biped: RobotDescription, log: list[Measurement]) -> RecordingContents:
     """The log with the camera's IMU, five pairs of images, ground truth and all calibrations."""
     rng = np.random.default_rng(11)
     start_ns = log[0].stamp_ns
@@ -88,7 +88,7 @@ def seen(biped: RobotDescription, log: list[Measurement]) -> RecordingContents:
 
 @pytest.fixture
 def decoded_stream() -> Callable[[RecordingContents], list[Measurement]]:
-    """What a reader has to make of contents: all measurements and the decoded images, merged."""
+    """The expected measurements of a reader: all samples and the decoded images, merged."""
 
     def stream(contents: RecordingContents) -> list[Measurement]:
         frames = [
@@ -104,10 +104,10 @@ def decoded_stream() -> Callable[[RecordingContents], list[Measurement]]:
 def assert_same() -> Callable[[Iterable[Measurement], Iterable[Measurement]], None]:
     """Equality of two streams: the same types in the same order, every value equal to the last bit, NaN with NaN."""
 
-    def compare(got: Iterable[Measurement], wanted: Iterable[Measurement]) -> None:
-        got, wanted = list(got), list(wanted)
-        assert [type(sample) for sample in got] == [type(sample) for sample in wanted]
-        for mine, theirs in zip(got, wanted, strict=True):
+    def compare(got: Iterable[Measurement], expected: Iterable[Measurement]) -> None:
+        got, expected = list(got), list(expected)
+        assert [type(sample) for sample in got] == [type(sample) for sample in expected]
+        for mine, theirs in zip(got, expected, strict=True):
             assert mine.stamp_ns == theirs.stamp_ns
             for field in dataclasses.fields(mine):
                 np.testing.assert_array_equal(getattr(mine, field.name), getattr(theirs, field.name), field.name)

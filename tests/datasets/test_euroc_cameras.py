@@ -3,7 +3,7 @@ import cv2
 import numpy as np
 import pytest
 
-from coclo_vio.datasets import camera_rows, euroc_sensor, images
+from coclo_vio.datasets import euroc_sensor, image_pairs, images
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.values.calibration import CameraCalibration
@@ -14,8 +14,8 @@ FRAMES_ONLY = frozenset({StereoFrame})
 
 
 @pytest.fixture
-def mav0(tmp_path, seen):
-    return write_euroc_folder(tmp_path, seen)
+def mav0(tmp_path, full_recording):
+    return write_euroc_folder(tmp_path, full_recording)
 
 
 def frames_of(mav0, **config):
@@ -35,21 +35,21 @@ def test_cameras_and_their_imu_are_read_without_a_robot(mav0):
     assert kinds == {CameraImuSample, StereoFrame}
 
 
-def test_no_image_is_opened_unasked(mav0, seen, monkeypatch, assert_same):
+def test_no_image_is_decoded_unless_requested(mav0, full_recording, monkeypatch, assert_same):
     def refuse(data, source):
         raise AssertionError(f"{source} was decoded")
 
-    monkeypatch.setattr(camera_rows.images, "decoded", refuse)
-    dataset = open_dataset(mav0, seen.robot)
+    monkeypatch.setattr(image_pairs.images, "decoded", refuse)
+    dataset = open_dataset(mav0, full_recording.robot)
     assert all(type(sample) is not StereoFrame for sample in dataset.measurements())
     stereo = dataset.report().stream("stereo")
-    assert (stereo.samples, stereo.start_ns) == (5, seen.frames[0].stamp_ns)
+    assert (stereo.samples, stereo.start_ns) == (5, full_recording.frames[0].stamp_ns)
     assert stereo.rate_hz == pytest.approx(25.0, abs=0.01)
     with pytest.raises(AssertionError, match="was decoded"):
         list(dataset.measurements(ALL_SENSORS))
 
 
-def test_images_that_are_not_there_are_left_out_and_named(mav0):
+def test_missing_images_are_left_out_and_named(mav0):
     gone = image_files(mav0, "cam1")[1:3]
     for path in gone:
         path.unlink()
@@ -57,22 +57,22 @@ def test_images_that_are_not_there_are_left_out_and_named(mav0):
     assert len(list(dataset.measurements(FRAMES_ONLY))) == 3
     report = dataset.report()
     assert report.dropped == {
-        "cam1/data.csv: its image file is not there": 2,
-        "cam0/data.csv: no image of the other camera at that stamp": 2,
+        "cam1/data.csv: image file is missing": 2,
+        "cam0/data.csv: no image of the other camera at this stamp": 2,
     }
-    assert f"cam1/data.csv names 2 images that are not there: {gone[0].name}, {gone[1].name}" in report.notes
+    assert f"cam1/data.csv names 2 images whose files are missing: {gone[0].name}, {gone[1].name}" in report.notes
 
 
-def test_rows_are_paired_by_stamp_and_not_by_order(mav0, seen):
+def test_rows_are_paired_by_stamp_and_not_by_order(mav0, full_recording):
     path = mav0 / "cam1" / "data.csv"
     header, *rows = path.read_text().splitlines()
     path.write_text("\n".join([header, *reversed(rows)]) + "\n")
-    for frame, encoded in zip(frames_of(mav0), seen.frames, strict=True):
+    for frame, encoded in zip(frames_of(mav0), full_recording.frames, strict=True):
         np.testing.assert_array_equal(frame.right, images.decoded(encoded.right, "made"))
 
 
-def test_shuffled_rows_are_put_in_time_order_when_asked(mav0, seen):
-    stamps = [frame.stamp_ns for frame in seen.frames]
+def test_shuffled_rows_are_sorted_if_configured(mav0, full_recording):
+    stamps = [frame.stamp_ns for frame in full_recording.frames]
     for camera in ("cam0", "cam1"):
         path = mav0 / camera / "data.csv"
         header, *rows = path.read_text().splitlines()
@@ -86,7 +86,7 @@ def test_a_list_that_was_cut_off_is_read_up_to_there(mav0):
     path.write_text(path.read_text()[:-3])  # within a file name
     dataset = open_dataset(mav0, None)
     assert len(list(dataset.measurements(FRAMES_ONLY))) == 4
-    assert dataset.report().dropped["cam0/data.csv: its image file is not there"] == 1
+    assert dataset.report().dropped["cam0/data.csv: image file is missing"] == 1
 
 
 def test_a_last_line_without_newline_is_an_image_like_others(mav0):
@@ -95,9 +95,9 @@ def test_a_last_line_without_newline_is_an_image_like_others(mav0):
     assert len(frames_of(mav0)) == 5
 
 
-def test_one_camera_is_no_pair_and_that_is_said(mav0, seen):
+def test_a_single_camera_is_not_read_and_that_is_noted(mav0, full_recording):
     (mav0 / "cam1" / "data.csv").unlink()
-    report = open_dataset(mav0, seen.robot).report()
+    report = open_dataset(mav0, full_recording.robot).report()
     assert report.stream("stereo") is None
     assert any("cam1/data.csv is absent" in note for note in report.notes)
 
@@ -111,7 +111,7 @@ def test_colour_becomes_grey(mav0):
     np.testing.assert_array_equal(first.right, grey)
 
 
-def test_deep_images_are_refused_in_a_sentence(mav0):
+def test_images_of_16_bits_are_refused_in_a_sentence(mav0):
     replace_image(mav0, "cam1", 2, np.full((12, 16), 4000, dtype=np.uint16))
     with pytest.raises(DatasetError, match=r"cam1/data/\d+\.png has pixels of uint16, only 8-bit"):
         frames_of(mav0)
@@ -124,25 +124,25 @@ def test_images_of_different_sizes_are_named(mav0):
 
 
 @pytest.mark.parametrize("keep", [0, 30, -20])
-def test_a_file_that_is_no_image_is_named(mav0, keep):
+def test_a_file_that_is_not_an_image_is_named(mav0, keep):
     path = image_files(mav0, "cam0")[3]
     path.write_bytes(path.read_bytes()[:keep])
-    with pytest.raises(DatasetError, match=f"{path.name} is no image that can be read"):
+    with pytest.raises(DatasetError, match=f"{path.name} cannot be decoded as an image"):
         frames_of(mav0)
 
 
-def test_images_that_cannot_be_read_are_left_out_when_that_is_allowed(mav0, seen):
+def test_images_that_cannot_be_read_are_left_out_when_that_is_allowed(mav0, full_recording):
     image_files(mav0, "cam1")[3].write_bytes(b"no image")
-    dataset = open_dataset(mav0, seen.robot, DatasetConfig(allow_partial=True))
+    dataset = open_dataset(mav0, full_recording.robot, DatasetConfig(allow_partial=True))
     kinds = [type(sample) for sample in dataset.measurements(ALL_SENSORS)]
     assert kinds.count(StereoFrame) == 4
     report = dataset.report()
     assert (report.stream("stereo").samples, report.stream("imu").samples) == (4, 40)
-    assert report.dropped == {"pair of images that cannot be decoded": 1}
-    assert any("is no image that can be read" in note for note in report.notes)
+    assert report.dropped == {"stereo: image pair cannot be decoded": 1}
+    assert any("cannot be decoded as an image" in note for note in report.notes)
 
 
-def test_a_list_without_file_names_is_told(mav0):
+def test_a_list_without_file_names_is_an_error(mav0):
     path = mav0 / "cam0" / "data.csv"
     path.write_text(path.read_text().replace("filename", "name"))
     with pytest.raises(TopicNotFound, match="no column filename; the columns are name, timestamp"):
@@ -153,7 +153,7 @@ def test_a_list_without_file_names_is_told(mav0):
     ("distortion", "coefficients"),
     [("none", ()), ("radtan", (-0.28, 0.07, 1e-4, 2e-5)), ("radtan", (1.0,) * 8), ("equidistant", (0.0,) * 4)],
 )
-def test_lenses_survive(tmp_path, seen, distortion, coefficients):
+def test_intrinsics_survive(tmp_path, full_recording, distortion, coefficients):
     lens = CameraCalibration(
         width_px=752,
         height_px=480,
@@ -163,30 +163,32 @@ def test_lenses_survive(tmp_path, seen, distortion, coefficients):
         distortion_coefficients=coefficients,
     )
     for side in ("left", "right"):
-        euroc_sensor.write_camera(tmp_path / side, lens, getattr(seen.stereo, f"T_body_{side}_camera"), -0.0125)
+        euroc_sensor.write_camera(
+            tmp_path / side, lens, getattr(full_recording.stereo, f"T_body_{side}_camera"), -0.0125
+        )
     back = euroc_sensor.read_stereo(tmp_path / "left" / "sensor.yaml", tmp_path / "right" / "sensor.yaml")
-    assert back == seen.stereo.model_copy(update={"left": lens, "right": lens, "time_offset_s": -0.0125})
+    assert back == full_recording.stereo.model_copy(update={"left": lens, "right": lens, "time_offset_s": -0.0125})
 
 
 @pytest.mark.parametrize(
-    ("found", "put", "error", "said"),
+    ("found", "put", "error", "message"),
     [
-        ("intrinsics", "intrinsic", CalibrationMissing, "has no intrinsics; the keys there are: T_BS, camera_model"),
+        ("intrinsics", "intrinsic", CalibrationMissing, "has no intrinsics; its keys are: T_BS, camera_model"),
         ("T_BS", "T_SB", CalibrationMissing, "has no T_BS"),
-        ("radial-tangential", "fov", DatasetError, "'fov' is not known; known are equidistant"),
+        ("radial-tangential", "fov", DatasetError, "'fov' is not supported; supported are equidistant"),
         ("[16, 12]", "[16]", DatasetError, "must be width and height"),
         ("[16, 12]", "[16, -12]", DatasetError, "height_px"),
         ("[9.5, ", "[", DatasetError, "the four numbers fx, fy, cx, cy"),
         ("[0.0, 0.0, 0.0, 0.0]", "[0.1, 0.0]", DatasetError, "4 or 5 or 8 coefficients"),
     ],
 )
-def test_a_camera_without_its_calibration_is_one_sentence(mav0, found, put, error, said):
+def test_a_camera_without_its_calibration_is_one_sentence(mav0, found, put, error, message):
     path = mav0 / "cam1" / "sensor.yaml"
     assert found in path.read_text()
     path.write_text(path.read_text().replace(found, put))
-    with pytest.raises(error, match=said) as told:
+    with pytest.raises(error, match=message) as raised:
         open_dataset(mav0, None).stereo_calibration()
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_without_a_sensor_yaml_there_is_no_stereo_calibration(mav0):
@@ -202,8 +204,8 @@ def test_the_start_of_v1_01_as_it_is(shared_data):
     report = dataset.report()
     assert report.stream("stereo").samples == 95
     assert report.stream("stereo").rate_hz == pytest.approx(20.0, abs=0.01)
-    assert report.dropped == {"cam1/data.csv: its image file is not there": 4}
-    assert any("cam1/data.csv names 4 images that are not there: " in note for note in report.notes)
+    assert report.dropped == {"cam1/data.csv: image file is missing": 4}
+    assert any("cam1/data.csv names 4 images whose files are missing: " in note for note in report.notes)
     stereo = dataset.stereo_calibration()
     assert stereo.baseline_m == pytest.approx(0.110, abs=0.001)
     assert (stereo.left.distortion, stereo.left.focal_px) == ("radtan", (458.654, 457.296))

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from coclo_vio.datasets import images
-from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.errors import DatasetError, TopicNotFound
@@ -55,12 +55,12 @@ def test_without_joints_the_imu_is_read_and_the_absence_noted(folder, biped):
     assert "joints0/data.csv is absent" in dataset.report().notes
 
 
-def test_without_a_robot_the_joints_are_left_unread(folder):
+def test_without_a_robot_the_joints_are_not_read(folder):
     dataset = open_dataset(folder, None)
     assert {type(sample) for sample in dataset.measurements()} == {ImuSample}
     assert any("no robot was named" in note for note in dataset.report().notes)
     (folder / "mav0" / "imu0" / "data.csv").unlink()
-    with pytest.raises(DatasetError, match="imu0 is absent"):
+    with pytest.raises(DatasetError, match="imu0 and imu1 are absent"):
         open_dataset(folder, None)
 
 
@@ -95,7 +95,7 @@ def test_each_file_may_be_cut_off(folder, biped):
     assert [stream.samples for stream in report.streams] == [19, 39, 19]
 
 
-def test_sensor_yaml_gives_noise_and_mounting(folder, biped):
+def test_sensor_yaml_holds_noise_and_mounting(folder, biped):
     path = folder / "mav0" / "imu0" / "sensor.yaml"
     assert open_dataset(folder, biped).imu_calibration() is None
     path.write_text(YAML)
@@ -107,17 +107,17 @@ def test_sensor_yaml_gives_noise_and_mounting(folder, biped):
 
 
 @pytest.mark.parametrize(
-    ("broken", "said"),
+    ("broken", "message"),
     [
         (YAML.replace("0.3,", "0.3, 7.0,"), "4 x 4 numbers"),
-        (YAML.replace("-1.0", "1.0"), "holds no rotation"),
+        (YAML.replace("-1.0", "1.0"), "is not orthonormal"),
         ("[1, 2]", "must hold a mapping"),
         ("a: [1", "cannot read"),
     ],
 )
-def test_a_broken_sensor_yaml_is_one_sentence(folder, biped, broken, said):
+def test_a_broken_sensor_yaml_is_one_sentence(folder, biped, broken, message):
     (folder / "mav0" / "imu0" / "sensor.yaml").write_text(broken)
-    with pytest.raises(DatasetError, match=said):
+    with pytest.raises(DatasetError, match=message):
         open_dataset(folder, biped).imu_calibration()
 
 
@@ -177,19 +177,19 @@ def test_the_files_of_the_published_sequences_are_read(published):
     assert (dataset.name, truth.source) == ("MH_01_easy", "state_groundtruth_estimate0/data.csv")
     np.testing.assert_array_equal(truth.trajectory.velocity_world, [[-0.03, 0.03, 0.8]])
     report = dataset.report()
-    assert report.dropped == {"cam1/data.csv: its image file is not there": 1}
+    assert report.dropped == {"cam1/data.csv: image file is missing": 1}
     assert sorted(report.notes) == [
-        "cam1/data.csv names 1 images that are not there: 1403636579813555456.png",
+        "cam1/data.csv names 1 images whose files are missing: 1403636579813555456.png",
         "joints0/data.csv is absent",
-        "the body is the frame that T_BS of each sensor.yaml refers to, whatever its axes",
+        "the body frame is the one that T_BS of each sensor.yaml refers to, whatever its axes",
     ]
 
 
-def test_positions_of_a_prism_are_no_ground_truth_and_that_is_said(published):
+def test_positions_of_a_prism_are_not_ground_truth_and_that_is_noted(published):
     (published / "mav0" / "state_groundtruth_estimate0" / "data.csv").unlink()
     dataset = open_dataset(published, None)
     assert dataset.ground_truth() is None
-    assert "leica0/data.csv is left unread: positions of a prism, no poses of the body" in dataset.report().notes
+    assert "leica0/data.csv is not read: it holds positions of a prism, not poses of the body" in dataset.report().notes
 
 
 def test_the_truth_of_v1_01_is_of_the_imu_in_a_world_that_is_z_up(shared_data):

@@ -31,7 +31,7 @@ def test_columns_are_taken_by_name_in_any_order(read):
     assert tally.notes == []
 
 
-def test_a_header_whose_names_repeat_is_read_by_position_and_that_is_said(read):
+def test_a_header_whose_names_repeat_is_read_by_position_and_that_is_noted(read):
     truth, tally = read("px,py,pz,px,py,pz,pw", f"1,2,3,{QUARTER}", f"2,2,3,{QUARTER}")
     assert not truth.has_stamps
     assert so3.yaw(truth.trajectory.rotations)[0] == pytest.approx(np.pi / 2)
@@ -43,7 +43,7 @@ def test_a_header_whose_names_repeat_is_read_by_position_and_that_is_said(read):
 def test_a_pose_that_is_missing_keeps_its_place_in_time(read):
     truth, tally = read("x,y,z,qx,qy,qz,qw", "0,0,0,0,0,0,1", "nan,0,0,0,0,0,1", "2,0,0,0,0,0,1")
     np.testing.assert_array_equal(truth.trajectory.stamps_ns, [0, 2 * UNSTAMPED_PERIOD_NS])
-    assert tally.dropped == {"ground truth: empty or NaN": 1}
+    assert tally.dropped == {"ground truth: pose empty or NaN": 1}
 
 
 def test_stamps_that_repeat_or_go_back_are_dropped_and_counted(read):
@@ -53,12 +53,12 @@ def test_stamps_that_repeat_or_go_back_are_dropped_and_counted(read):
     assert tally.dropped == {"ground truth: stamp repeated or out of order": 2}
 
 
-def test_a_quaternion_that_is_none_is_refused(read):
+def test_a_quaternion_that_is_not_a_unit_is_refused(read):
     with pytest.raises(DatasetError, match=r"pose 2: the quaternion has norm 3\.742, not 1"):
         read("x,y,z,qx,qy,qz,qw", "0,0,0,0,0,0,1", "0,0,1,0,1,2,3")
 
 
-def test_columns_that_make_no_pose_are_listed(read):
+def test_columns_that_are_not_a_pose_are_listed(read):
     with pytest.raises(DatasetError, match="from the columns alpha, beta"):
         read("alpha,beta", "1,2")
 

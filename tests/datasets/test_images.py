@@ -29,6 +29,6 @@ def test_an_image_without_pixels_cannot_be_written():
         images.encoded(np.zeros((0, 4), dtype=np.uint8), "png")
 
 
-def test_channels_that_mean_nothing_are_refused():
+def test_unsupported_channels_are_refused():
     with pytest.raises(DatasetError, match="2 channels"):
         images.grey(np.zeros((4, 4, 2), dtype=np.uint8), "odd.tif")

@@ -52,7 +52,7 @@ def test_noise_falls_with_the_window_as_documented():
         assert found.std() == pytest.approx(noise, abs=0.01)
 
 
-def test_a_joint_that_says_nothing_has_no_velocity_and_leaves_the_others_alone():
+def test_a_joint_without_angle_has_no_velocity_and_does_not_affect_the_others():
     stamps_ns = np.arange(20) * 2_500_000
     angles = np.outer(np.arange(20) * 0.0025, [2.0, -1.0])
     angles[10, 0] = np.nan
@@ -75,7 +75,7 @@ def test_a_slow_log_uses_the_newest_two_angles_however_far_apart():
     np.testing.assert_allclose(velocities(np.round(t * 1e9), 4.0 * t, window_s=0.006)[1:, 0], 4.0, atol=1e-9)
 
 
-def test_repeated_and_late_stamps_give_nothing_and_do_no_harm():
+def test_repeated_and_late_stamps_have_no_velocity_and_do_not_affect_later_ones():
     stamps_ns = np.array([0, 1, 2, 2, 1, 3, 4]) * 2_500_000
     angles = np.array([0.0, 1.0, 2.0, 9.0, -9.0, 3.0, 4.0])
     found = velocities(stamps_ns, angles)[:, 0]
@@ -83,14 +83,14 @@ def test_repeated_and_late_stamps_give_nothing_and_do_no_harm():
     np.testing.assert_allclose(found[[1, 2, 5, 6]], 400.0, rtol=1e-9)
 
 
-def test_a_clock_that_jumps_back_does_not_silence_the_rest():
+def test_a_clock_that_jumps_back_does_not_stop_the_estimate():
     stamps_ns = np.concatenate((np.arange(5) * 2_500_000 + 10**12, np.arange(5) * 2_500_000))
     found = velocities(stamps_ns, np.tile(np.arange(5) * 0.0025, 2))[:, 0]
     np.testing.assert_allclose(found[6:], 1.0, atol=1e-9)
 
 
 def test_the_default_is_the_line_that_predicts_the_go1s_next_angles_best(shared_data):
-    """The choice rests on the robot's own angles: no ground truth is read here."""
+    """The choice rests on the robot's own angles: ground truth is not read here."""
     dataset = open_dataset(shared_data / "go1_mocap", load_robot("go1"))
     joints = [sample for sample in dataset.measurements() if isinstance(sample, JointSample)][2000:4000]
     stamps_ns = np.array([sample.stamp_ns for sample in joints])

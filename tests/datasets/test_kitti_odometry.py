@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from coclo_vio.datasets import camera_rows, images
+from coclo_vio.datasets import image_pairs, images
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.errors import CalibrationMissing, DatasetError, TimestampError
@@ -10,7 +10,7 @@ from coclo_vio.values.measurements import ALL_SENSORS, StereoFrame
 
 FRAMES_ONLY = frozenset({StereoFrame})
 K = np.array([[718.856, 0.0, 607.1928], [0.0, 718.856, 185.2157], [0.0, 0.0, 1.0]])
-# The centres of KITTI's four cameras in the frame of the first, m; colour ones stand a little off the line.
+# The centres of KITTI's four cameras in the frame of the first, m; the colour cameras are slightly off the line.
 CENTRES = {
     "P0": (0.0, 0.0, 0.0),
     "P1": (0.5372, 0.0, 0.0),
@@ -34,7 +34,7 @@ def calib(*names):
 
 
 def poses(count):
-    """Cameras that go along their z axis and turn to the right: T_world_camera (count, 4, 4)."""
+    """Cameras that move along their z axis and turn to the right: T_world_camera (count, 4, 4)."""
     steps = np.arange(count)[:, None]
     return se3.transform(so3.exp(steps * np.array([0.0, 0.1, 0.0])), steps * np.array([0.2, -0.1, 1.2]))
 
@@ -47,7 +47,7 @@ def pictures():
 
 @pytest.fixture
 def write(tmp_path, pictures):
-    """Writes a sequence and gives its folder."""
+    """Writes a sequence and returns its folder."""
 
     def write_sequence(name="00", folders=("image_0", "image_1"), calibration=None, times=TIMES_S):
         folder = tmp_path / "sequences" / name
@@ -81,24 +81,24 @@ def test_a_sequence_comes_back_as_it_was_written(write, pictures):
     assert dataset.report().dropped == {}
 
 
-def test_no_image_is_opened_to_tell_what_there_is(write, monkeypatch):
+def test_no_image_is_decoded_for_the_report(write, monkeypatch):
     def refuse(data, source):
         raise AssertionError(f"{source} was decoded")
 
-    monkeypatch.setattr(camera_rows.images, "decoded", refuse)
+    monkeypatch.setattr(image_pairs.images, "decoded", refuse)
     stereo = open_dataset(write(), None).report().stream("stereo")
     assert (stereo.samples, stereo.end_ns) == (5, TIMES_NS[-1])
     assert stereo.rate_hz == pytest.approx(9.65, abs=0.01)
 
 
-def test_without_times_the_rate_is_assumed_and_that_is_said(write):
+def test_without_times_the_rate_is_assumed_and_that_is_noted(write):
     folder = write(times=None)
     assert [frame.stamp_ns for frame in frames_of(folder)] == [n * 100_000_000 for n in range(5)]
     assert [frame.stamp_ns for frame in frames_of(folder, frame_rate_hz=15.0)][:3] == [0, 66_666_667, 133_333_333]
     assert any("taken to be 10 Hz" in note for note in open_dataset(folder, None).report().notes)
 
 
-def test_both_spellings_of_the_calibration_give_the_same_rectified_pair(write):
+def test_both_forms_of_the_calibration_hold_the_same_rectified_pair(write):
     bare = "\n".join(row(projection(name)) for name in ("P0", "P1"))
     in_rows = "\n".join(row(line) for name in ("P0", "P1") for line in projection(name))
     pairs = [
@@ -124,9 +124,9 @@ def test_the_body_is_the_first_camera_with_x_forward_y_left_z_up(write):
     np.testing.assert_allclose(stereo.T_body_right_camera[:3, 3], [0.0, -0.5372, 0.0], atol=1e-12)
 
 
-def test_grey_cameras_are_read_before_colour_ones_and_colour_ones_stand_where_they_are(write):
+def test_grey_cameras_are_preferred_and_colour_cameras_have_their_own_mounting(write):
     both = write("both", ("image_0", "image_1", "image_2", "image_3"))
-    assert any("image_2 and image_3 are left unread" in note for note in open_dataset(both, None).report().notes)
+    assert any("image_2 and image_3 are not" in note for note in open_dataset(both, None).report().notes)
     stereo = open_dataset(write("colour", ("image_2", "image_3")), None).stereo_calibration()
     np.testing.assert_allclose(stereo.T_body_left_camera[:3, 3], [-0.0027, 0.06, -0.0003], atol=1e-9)
     assert stereo.baseline_m == pytest.approx(0.5325, abs=1e-9)
@@ -157,25 +157,25 @@ def test_poses_without_a_time_and_a_last_line_that_was_cut_off_are_left_out(writ
 
 
 @pytest.mark.parametrize(
-    ("broken", "said"),
+    ("broken", "message"),
     [
         ("1 0 0 0 0 1 0 0 0 0 1\n", "line 1: 11 numbers; a pose has 12"),
         ("1 0 0 0 0 1 0 0 0 0 1 0 5\n", "line 1: 13 numbers"),
         ("1 0 0 0 0 1 0 0 0 0 1 x\n", "line 1: could not convert string to float: 'x'"),
         ("1 0 0 0 0 1 0 0 0 0 nan 0\n", "line 1: a number is not finite"),
-        ("1 0 0 0 0 2 0 0 0 0 1 0\n", "pose 1: its first three columns are no rotation"),
-        ("-1 0 0 0 0 1 0 0 0 0 1 0\n", "pose 1: its first three columns are no rotation"),
+        ("1 0 0 0 0 2 0 0 0 0 1 0\n", "pose 1: its first three columns are not a rotation"),
+        ("-1 0 0 0 0 1 0 0 0 0 1 0\n", "pose 1: its first three columns are not a rotation"),
         ("\n", "holds no pose"),
     ],
 )
-def test_poses_that_are_none_are_told_with_their_line(write, broken, said):
+def test_malformed_poses_are_an_error_with_their_line(write, broken, message):
     folder = write()
     (folder / "poses.txt").write_text(broken)
-    with pytest.raises(DatasetError, match=f"poses.txt.*{said}"):
+    with pytest.raises(DatasetError, match=f"poses.txt.*{message}"):
         open_dataset(folder, None).ground_truth()
 
 
-def test_images_without_their_other_half_are_left_out_and_the_rest_keeps_its_times(write):
+def test_images_without_a_partner_are_left_out_and_the_rest_keeps_its_times(write):
     folder = write()
     (folder / "image_1" / "000001.png").unlink()
     (folder / "image_0" / "000003.png").unlink()
@@ -185,65 +185,69 @@ def test_images_without_their_other_half_are_left_out_and_the_rest_keeps_its_tim
     stamps = [frame.stamp_ns for frame in dataset.measurements(FRAMES_ONLY)]
     assert stamps == [TIMES_NS[0], TIMES_NS[2], TIMES_NS[4]]
     assert dataset.report().dropped == {
-        "image_0: no image of the other camera with that number": 1,
-        "image_1: no image of the other camera with that number": 1,
-        "image_0: the name of the image is no number, or one that was there before": 1,
+        "image_0: no image of the other camera with this number": 1,
+        "image_1: no image of the other camera with this number": 1,
+        "image_0: image name is not a number, or its number is repeated": 1,
     }
 
 
 def test_a_list_of_times_that_was_cut_off_leaves_out_what_has_no_time(write):
     dataset = open_dataset(write(times=TIMES_S[:3]), None)
     assert [frame.stamp_ns for frame in dataset.measurements(FRAMES_ONLY)] == TIMES_NS[:3]
-    assert dataset.report().dropped == {"pair of images without a line in times.txt": 2}
+    assert dataset.report().dropped == {"stereo: image pair without a line in times.txt": 2}
 
 
-def test_times_that_go_back_are_told_and_sorted_when_asked(write):
+def test_times_that_go_back_are_counted_and_sorted_if_configured(write):
     folder = write(times=(*TIMES_S[2:], *TIMES_S[:2]))
     assert open_dataset(folder, None).report().stream("stereo").backward_stamps == 1
     assert [frame.stamp_ns for frame in frames_of(folder, sort=True)] == TIMES_NS
 
 
 @pytest.mark.parametrize(
-    ("times", "error", "said"),
+    ("times", "error", "message"),
     [
-        (("0.0", "0.1 0.2"), DatasetError, "times.txt, line 2: a line is one time in seconds"),
+        (("0.0", "0.1 0.2"), DatasetError, "times.txt, line 2: a line holds one time in seconds"),
         (("0.0", "nan"), DatasetError, "times.txt, line 2"),
         (("1317384506402996540",), TimestampError, "line 1: 1317384506402996540 s is beyond 64-bit nanoseconds"),
         ((), DatasetError, "times.txt is empty"),
     ],
 )
-def test_times_that_are_none_are_told_with_their_line(write, times, error, said):
-    with pytest.raises(error, match=said):
+def test_malformed_times_are_an_error_with_their_line(write, times, error, message):
+    with pytest.raises(error, match=message):
         open_dataset(write(times=times), None)
 
 
 @pytest.mark.parametrize(
-    ("calibration", "error", "said"),
+    ("calibration", "error", "message"),
     [
-        (calib("P0", "P2"), CalibrationMissing, "has no P1; the lines there are: P0, P2"),
+        (calib("P0", "P2"), CalibrationMissing, "has no P1; its lines are: P0, P2"),
         (calib("P0", "P1").replace("P1: ", "P1: 4 "), DatasetError, "line 2: P1 has 13 numbers, a projection has 12"),
         (calib("P0")[4:], DatasetError, "it holds 12 numbers without a name, 0 lines with one"),
         (calib("P0", "P1").replace("P1: ", ""), DatasetError, "it holds 12 numbers without a name, 1 lines with one"),
         (calib("P0", "P1").replace("P1: ", "P1: x"), DatasetError, "line 2: could not convert"),
-        (calib("P0", "P1").replace("P0", "P9").replace("P1", "P0").replace("P9", "P1"), DatasetError, "wrong order"),
-        (f"P0: {row(projection('P0'))}\nP1: {row(2 * projection('P1'))}", DatasetError, "different pinholes"),
-        (f"P0: {row(projection('P0') + 0.1)}\nP1: {row(projection('P1'))}", DatasetError, "begin with a pinhole"),
+        (
+            calib("P0", "P1").replace("P0", "P9").replace("P1", "P0").replace("P9", "P1"),
+            DatasetError,
+            "check the order",
+        ),
+        (f"P0: {row(projection('P0'))}\nP1: {row(2 * projection('P1'))}", DatasetError, "different camera matrices"),
+        (f"P0: {row(projection('P0') + 0.1)}\nP1: {row(projection('P1'))}", DatasetError, "begin with a camera matrix"),
     ],
 )
-def test_a_calibration_that_is_none_is_one_sentence(write, calibration, error, said):
+def test_a_malformed_calibration_is_one_sentence(write, calibration, error, message):
     dataset = open_dataset(write(calibration=calibration), None)
-    with pytest.raises(error, match=said) as told:
+    with pytest.raises(error, match=message) as raised:
         dataset.stereo_calibration()
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
-def test_cameras_that_do_not_stand_side_by_side_are_no_rectified_pair(write, monkeypatch):
+def test_cameras_that_are_not_side_by_side_are_not_a_rectified_pair(write, monkeypatch):
     monkeypatch.setitem(CENTRES, "P1", (0.5, 0.1, 0.0))
-    with pytest.raises(DatasetError, match=r"P1 stands at \[0\.5, 0\.1, 0\.0\] m of P0.*not rectified"):
+    with pytest.raises(DatasetError, match=r"P1 is at \[0\.5, 0\.1, 0\.0\] m from P0.*not rectified"):
         open_dataset(write(calibration=calib("P0", "P1")), None).stereo_calibration()
 
 
-def test_without_its_file_there_is_no_calibration_and_that_is_said(write):
+def test_without_its_file_there_is_no_calibration_and_that_is_noted(write):
     folder = write()
     (folder / "calib.txt").unlink()
     dataset = open_dataset(folder, None)
@@ -251,13 +255,13 @@ def test_without_its_file_there_is_no_calibration_and_that_is_said(write):
     assert "calib.txt is absent: the cameras are not calibrated" in dataset.report().notes
 
 
-def test_a_folder_of_one_camera_is_no_recording(write):
+def test_a_folder_of_one_camera_is_not_a_recording(write):
     folder = write(folders=("image_0",))
-    with pytest.raises(DatasetError, match=r"has image_0 but no pair of folders; looked for .*image_0 and image_1"):
+    with pytest.raises(DatasetError, match=r"has image_0 but no pair of folders; a sequence has .*image_0 and image_1"):
         open_dataset(folder, None)
 
 
-def test_folders_without_images_are_told(write):
+def test_folders_without_images_are_an_error(write):
     folder = write()
     for camera in ("image_0", "image_1"):
         for path in (folder / camera).iterdir():
@@ -265,7 +269,7 @@ def test_folders_without_images_are_told(write):
     dataset = open_dataset(folder, None)
     with pytest.raises(DatasetError, match="00 holds no sample"):
         dataset.report()
-    with pytest.raises(DatasetError, match=r"holds no image whose name is a number, such as 000000\.png"):
+    with pytest.raises(DatasetError, match=r"holds no image named by a number, such as 000000\.png"):
         dataset.stereo_calibration()
 
 
@@ -276,7 +280,7 @@ def test_images_of_different_sizes_and_broken_ones_are_named(write):
     with pytest.raises(DatasetError, match=r"000002\.png has 12 x 8 pixels, .*000002\.png 14 x 8"):
         frames_of(folder)
     path.write_bytes(b"no image")
-    with pytest.raises(DatasetError, match=r"image_1/000002\.png is no image that can be read"):
+    with pytest.raises(DatasetError, match=r"image_1/000002\.png cannot be decoded as an image"):
         frames_of(folder)
     assert [frame.stamp_ns for frame in frames_of(folder, allow_partial=True)] == TIMES_NS[:2] + TIMES_NS[3:]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whose joints a recording has, and what is said where that is not clear."""
+"""The robot whose joints a recording has, and the error where it is ambiguous."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def test_all_joints_of_a_robot_and_some_more_fit_it():
     fit = fit_of([*DAISY, "gripper"])
     assert (fit.fitting, fit.nearest) == (("daisy",), None)
     assert fit.guess("", takes_nearest=False) == "daisy"
-    assert fit.strangers("daisy") == ("gripper",)
+    assert fit.foreign_joints("daisy") == ("gripper",)
 
 
 def test_of_robots_that_share_their_joints_the_name_decides():
@@ -25,41 +25,41 @@ def test_of_robots_that_share_their_joints_the_name_decides():
     assert set(fit.fitting) == {"a1", "go1"}
     assert fit.guess("Trot_Go1_07", takes_nearest=False) == "go1"
     assert fit.guess("cargo100", takes_nearest=False) is None
-    said = fit.why_unknown(PATH)
-    assert isinstance(said, ConfigError)
-    assert "which robot is it?" in str(said)
-    assert "walk.bag are those of a1, go1" in str(said)
+    error = fit.unknown_robot_error(PATH)
+    assert isinstance(error, ConfigError)
+    assert "which robot is it?" in str(error)
+    assert "walk.bag are those of a1, go1" in str(error)
 
 
-def test_an_alias_is_the_joint_it_stands_for():
+def test_an_alias_matches_its_joint():
     go1 = load_robot("go1")
     assert fit_of([*go1.joint_aliases]).matched(go1) == go1.joint_names
 
 
-def test_a_wrong_name_leaves_the_nearest_robot_and_says_what_is_there_instead():
+def test_a_wrong_joint_name_leaves_the_nearest_robot_and_lists_the_other_joints():
     fit = fit_of(["leg3_ellbow" if name == "leg3_elbow" else name for name in DAISY])
     assert (fit.fitting, fit.nearest) == ((), "daisy")
     assert fit.guess("", takes_nearest=False) is None
     assert fit.guess("", takes_nearest=True) == "daisy"
-    said = fit.why_unknown(PATH)
-    assert isinstance(said, TopicNotFound)
-    assert "the joints of daisy but for leg3_elbow; the others it has are leg3_ellbow; --allow-partial" in str(said)
+    error = fit.unknown_robot_error(PATH)
+    assert isinstance(error, TopicNotFound)
+    assert "the joints of daisy except leg3_elbow; its other joints are leg3_ellbow; --allow-partial" in str(error)
 
 
 @pytest.mark.parametrize("count", [1, 8])
-def test_fewer_than_half_of_the_joints_are_nobodys(count):
+def test_fewer_than_half_of_the_joints_fit_no_robot(count):
     fit = fit_of(DAISY[:count])
     assert fit.nearest is None
     assert fit.guess("daisy", takes_nearest=True) is None
-    assert isinstance(fit.why_unknown(PATH), ConfigError)
-    assert DAISY[0] in str(fit.why_unknown(PATH))
+    assert isinstance(fit.unknown_robot_error(PATH), ConfigError)
+    assert DAISY[0] in str(fit.unknown_robot_error(PATH))
 
 
-def test_robots_that_come_equally_near_are_not_chosen_between():
+def test_of_robots_that_fit_equally_none_is_nearest():
     assert fit_of(GO1[:-1]).nearest is None
 
 
-def test_no_joint_at_all_is_the_recordings_fault():
-    said = fit_of(()).why_unknown(PATH)
-    assert isinstance(said, TopicNotFound)
-    assert "walk.bag has no joint" in str(said)
+def test_a_recording_without_joints_has_no_robot():
+    error = fit_of(()).unknown_robot_error(PATH)
+    assert isinstance(error, TopicNotFound)
+    assert "walk.bag has no joint" in str(error)

@@ -69,7 +69,7 @@ def test_a_sample_out_of_order_is_passed_on_not_lost():
     assert stamps.index(5) < stamps.index(1)
 
 
-def test_at_one_stamp_the_frame_comes_after_the_step_that_it_asks_for():
+def test_at_one_stamp_the_frame_comes_after_the_step_that_it_needs():
     image = np.zeros((2, 2), dtype=np.uint8)
     frame, camera_imu = StereoFrame(7, image, image), CameraImuSample(7, np.zeros(3), np.zeros(3))
     samples = [frame, camera_imu, joints_at(7), imu_at(7), force_at(7)]
@@ -80,7 +80,7 @@ def test_at_one_stamp_the_frame_comes_after_the_step_that_it_asks_for():
 def test_at_one_stamp_the_twist_comes_before_the_tracks_that_it_leads_to():
     image = np.zeros((2, 2), dtype=np.uint8)
     twist = BodyTwistSample(7, np.zeros(3), np.zeros(3))
-    seen = [StereoTracks(7, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))), StereoFrame(7, image, image)]
-    for samples in ([*seen, twist, imu_at(7)], [imu_at(7), twist, *seen]):
+    vision = [StereoTracks(7, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))), StereoFrame(7, image, image)]
+    for samples in ([*vision, twist, imu_at(7)], [imu_at(7), twist, *vision]):
         kinds = [type(sample) for sample in merge_streams([sample] for sample in samples)]
         assert kinds == [ImuSample, BodyTwistSample, StereoFrame, StereoTracks]

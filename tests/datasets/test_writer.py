@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.datasets.contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.calibration import ImuCalibration
@@ -90,7 +90,7 @@ def test_ground_truth_without_stamps_goes_to_a_leg_log_and_not_to_euroc(tmp_path
     back = open_dataset(tmp_path / "log", biped).ground_truth()
     assert not back.has_stamps
     np.testing.assert_array_equal(back.trajectory.positions, truth.trajectory.positions)
-    with pytest.raises(DatasetError, match="no place for ground truth without stamps"):
+    with pytest.raises(DatasetError, match="cannot hold ground truth without stamps"):
         to_euroc_folder(tmp_path / "euroc", biped, log, unstamped)
 
 
@@ -126,20 +126,24 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(write, tmp_path, biped,
         write(tmp_path / "taken", biped, log)
 
 
-def test_a_recording_with_cameras_survives_the_euroc_folder_value_by_value(tmp_path, seen, decoded_stream, assert_same):
-    write_euroc_folder(tmp_path, seen)
-    dataset = open_dataset(tmp_path, seen.robot)
-    assert_same(dataset.measurements(ALL_SENSORS), decoded_stream(seen))
+def test_a_recording_with_cameras_survives_the_euroc_folder_value_by_value(
+    tmp_path, full_recording, decoded_stream, assert_same
+):
+    write_euroc_folder(tmp_path, full_recording)
+    dataset = open_dataset(tmp_path, full_recording.robot)
+    assert_same(dataset.measurements(ALL_SENSORS), decoded_stream(full_recording))
     assert dataset.report().dropped == {}
     assert dataset.report().stream("stereo").samples == 5
-    assert dataset.stereo_calibration() == seen.stereo
-    np.testing.assert_allclose(dataset.imu_calibration().T_body_imu, seen.imu.T_body_imu, atol=1e-15)
-    np.testing.assert_allclose(dataset.camera_imu_calibration().T_body_imu, seen.camera_imu.T_body_imu, atol=1e-15)
+    assert dataset.stereo_calibration() == full_recording.stereo
+    np.testing.assert_allclose(dataset.imu_calibration().T_body_imu, full_recording.imu.T_body_imu, atol=1e-15)
+    np.testing.assert_allclose(
+        dataset.camera_imu_calibration().T_body_imu, full_recording.camera_imu.T_body_imu, atol=1e-15
+    )
 
 
-def test_image_files_are_written_as_they_came(tmp_path, seen):
-    mav0 = write_euroc_folder(tmp_path, seen)
-    for frame in seen.frames:
+def test_image_files_are_written_as_they_came(tmp_path, full_recording):
+    mav0 = write_euroc_folder(tmp_path, full_recording)
+    for frame in full_recording.frames:
         assert (mav0 / "cam0" / "data" / f"{frame.stamp_ns}.png").read_bytes() == frame.left
         assert (mav0 / "cam1" / "data" / f"{frame.stamp_ns}.png").read_bytes() == frame.right
 
@@ -147,11 +151,11 @@ def test_image_files_are_written_as_they_came(tmp_path, seen):
 def test_a_folder_that_holds_a_recording_is_not_written_over(tmp_path, biped, log):
     to_euroc_folder(tmp_path, biped, log)
     before = (tmp_path / "mav0" / "imu0" / "data.csv").read_bytes()
-    with pytest.raises(DatasetError, match=r"mav0 is there already; delete it, or choose another folder"):
+    with pytest.raises(DatasetError, match=r"mav0 exists already; delete it, or choose another folder"):
         to_euroc_folder(tmp_path, biped, log[:5])
     assert (tmp_path / "mav0" / "imu0" / "data.csv").read_bytes() == before
 
 
-def test_a_leg_log_has_no_place_for_a_cameras_imu(tmp_path, biped):
+def test_a_leg_log_cannot_hold_a_cameras_imu(tmp_path, biped):
     with pytest.raises(DatasetError, match="write an EuRoC folder or a bag"):
         write_leg_log(tmp_path, biped, [CameraImuSample(5, np.zeros(3), np.ones(3))])

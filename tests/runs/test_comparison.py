@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from coclo_vio.datasets import images
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.naive import NaiveLegOdometry

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.datasets import images
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.geometry import se3

@@ -9,12 +9,12 @@ from rich.console import Console
 
 from coclo_vio.cli.inspection_view import drawn
 from coclo_vio.datasets import images
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.dataset import DatasetConfig
 from coclo_vio.datasets.read_report import ReadReport, StreamReport
 from coclo_vio.datasets.rosbag.writing.messages import BagMessages
 from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
-from coclo_vio.datasets.rosbag.writing.recording import write_bag
+from coclo_vio.datasets.rosbag.writing.bag_writer import write_bag
 from coclo_vio.datasets.writer import RecordedJoints, write_euroc_folder, write_leg_log
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription, load_robot

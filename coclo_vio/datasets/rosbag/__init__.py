@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rosbags of ROS 1 and ROS 2, without ROS: ``reader`` from the inside out, ``writing`` the other way."""
+"""Rosbags of ROS 1 and ROS 2, without ROS: ``reader`` reads them, ``writing`` writes them."""

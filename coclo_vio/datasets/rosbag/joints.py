@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""JointState messages and wrenches to readings of all joints and all feet, whatever their order and however spread."""
+"""Readings of all joints and all feet from JointState and WrenchStamped messages, in any order, over several topics."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from coclo_vio.datasets.rosbag.bag_preview import BagPreview
 from coclo_vio.datasets.rosbag.config import RosbagConfig
-from coclo_vio.datasets.rosbag.glance import Glance
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.errors import DatasetError, listing
@@ -22,31 +22,31 @@ _FOOT_PATTERNS = ("{leg}_foot", "{leg}_foot_force", "{leg}_force", "foot_{leg}")
 
 @dataclass(frozen=True, slots=True)
 class FootEntry:
-    """Where a JointState holds the force on a foot: a field, and an entry by name or by number."""
+    """The place of a foot force in a JointState: its field, and the name or index of the entry."""
 
     field: str
-    entry: str | int
+    key: str | int
 
 
 class JointEntries:
     """Finds a robot's joints among the entries of JointState messages.
 
     Attributes:
-        joint_names: the robot's, in the order of every reading.
+        joint_names: the robot's joints, in the order of every reading.
     """
 
     def __init__(self, robot: RobotDescription, config: RosbagConfig) -> None:
-        """Take the names and signs of the joints.
+        """Set the names and signs of the joints.
 
         Raises:
             DatasetError: the configuration names a joint that the robot does not have.
         """
         self.joint_names = robot.joint_names
         for key in ("joint_names", "joint_signs"):
-            strangers = set(getattr(config, key)) - set(self.joint_names)
-            if strangers:
+            unknown = set(getattr(config, key)) - set(self.joint_names)
+            if unknown:
                 raise DatasetError(
-                    f"dataset.rosbag.{key} names {listing(strangers)}, no joint of {robot.name}; "
+                    f"dataset.rosbag.{key} names {listing(unknown)}, which {robot.name} does not have; "
                     f"its joints are {listing(self.joint_names)}"
                 )
         self._spellings = {joint: [joint] for joint in self.joint_names}
@@ -59,100 +59,109 @@ class JointEntries:
 
     def found(self, names: Sequence[str]) -> BoolArray:
         """Which joints are among ``names``, (joints,)."""
-        there = set(names)
-        return np.array([any(name in there for name in self._spellings[joint]) for joint in self.joint_names])
+        available = set(names)
+        return np.array([any(name in available for name in self._spellings[joint]) for joint in self.joint_names])
 
-    def strangers(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Those of ``names`` that are no joint's."""
+    def unknown(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of ``names`` that are not the name of a joint."""
         known = {spelling for spellings in self._spellings.values() for spelling in spellings}
         return tuple(name for name in names if name not in known)
 
     def read(self, message: Any) -> tuple[Array, BoolArray]:
-        """Angle, velocity and torque of the joints in a message (3, joints), and which joints it speaks of (joints,).
+        """Angle, velocity and torque of the joints in a message (3, joints), and which joints it holds (joints,).
 
-        NaN where a joint is not there, has no such reading, or reads infinity.
+        NaN where a joint is absent, has no such reading, or reads infinity.
         """
         names = tuple(message.name) or self._unnamed
         if names not in self._indices:
-            place = {name: i for i, name in reversed(list(enumerate(names)))}
-            at = [next((place[n] for n in self._spellings[j] if n in place), -1) for j in self.joint_names]
-            self._indices[names] = np.flatnonzero(np.array(at) >= 0), np.array([i for i in at if i >= 0], dtype=int)
-        ours, theirs = self._indices[names]
+            index = {name: i for i, name in reversed(list(enumerate(names)))}
+            found = [next((index[n] for n in self._spellings[j] if n in index), -1) for j in self.joint_names]
+            joints = np.flatnonzero(np.array(found) >= 0)
+            self._indices[names] = joints, np.array([i for i in found if i >= 0], dtype=int)
+        joints, entries = self._indices[names]
         values = np.full((3, len(self.joint_names)), np.nan)
         for row, field in enumerate(_FIELDS):
-            given = np.asarray(getattr(message, field), dtype=np.float64)
-            has = theirs < len(given)
-            values[row, ours[has]] = given[theirs[has]]
+            readings = np.asarray(getattr(message, field), dtype=np.float64)
+            has = entries < len(readings)
+            values[row, joints[has]] = readings[entries[has]]
         values[~np.isfinite(values)] = np.nan
-        is_there = np.zeros(len(self.joint_names), dtype=np.bool_)
-        is_there[ours] = True
-        return values * self._signs, is_there
+        is_present = np.zeros(len(self.joint_names), dtype=np.bool_)
+        is_present[joints] = True
+        return values * self._signs, is_present
 
 
-def choose_joint_topics(entries: JointEntries, seen: Glance, there: Sequence[str]) -> tuple[list[str], BoolArray]:
+def choose_joint_topics(
+    entries: JointEntries, preview: BagPreview, candidates: Sequence[str]
+) -> tuple[list[str], BoolArray]:
     """The topics that together hold most of the joints, the one with most first, and which joints those are (joints,).
 
     A topic that adds no joint is left out, so that commands beside the readings are not read too.
     """
-    found = {topic: entries.found(seen.entries.get(topic, ())) for topic in there}
-    has: BoolArray = np.zeros(len(entries.joint_names), dtype=np.bool_)
+    found = {topic: entries.found(preview.entries.get(topic, ())) for topic in candidates}
+    is_present: BoolArray = np.zeros(len(entries.joint_names), dtype=np.bool_)
     chosen: list[str] = []
+
+    def rank(topic: str) -> tuple[int, bool, int, str]:
+        return -gains[topic], _is_command(topic), -preview.counts[topic], topic
+
     while True:
-        gains = {topic: int((found[topic] & ~has).sum()) for topic in there if topic not in chosen}
-        best = min(gains, key=lambda topic: (-gains[topic], _is_command(topic), -seen.counts[topic], topic), default="")
+        gains = {topic: int((found[topic] & ~is_present).sum()) for topic in candidates if topic not in chosen}
+        best = min(gains, key=rank, default="")
         if not best or gains[best] == 0:
-            return chosen, has
+            return chosen, is_present
         chosen.append(best)
-        has |= found[best]
+        is_present |= found[best]
 
 
-def complaint_of_joints(entries: JointEntries, has: BoolArray, seen: Glance, there: Sequence[str]) -> str | None:
-    """What is wrong with the joints in the bag, as a sentence; None where all are there."""
-    if has.all():
+def missing_joints(
+    entries: JointEntries, is_present: BoolArray, preview: BagPreview, candidates: Sequence[str]
+) -> str | None:
+    """Which joints the bag lacks and which it has instead, as a sentence; None where all are present."""
+    if is_present.all():
         return None
-    if not there:
-        return f"there are no joints: no JointState among the topics {listing(seen.types)}"
-    names = {name for topic in there for name in seen.entries.get(topic, ())}
+    if not candidates:
+        return f"there are no joints: no JointState among the topics {listing(preview.types)}"
+    names = {name for topic in candidates for name in preview.entries.get(topic, ())}
     if not names:
-        return f"the messages on {listing(there)} name no joints; name them in order in dataset.rosbag.joint_entries"
-    missing = [name for name, is_there in zip(entries.joint_names, has, strict=True) if not is_there]
-    others = entries.strangers(names)
+        return f"the messages on {listing(candidates)} name no joints; list their names in dataset.rosbag.joint_entries"
+    missing = [name for name, has_it in zip(entries.joint_names, is_present, strict=True) if not has_it]
+    others = entries.unknown(names)
     return (
-        f"no joint is called {listing(missing)}: the {'other ' if has.any() else ''}names on {listing(there)} are "
-        f"{listing(others)}; "
+        f"no joint is called {listing(missing)}: the {'other ' if is_present.any() else ''}names on "
+        f"{listing(candidates)} are {listing(others)}; "
         "map the names in dataset.rosbag.joint_names, or name another robot"
     )
 
 
 def foot_entries(robot: RobotDescription, config: RosbagConfig, names: Sequence[str]) -> dict[str, FootEntry]:
-    """Where the joint messages hold the force on each leg's foot, as configured, otherwise guessed by name.
+    """By leg, the entry of the joint messages that holds its foot force: as configured, otherwise inferred by name.
 
     Args:
-        robot: whose legs.
-        config: may name an entry a leg or one range for all.
-        names: of the entries in the joint messages.
+        robot: describes the legs.
+        config: may name an entry for each leg or one range for all.
+        names: names of the entries in the joint messages.
 
     Raises:
-        DatasetError: the configuration cannot be understood, or does not fit the legs.
+        DatasetError: the configuration cannot be parsed, or does not fit the legs.
     """
-    given = config.foot_force_entries
-    if given is None:
-        guesses: dict[str, FootEntry] = {}
+    configured = config.foot_force_entries
+    if configured is None:
+        inferred: dict[str, FootEntry] = {}
         for leg in robot.legs:
             spelled = [leg.foot_frame, *(pattern.format(leg=leg.name) for pattern in _FOOT_PATTERNS)]
             name = next((name for name in spelled if name in names), None)
             if name is not None:
-                guesses[leg.name] = FootEntry("effort", name)
-        return guesses
-    if isinstance(given, str):
-        return _entries_in_range(robot, given) if given else {}
-    strangers = set(given) - set(robot.leg_names)
-    if strangers:
+                inferred[leg.name] = FootEntry("effort", name)
+        return inferred
+    if isinstance(configured, str):
+        return _entries_in_range(robot, configured) if configured else {}
+    unknown = set(configured) - set(robot.leg_names)
+    if unknown:
         raise DatasetError(
-            f"dataset.rosbag.foot_force_entries names the legs {listing(strangers)}; "
+            f"dataset.rosbag.foot_force_entries names the legs {listing(unknown)}; "
             f"the legs of {robot.name} are {listing(robot.leg_names)}"
         )
-    return {leg: _entry(text) for leg, text in given.items()}
+    return {leg: _entry(text) for leg, text in configured.items()}
 
 
 def read_feet(message: Any, entries: Mapping[str, FootEntry], legs: Sequence[str], unnamed: Sequence[str]) -> Array:
@@ -160,11 +169,11 @@ def read_feet(message: Any, entries: Mapping[str, FootEntry], legs: Sequence[str
     names = list(message.name) or list(unnamed)
     force = np.full(len(legs), np.nan)
     for i, leg in enumerate(legs):
-        where = entries.get(leg)
-        if where is None:
+        entry = entries.get(leg)
+        if entry is None:
             continue
-        index = where.entry if isinstance(where.entry, int) else _index_of(where.entry, names)
-        values = getattr(message, where.field)
+        index = entry.key if isinstance(entry.key, int) else _index_of(entry.key, names)
+        values = getattr(message, entry.field)
         if index is not None and index < len(values) and np.isfinite(values[index]):
             force[i] = values[index]
     return force
@@ -177,11 +186,11 @@ def wrench_force(message: Any, component: str) -> float:
     return value if np.isfinite(value) else np.nan
 
 
-class Collator:
-    """Puts together what belongs to one time but comes in several messages.
+class ReadingAssembler:
+    """Assembles one reading from several messages of the same time.
 
-    A reading is complete when everything that is expected has spoken; it is closed unfinished when a message is of
-    another time or speaks of something for the second time. Its stamp is that of its latest part.
+    A reading is complete when every expected entry has arrived; it is closed incomplete when a message is of another
+    time or repeats an entry. Its stamp is that of its latest part.
     """
 
     def __init__(self, is_expected: BoolArray, tolerance_ns: int) -> None:
@@ -189,32 +198,32 @@ class Collator:
         self._tolerance_ns = tolerance_ns
         self._held: _Part | None = None
 
-    def push(self, stamp_ns: int, match_ns: int, values: Array, is_there: BoolArray) -> Iterator[tuple[int, Array]]:
-        """Take a part.
+    def push(self, stamp_ns: int, match_ns: int, values: Array, is_present: BoolArray) -> Iterator[tuple[int, Array]]:
+        """Add a part.
 
         Args:
             stamp_ns: its time.
-            match_ns: the time by which it is matched with other parts; the same, but where arrivals are believed.
-            values: (..., n), NaN where it says nothing.
-            is_there: of which entries it speaks, (n,).
+            match_ns: the time by which it is matched with other parts (see ``BagClock.match_ns``).
+            values: (..., n), NaN where the part has no value.
+            is_present: which entries the part holds, (n,).
 
         Yields:
-            Stamp and values of what is complete or can be so no more.
+            Stamp and values of a reading that is complete, or that cannot be completed any more.
         """
-        part = _Part(stamp_ns, match_ns, values, is_there)
+        part = _Part(stamp_ns, match_ns, values, is_present)
         held, self._held = self._held, None
         if held is not None:
-            if abs(match_ns - held.match_ns) > self._tolerance_ns or (held.is_there & is_there).any():
+            if abs(match_ns - held.match_ns) > self._tolerance_ns or (held.is_present & is_present).any():
                 yield held.stamp_ns, held.values
             else:
                 part = held.joined_by(part)
-        if (part.is_there | ~self._is_expected).all():
+        if (part.is_present | ~self._is_expected).all():
             yield part.stamp_ns, part.values
         else:
             self._held = part
 
     def finish(self) -> Iterator[tuple[int, Array]]:
-        """What is still held at the end."""
+        """The reading that is still incomplete at the end."""
         if self._held is not None:
             yield self._held.stamp_ns, self._held.values
             self._held = None
@@ -226,12 +235,12 @@ class _Part(NamedTuple):
     stamp_ns: int
     match_ns: int
     values: Array
-    is_there: BoolArray
+    is_present: BoolArray
 
     def joined_by(self, later: "_Part") -> "_Part":
-        values = np.where(later.is_there, later.values, self.values)
+        values = np.where(later.is_present, later.values, self.values)
         stamp_ns = max(self.stamp_ns, later.stamp_ns)
-        return _Part(stamp_ns, self.match_ns, values, self.is_there | later.is_there)
+        return _Part(stamp_ns, self.match_ns, values, self.is_present | later.is_present)
 
 
 def _is_command(topic: str) -> bool:

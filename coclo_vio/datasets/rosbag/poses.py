@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses in a bag: mountings as static transforms between named frames (REP 105), and the body as a tracker saw it."""
+"""Poses in a bag: static transforms between named frames (REP 105), and the body's poses from a tracking system."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -22,10 +22,10 @@ _SHORTEST_QUATERNION = 0.5
 
 
 class FrameTree:
-    """Static transforms, and what follows from chains of them."""
+    """Static transforms between frames, and chains of them."""
 
     def __init__(self, transforms: Iterable[Any] = ()) -> None:
-        """Take TransformStamped messages; those without a rotation are left out."""
+        """Build the tree from TransformStamped messages; those without a rotation are left out."""
         self._T: dict[str, dict[str, Array]] = {}
         for transform in transforms:
             parent, child = str(transform.header.frame_id).lstrip("/"), str(transform.child_frame_id).lstrip("/")
@@ -36,34 +36,34 @@ class FrameTree:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """All frames that are known."""
+        """All known frames."""
         return tuple(self._T)
 
-    def body(self, *wanted: str | None) -> str:
-        """The body's frame: the first of ``wanted`` that is given, otherwise the usual name that is there."""
-        named = next((name for name in wanted if name), None)
+    def body(self, *names: str | None) -> str:
+        """The body's frame: the first of ``names`` that is not None, otherwise the first usual name in the tree."""
+        named = next((name for name in names if name), None)
         return named or next((name for name in _BODY_FRAMES if name in self._T), _BODY_FRAMES[0])
 
     def between(self, a: str, b: str) -> Array | None:
-        """``T_a_b`` (4, 4) along the chain between two frames, None where there is none."""
+        """``T_a_b`` (4, 4) along the chain between two frames, or None."""
         if a == b:
             return np.eye(4)
         reached = {a: np.eye(4)}
-        open_ends = deque([a])
-        while open_ends:
-            frame = open_ends.popleft()
+        frontier = deque([a])
+        while frontier:
+            frame = frontier.popleft()
             for neighbour, T_frame_neighbour in self._T.get(frame, {}).items():
                 if neighbour not in reached:
                     reached[neighbour] = reached[frame] @ T_frame_neighbour
-                    open_ends.append(neighbour)
+                    frontier.append(neighbour)
         return reached.get(b)
 
 
 def read_frames(bag: BagFile, topic: str) -> FrameTree:
-    """The static transforms on a TFMessage topic, read to the end of the bag; none where there is no such topic.
+    """The static transforms on a TFMessage topic, read to the end of the bag; an empty tree without that topic.
 
     Raises:
-        DatasetError: the topic holds something else.
+        DatasetError: the topic holds another type.
     """
     if topic not in bag.topics:
         return FrameTree()
@@ -72,7 +72,7 @@ def read_frames(bag: BagFile, topic: str) -> FrameTree:
 
 
 def pose_of(position: Any, orientation: Any) -> Array | None:
-    """The transform (4, 4) of a position and a quaternion as ROS holds them; None without a finite rotation."""
+    """The transform (4, 4) of ROS's position and quaternion; None without a finite rotation."""
     quat_xyzw = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
     translation = np.array([position.x, position.y, position.z])
     if not np.isfinite(translation).all() or not np.linalg.norm(quat_xyzw) > _SHORTEST_QUATERNION:
@@ -83,13 +83,13 @@ def pose_of(position: Any, orientation: Any) -> Array | None:
 
 
 def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, tally: ReadTally) -> GroundTruth:
-    """The body's poses from those of the object on ``topic`` (TransformStamped, PoseStamped, Odometry).
+    """The body's poses from those of the tracked object on ``topic`` (TransformStamped, PoseStamped, Odometry).
 
-    ``T_world_body = T_world_object @ T_object_body``, the object mounted as the configuration says.
+    ``T_world_body = T_world_object @ T_object_body``, where ``T_body_object`` is configured.
 
     Raises:
-        TimestampError: no pose with a stamp of its own.
-        DatasetError: a message that holds no pose.
+        TimestampError: no complete pose.
+        DatasetError: a message without a pose.
     """
     stamps_ns: list[int] = []
     poses: list[Array] = []
@@ -100,7 +100,7 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
         decoded = bag.readable(topic, message.data)
         pose = None if decoded is None else _pose_in(decoded, topic)
         if pose is None:
-            tally.dropped["ground truth: empty or NaN"] += 1
+            tally.dropped["ground truth: pose empty or NaN"] += 1
         elif stamps_ns and stamp_ns <= stamps_ns[-1]:
             tally.dropped["ground truth: stamp repeated or out of order"] += 1
         else:
@@ -108,7 +108,7 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
             poses.append(pose)
     if not poses:
         raise TimestampError(
-            f"{bag.path} holds no complete pose on {topic}; choose another, or '' for none, in "
+            f"{bag.path} holds no complete pose on {topic}; name another topic, or '' for none, in "
             "dataset.rosbag.topics.ground_truth"
         )
     T_body_object = _mounting(config)
@@ -119,15 +119,15 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
 
 
 def _pose_in(message: Any, topic: str) -> Array | None:
-    """The pose (4, 4), or None where it is not finite or has no rotation (an object that was lost)."""
+    """The pose (4, 4), or None where it is not finite or has no rotation (the tracker lost the object)."""
     if hasattr(message, "transform"):
         return pose_of(message.transform.translation, message.transform.rotation)
     pose = getattr(message, "pose", None)
     pose = getattr(pose, "pose", pose)
     if pose is None or not hasattr(pose, "orientation"):
         raise DatasetError(
-            f"a message on {topic} holds no pose; TransformStamped, PoseStamped, PoseWithCovarianceStamped and "
-            "Odometry are read"
+            f"a message on {topic} holds no pose; the types that are read are TransformStamped, PoseStamped, "
+            "PoseWithCovarianceStamped and Odometry"
         )
     return pose_of(pose.position, pose.orientation)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A rosbag as a recording: ROS 1 (.bag) and ROS 2 (.mcap, .db3, a folder with metadata.yaml), without ROS.
+"""The reader of rosbags: ROS 1 (.bag) and ROS 2 (.mcap, .db3, a folder with metadata.yaml), without ROS.
 
-What is read for what is guessed from types and names or named in ``dataset.rosbag`` (``config``), and told by
-``RosBag.topics``. One pass streams; nothing but a second of messages is held.
+The topics are inferred from types and names or named in ``dataset.rosbag`` (``config``); ``RosBag.topics`` lists them.
+A pass streams the bag and holds one second of messages.
 """
 
 from collections import deque
@@ -15,23 +15,24 @@ from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
-from coclo_vio.datasets.rosbag.calibration import BagCalibration
-from coclo_vio.datasets.rosbag.glance import JOINT_STATE, glance_at
+from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
+from coclo_vio.datasets.rosbag.bag_preview import preview_of
+from coclo_vio.datasets.rosbag.message_types import JOINT_STATE
 from coclo_vio.datasets.rosbag.poses import read_frames, read_truth
-from coclo_vio.datasets.rosbag.roles import find_roles, notes_on
-from coclo_vio.datasets.rosbag.stereo import RawPair
+from coclo_vio.datasets.rosbag.stereo_pairing import RawPair
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
-from coclo_vio.datasets.rosbag.storage.files import LOOKS_FOR, is_rosbag
+from coclo_vio.datasets.rosbag.storage.files import LAYOUT, is_rosbag
 from coclo_vio.datasets.rosbag.stream import BagStream, Item
 from coclo_vio.datasets.rosbag.timing import BagClock
-from coclo_vio.datasets.rosbag.topics import TopicChoice
+from coclo_vio.datasets.rosbag.topic_choice import TopicChoice
+from coclo_vio.datasets.rosbag.topic_roles import choose_roles, notes_of
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound
 from coclo_vio.values.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
 from coclo_vio.values.trajectory import GroundTruth
 
-__all__ = ["LOOKS_FOR", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
+__all__ = ["LAYOUT", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 
 _ROLES = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
 
@@ -42,67 +43,65 @@ class RosBag:
     Invariant: ``measurements`` starts from the beginning each time it is called.
 
     Attributes:
-        name: what the recording is called in reports.
+        name: name of the recording in reports.
     """
 
     format_name = "rosbag"
 
     def __init__(self, path: Path, robot: RobotDescription | None, config: DatasetConfig) -> None:
-        """Find the topics; without a robot joints and feet are left unread.
+        """Find the topics; without a robot joints and foot forces are not read.
 
         Raises:
-            TopicNotFound: a topic that the configuration names is not there, or the joints' names are others than the
-                robot's and partial reading is not allowed.
+            TopicNotFound: a topic that the configuration names is not in the bag, or joints of the robot are not among
+                the bag's and partial reading is not allowed.
             DatasetError: the bag is damaged and partial reading is not allowed, or the configuration does not fit.
         """
         self.name = path.resolve().name if path.is_dir() else path.stem
         self._robot, self._config = robot, config
         self._bag = BagFile(path, allow_partial=config.allow_partial)
-        self._seen = glance_at(self._bag, config.rosbag.types, config.rosbag.joint_entries)
-        self._roles = find_roles(self._seen, robot, config.rosbag)
-        if self._roles.joints is not None and self._roles.joints.are_others and not config.allow_partial:
-            raise self._without_joints()
+        self._preview = preview_of(self._bag, config.rosbag.types, config.rosbag.joint_entries)
+        self._roles = choose_roles(self._preview, robot, config.rosbag)
+        if self._roles.joints is not None and self._roles.joints.has_other_names and not config.allow_partial:
+            raise self._missing_joints()
         self._counted: dict[str, StreamReport | None] = {}
         self._dropped: dict[str, int] = {}
-        self._notes: dict[str, None] = dict.fromkeys(notes_on(self._roles))
+        self._notes: dict[str, None] = dict.fromkeys(notes_of(self._roles))
         self._truth: tuple[GroundTruth | None, ReadReport] | None = None
         self._calibration: BagCalibration | None = None
         self._calibration_tally = self._new_tally()
 
     def topics(self) -> tuple[TopicChoice, ...]:
-        """Which topic plays which role, why, and which others of its type there are."""
+        """The topic of every role, why it was chosen, and the other topics of its type."""
         return self._roles.choices
 
     def matched_joints(self) -> tuple[str, ...]:
-        """The robot's joints that the bag has, by the robot's names."""
+        """Those of the robot's joints that the bag has, by the robot's names."""
         joints = self._roles.joints
         if joints is None:
             return ()
-        return tuple(
-            name for name, is_there in zip(joints.entries.joint_names, joints.is_there, strict=True) if is_there
-        )
+        return tuple(name for name, has_it in zip(joints.entries.joint_names, joints.is_present, strict=True) if has_it)
 
     def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
         """All samples of ``sensors`` in time order, streamed; only their topics are opened.
 
         Raises:
-            TopicNotFound: joints are asked for, and there are none.
+            TopicNotFound: joints are requested and some are missing.
             TimestampError: stamps go back within a topic.
-            DatasetError: the bag breaks off, a message or an image cannot be read, or there is no sample at all.
+            DatasetError: the bag is cut off, a message or an image cannot be read, or there is no sample at all.
 
-        With ``allow_partial`` what can be read is read, and what was left out is told in the report.
+        With ``allow_partial`` defects are left out and counted in the report.
         """
         joints = self._roles.joints
-        if JointSample in sensors and joints is not None and joints.complaint and not self._config.allow_partial:
-            raise self._without_joints()
+        if JointSample in sensors and joints is not None and joints.problem and not self._config.allow_partial:
+            raise self._missing_joints()
         tally = self._new_tally()
-        for item in self._stream(sensors, tally, is_tolerant=self._config.allow_partial):
+        for item in self._stream(sensors, tally, drops_defects=self._config.allow_partial):
             sample = self._decoded(item, tally)
             if sample is not None:
                 yield sample
-        self._keep(sensors, tally)
-        if sensors >= LEG_SENSORS and not self._roles.kinds - sensors and not tally.report().streams:
-            raise self._nothing(tally)
+        self._store(sensors, tally)
+        if sensors >= LEG_SENSORS and not self._roles.sensors - sensors and not tally.report().streams:
+            raise self._no_sample(tally)
 
     def ground_truth(self) -> GroundTruth | None:
         """The reference trajectory, read once, or None where the bag has none.
@@ -111,61 +110,61 @@ class RosBag:
             TimestampError: stamps go back, or there is no complete pose.
         """
         if self._truth is None:
-            self._truth = self._read_truth(is_tolerant=self._config.allow_partial)
+            self._truth = self._read_truth(drops_defects=self._config.allow_partial)
         return self._truth[0]
 
     def imu_calibration(self) -> ImuCalibration | None:
-        """Mounting (static transforms) and noise (covariances) of the IMU, or None where neither is said.
+        """Mounting (static transforms) and noise (covariances) of the IMU, or None where the bag has neither.
 
         Raises:
-            CalibrationMissing: a file of Kalibr is at fault.
+            CalibrationMissing: a file of Kalibr is malformed or does not fit.
         """
         return self._calibrated().imu("imu")
 
     def camera_imu_calibration(self) -> ImuCalibration | None:
-        """Mounting and noise of the camera's IMU, or None where its mounting is not said.
+        """Mounting and noise of the camera's IMU, or None where its mounting is unknown.
 
         Raises:
-            CalibrationMissing: a file of Kalibr is at fault.
+            CalibrationMissing: a file of Kalibr is malformed or does not fit.
         """
         return self._calibrated().imu("camera_imu")
 
     def stereo_calibration(self) -> StereoCalibration | None:
-        """Lenses and mountings of the cameras, or None where the bag does not say both and no camchain is given.
+        """Intrinsics and mountings of the cameras, or None where the bag lacks one and no camchain is configured.
 
         Raises:
-            CalibrationMissing: a camchain or a CameraInfo is at fault.
+            CalibrationMissing: a camchain or a CameraInfo is malformed or does not fit.
         """
         return self._calibrated().stereo()
 
     def report(self) -> ReadReport:
-        """What the bag holds; reads through what no finished ``measurements`` has read yet, decoding no image.
+        """What the bag holds; reads the sensors that no finished ``measurements`` has read yet, decoding no image.
 
-        Does not fail on what can be told: missing joints, stamps that go back, a break are notes and counts.
+        Missing joints, stamps that go back and damage are notes and counts here, not errors.
 
         Raises:
             DatasetError: there is no sample at all.
         """
-        rest = frozenset(kind for kind in ALL_SENSORS if STREAM_NAMES[kind] not in self._counted)
-        if rest & self._roles.kinds:
+        rest = frozenset(sensor for sensor in ALL_SENSORS if STREAM_NAMES[sensor] not in self._counted)
+        if rest & self._roles.sensors:
             tally = self._new_tally()
-            for item in self._stream(rest, tally, is_tolerant=True):
+            for item in self._stream(rest, tally, drops_defects=True):
                 _count(item, tally)
-            self._keep(rest, tally)
+            self._store(rest, tally)
         streams = tuple(stream for _, stream in sorted(self._counted.items()) if stream is not None)
         if not streams:
-            raise self._nothing(self._new_tally())
+            raise self._no_sample(self._new_tally())
         truth = self._truth_report()
         notes = dict.fromkeys((*self._notes, *truth.notes, *self._calibration_tally.notes))
         if self._bag.damage is not None:
-            notes[f"{self._bag.damage}: read up to there"] = None
+            notes[f"{self._bag.damage}: read up to the damage"] = None
         return ReadReport(self.format_name, streams, {**self._dropped, **truth.dropped}, tuple(notes))
 
-    def _stream(self, sensors: frozenset[type], tally: ReadTally, *, is_tolerant: bool) -> Iterator[Item]:
-        """Samples in order, velocities filled in where the bag has none; image pairs are not decoded."""
-        clock = self._clock(tally, is_tolerant=is_tolerant)
+    def _stream(self, sensors: frozenset[type], tally: ReadTally, *, drops_defects: bool) -> Iterator[Item]:
+        """Samples in order, with estimated velocities where the bag has none; image pairs are not decoded."""
+        clock = self._clock(tally, drops_defects=drops_defects)
         config, robot = self._config, self._robot
-        reader = BagStream(self._bag, self._roles, robot, config.rosbag, clock, tally, drops_broken=is_tolerant)
+        reader = BagStream(self._bag, self._roles, robot, config.rosbag, clock, tally, drops_broken=drops_defects)
         stream = reader.in_order(sensors, sorts=config.sort)
         joints = self._roles.joints
         if joints is None or joints.has_velocity.all():
@@ -182,32 +181,32 @@ class RosBag:
         except DatasetError:
             if not self._config.allow_partial:
                 raise
-            tally.dropped[f"{item.left.topic}: pair of images that cannot be decoded"] += 1
+            tally.dropped[f"{item.left.topic}: image pair cannot be decoded"] += 1
             return None
         tally.count(StereoFrame, item.stamp_ns)
         return frame
 
-    def _clock(self, tally: ReadTally, *, is_tolerant: bool) -> BagClock:
+    def _clock(self, tally: ReadTally, *, drops_defects: bool) -> BagClock:
         return BagClock(
             self._bag,
             uses_header=self._config.rosbag.clock == "header",
-            drops_backward=is_tolerant,
+            drops_backward=drops_defects,
             keeps_backward=self._config.sort,
             tally=tally,
         )
 
-    def _read_truth(self, *, is_tolerant: bool) -> tuple[GroundTruth | None, ReadReport]:
+    def _read_truth(self, *, drops_defects: bool) -> tuple[GroundTruth | None, ReadReport]:
         tally = self._new_tally()
         topic = self._roles.topic("ground_truth")
         if topic is None:
             return None, tally.report()
-        clock = self._clock(tally, is_tolerant=is_tolerant)
+        clock = self._clock(tally, drops_defects=drops_defects)
         try:
             truth = read_truth(self._bag, topic, self._config.rosbag, clock, tally)
         except TimestampError as error:
-            if not is_tolerant:
+            if not drops_defects:
                 raise
-            tally.note(f"no ground truth is read: {error}")
+            tally.note(f"ground truth is not read: {error}")
             truth = None
         return truth, tally.report()
 
@@ -216,7 +215,7 @@ class RosBag:
             self.ground_truth()
         except TimestampError as error:
             tally = self._new_tally()
-            tally.note(f"no ground truth is read: {error}")
+            tally.note(f"ground truth is not read: {error}")
             return tally.report()
         return self._new_tally().report() if self._truth is None else self._truth[1]
 
@@ -224,7 +223,7 @@ class RosBag:
         if self._calibration is None:
             config = self._config.rosbag
             self._calibration = BagCalibration(
-                self._seen,
+                self._preview,
                 {role: self._roles.topic(role) for role in _ROLES},
                 read_frames(self._bag, config.topics.tf_static),
                 self._robot,
@@ -233,19 +232,19 @@ class RosBag:
             )
         return self._calibration
 
-    def _keep(self, sensors: frozenset[type], tally: ReadTally) -> None:
-        """Remember what a finished pass counted."""
+    def _store(self, sensors: frozenset[type], tally: ReadTally) -> None:
+        """Store the counts of a finished pass."""
         report = tally.report()
-        for kind in sensors:
-            self._counted[STREAM_NAMES[kind]] = report.stream(STREAM_NAMES[kind])
+        for sensor in sensors:
+            self._counted[STREAM_NAMES[sensor]] = report.stream(STREAM_NAMES[sensor])
         self._dropped.update(report.dropped)
         self._notes.update(dict.fromkeys(report.notes))
 
-    def _without_joints(self) -> TopicNotFound:
-        complaint = "" if self._roles.joints is None else self._roles.joints.complaint
-        return TopicNotFound(f"{self._bag.path}: {complaint}; --allow-partial (dataset.allow_partial) reads the rest")
+    def _missing_joints(self) -> TopicNotFound:
+        problem = "" if self._roles.joints is None else self._roles.joints.problem
+        return TopicNotFound(f"{self._bag.path}: {problem}; --allow-partial (dataset.allow_partial) reads the rest")
 
-    def _nothing(self, tally: ReadTally) -> DatasetError:
+    def _no_sample(self, tally: ReadTally) -> DatasetError:
         left_out = dict(tally.report().dropped) or "none"
         damage = "" if self._bag.damage is None else f"; {self._bag.damage}"
         return DatasetError(f"{self._bag.path} holds no sample; messages left out: {left_out}{damage}")
@@ -255,14 +254,15 @@ class RosBag:
 
 
 def joint_names(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]]:
-    """The bag, and the names of all joints in it; those of messages without names are not known.
+    """The bag, and the names of all joints in it; messages without names add none.
 
     Raises:
         DatasetError: the bag is damaged.
     """
     bag = BagFile(path, allow_partial=True)
-    seen = glance_at(bag, {})
-    return path, tuple(sorted({name for topic in seen.of_type(JOINT_STATE) for name in seen.entries.get(topic, ())}))
+    preview = preview_of(bag, {})
+    names = {name for topic in preview.of_type(JOINT_STATE) for name in preview.entries.get(topic, ())}
+    return path, tuple(sorted(names))
 
 
 def _count(item: Item, tally: ReadTally) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a bag's messages to measurements in time order: one pass, a second of messages in memory."""
+"""Measurements in time order from a bag's messages: one pass, a second of messages in memory."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -8,11 +8,11 @@ import numpy as np
 
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
-from coclo_vio.datasets.rosbag.joints import Collator, read_feet, wrench_force
-from coclo_vio.datasets.rosbag.roles import BagRoles
-from coclo_vio.datasets.rosbag.stereo import RawImage, RawPair, StereoPairer
+from coclo_vio.datasets.rosbag.joints import ReadingAssembler, read_feet, wrench_force
+from coclo_vio.datasets.rosbag.stereo_pairing import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
 from coclo_vio.datasets.rosbag.timing import BagClock, ReorderWindow
+from coclo_vio.datasets.rosbag.topic_roles import TopicRoles
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.errors import DatasetError
@@ -34,12 +34,12 @@ _Handler = Callable[[RawMessage, int], Iterator[Item]]
 
 
 class BagStream:
-    """One pass over a bag: the samples of some sensors, image pairs not yet decoded among them."""
+    """One pass over a bag: the samples of the chosen sensors; image pairs are not yet decoded."""
 
     def __init__(
         self,
         bag: BagFile,
-        roles: BagRoles,
+        roles: TopicRoles,
         robot: RobotDescription | None,
         config: RosbagConfig,
         clock: BagClock,
@@ -47,32 +47,32 @@ class BagStream:
         *,
         drops_broken: bool,
     ) -> None:
-        """Settle how messages are read.
+        """Prepare the pass.
 
         Args:
             bag: the bag.
-            roles: which topics are read for what.
-            robot: whose joints and legs.
+            roles: the topic of every role.
+            robot: describes joints and legs.
             config: tolerances, signs and names.
             clock: stamps the messages.
-            tally: is told what is left out.
-            drops_broken: leave messages out that cannot be decoded; otherwise they are an error.
+            tally: counts what is left out.
+            drops_broken: leave out messages that cannot be decoded; otherwise they are an error.
         """
         self._bag, self._roles, self._config, self._clock, self._tally = bag, roles, config, clock, tally
         self._legs = () if robot is None else robot.leg_names
         self._drops_broken = drops_broken
         tolerance_ns = round(config.pair_tolerance_s * NS_PER_S)
         expected_legs = np.array([i in roles.legs_by_topic.values() for i in range(len(self._legs))], dtype=np.bool_)
-        expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_there
-        self._feet = Collator(expected_legs, tolerance_ns)
-        self._joints = Collator(expected_joints, tolerance_ns)
+        expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_present
+        self._feet = ReadingAssembler(expected_legs, tolerance_ns)
+        self._joints = ReadingAssembler(expected_joints, tolerance_ns)
         self._pairs = StereoPairer(roles.topic("left_image") or "", tolerance_ns, tally)
 
     def in_order(self, sensors: frozenset[type], *, sorts: bool) -> Iterator[Item]:
-        """The samples of ``sensors`` by stamp, streamed; or held and sorted altogether.
+        """The samples of ``sensors`` by stamp: streamed, or all held in memory and sorted.
 
         Raises:
-            DatasetError: a message that cannot be decoded, or a stamp that goes back, unless they are dropped.
+            DatasetError: a message cannot be decoded, or a stamp that goes back, unless they are dropped.
         """
         if sorts:
             yield from sorted((item for _, item in self._items(sensors)), key=_key)
@@ -84,7 +84,7 @@ class BagStream:
         if window.late:
             self._tally.note(
                 f"{window.late} samples came more than {self._config.reorder_s:g} s late and are out of order; "
-                "lengthen dataset.rosbag.reorder_s, or take dataset.rosbag.clock=received"
+                "increase dataset.rosbag.reorder_s, or set dataset.rosbag.clock=received"
             )
 
     def _items(self, sensors: frozenset[type]) -> Iterator[tuple[int, Item]]:
@@ -105,20 +105,20 @@ class BagStream:
         self._pairs.finish()
 
     def _handlers(self, sensors: frozenset[type]) -> dict[str, list[_Handler]]:
-        """What is to be done with the messages of each topic that is read."""
+        """The handlers of the messages of each topic that is read."""
         roles = self._roles
         found: dict[str, list[_Handler]] = {}
-        wanted = sensors & roles.kinds
-        if FootForceSample in wanted:
+        read = sensors & roles.sensors
+        if FootForceSample in read:
             for topic in roles.legs_by_topic or roles.choice("foot_force").topics:
                 found.setdefault(topic, []).append(self._wrench if roles.legs_by_topic else self._feet_of_joints)
-        for kind, role in ((ImuSample, "imu"), (CameraImuSample, "camera_imu")):
-            if kind in wanted:
-                found.setdefault(roles.topic(role) or "", []).append(self._inertial(kind))
-        if JointSample in wanted and roles.joints is not None:
+        for sensor, role in ((ImuSample, "imu"), (CameraImuSample, "camera_imu")):
+            if sensor in read:
+                found.setdefault(roles.topic(role) or "", []).append(self._inertial(sensor))
+        if JointSample in read and roles.joints is not None:
             for topic in roles.joints.topics:
                 found.setdefault(topic, []).append(self._joint_state)
-        if StereoFrame in wanted:
+        if StereoFrame in read:
             for role in ("left_image", "right_image"):
                 found.setdefault(roles.topic(role) or "", []).append(self._image)
         return found
@@ -129,18 +129,18 @@ class BagStream:
         except DatasetError:
             if not self._drops_broken:
                 raise
-            self._tally.dropped[f"{message.topic}: message that cannot be decoded"] += 1
+            self._tally.dropped[f"{message.topic}: message cannot be decoded"] += 1
 
     def _decoded(self, message: RawMessage) -> Any:
         return self._bag.decoded(message.topic, message.data)
 
-    def _inertial(self, kind: type[ImuSample] | type[CameraImuSample]) -> _Handler:
+    def _inertial(self, sensor: type[ImuSample] | type[CameraImuSample]) -> _Handler:
         def handle(message: RawMessage, stamp_ns: int) -> Iterator[Item]:
             imu = self._decoded(message)
             rate, force = imu.angular_velocity, imu.linear_acceleration
             values = np.array([rate.x, rate.y, rate.z, force.x, force.y, force.z])
             if np.isfinite(values).all():
-                yield kind(stamp_ns, values[:3], values[3:])
+                yield sensor(stamp_ns, values[:3], values[3:])
             else:
                 self._tally.dropped[f"{message.topic}: IMU reading empty or NaN"] += 1
 
@@ -149,10 +149,10 @@ class BagStream:
     def _joint_state(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
         if self._roles.joints is None:
             return
-        values, is_there = self._roles.joints.entries.read(self._decoded(message))
-        if not is_there.any():
+        values, is_present = self._roles.joints.entries.read(self._decoded(message))
+        if not is_present.any():
             return
-        for complete_ns, complete in self._joints.push(stamp_ns, self._clock.match_ns(message), values, is_there):
+        for complete_ns, complete in self._joints.push(stamp_ns, self._clock.match_ns(message), values, is_present):
             yield JointSample(complete_ns, *complete)
 
     def _feet_of_joints(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
@@ -163,10 +163,10 @@ class BagStream:
 
     def _wrench(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
         leg = self._roles.legs_by_topic[message.topic]
-        is_there = np.arange(len(self._legs)) == leg
+        is_present = np.arange(len(self._legs)) == leg
         value = wrench_force(self._decoded(message), self._config.foot_force_component)
-        force = np.where(is_there, value, np.nan)
-        for complete_ns, complete in self._feet.push(stamp_ns, self._clock.match_ns(message), force, is_there):
+        force = np.where(is_present, value, np.nan)
+        for complete_ns, complete in self._feet.push(stamp_ns, self._clock.match_ns(message), force, is_present):
             yield FootForceSample(complete_ns, complete)
 
     def _image(self, message: RawMessage, stamp_ns: int) -> Iterator[Item]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibrations and ground truth in a bag: mountings, lenses, noise, the tracked body; Kalibr's files in their place."""
+"""Calibrations and ground truth of a bag: mountings, intrinsics, noise, the tracked body; files of Kalibr."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_rectified_images_have_the_lens_of_p_and_the_turn_of_r(bag, biped):
 
 
 @pytest.mark.parametrize(
-    ("model", "given", "wanted"),
+    ("model", "given", "expected"),
     [
         ("plumb_bob", (0.1, 0.2, 0.3, 0.4, 0.5), ("radtan", (0.1, 0.2, 0.3, 0.4, 0.5))),
         ("plumb_bob", (0.0,) * 5, ("none", ())),
@@ -97,12 +97,12 @@ def test_rectified_images_have_the_lens_of_p_and_the_turn_of_r(bag, biped):
         ("", (), ("none", ())),
     ],
 )
-def test_models_of_distortion_are_those_of_ros(bag, biped, model, given, wanted):
+def test_models_of_distortion_are_those_of_ros(bag, biped, model, given, expected):
     for side in ("left", "right"):
         add_camera(bag, side, side, distortion_model=model, d=given)
         bag.add_tf(bag.transform("base_link", side, (0.0, 0.0, 0.0)))
     lens = open_dataset(bag.write(), biped).stereo_calibration().left
-    assert (lens.distortion, lens.distortion_coefficients) == wanted
+    assert (lens.distortion, lens.distortion_coefficients) == expected
 
 
 def test_an_unknown_distortion_is_refused_with_those_that_are_read(bag, biped):
@@ -113,7 +113,7 @@ def test_an_unknown_distortion_is_refused_with_those_that_are_read(bag, biped):
         open_dataset(bag.write(), biped).stereo_calibration()
 
 
-def test_cameras_that_stand_nowhere_are_told_and_not_made_up(bag, biped):
+def test_cameras_without_a_mounting_are_noted_and_have_no_calibration(bag, biped):
     add_camera(bag, "left", "left_optical")
     add_camera(bag, "right", "right_optical")
     bag.add_tf(bag.transform("camera_link", "left_optical", (0.0, 0.0, 0.0)))
@@ -134,12 +134,12 @@ def test_noise_is_read_from_covariances_by_the_rate(bag, biped):
     np.testing.assert_allclose(imu.T_body_imu, pose((0.1, 0.2, 0.3), TURNED), atol=1e-12)
 
 
-def test_a_covariance_beyond_belief_is_left_aside_and_told(bag, biped):
+def test_an_implausible_covariance_is_not_used_and_noted(bag, biped):
     for i in range(5):
         bag.add_imu(START_NS + i * STEP_NS, angular_velocity_covariance=(1e4,) + (0.0,) * 3 + (1e4, *(0.0,) * 3, 1e4))
     dataset = open_dataset(bag.write(), biped)
     assert dataset.imu_calibration() is None
-    assert any("not believed" in note for note in dataset.report().notes)
+    assert any("and not used" in note for note in dataset.report().notes)
 
 
 TRUTHS = {
@@ -171,7 +171,7 @@ def test_ground_truth_is_read_from_poses_of_all_types(bag, biped, msgtype):
     np.testing.assert_allclose(truth.trajectory.T_world_body[2], pose((1.0, 2.0, 2.0), TURNED), atol=1e-12)
 
 
-def test_the_body_is_where_the_tracked_object_sits_on_it(bag, biped):
+def test_the_mounting_of_the_tracked_object_is_taken_into_account(bag, biped):
     T_body_object = se3.transform(so3.about_z(np.pi / 2), np.array([0.1, 0.0, 0.2]))
     T_world_body = pose((1.0, 2.0, 3.0), TURNED)
     T_world_object = T_world_body @ T_body_object
@@ -190,7 +190,7 @@ def test_lost_and_repeated_poses_are_left_out_and_counted(bag, biped):
     assert len(dataset.ground_truth().trajectory) == 1
     assert dataset.report().dropped == {
         "ground truth: stamp repeated or out of order": 1,
-        "ground truth: empty or NaN": 1,
+        "ground truth: pose empty or NaN": 1,
     }
 
 
@@ -203,10 +203,10 @@ def test_ground_truth_that_goes_back_is_an_error_unless_left_out(bag, biped):
     dataset = open_dataset(path, biped)
     with pytest.raises(TimestampError, match=r"on /vicon/biped/biped.*goes back"):
         dataset.ground_truth()
-    assert any("no ground truth is read" in note for note in dataset.report().notes)
+    assert any("ground truth is not read" in note for note in dataset.report().notes)
     partial = open_dataset(path, biped, DatasetConfig(allow_partial=True))
     assert partial.ground_truth().trajectory.positions[:, 0].tolist() == [0.0, 2.0, 3.0]
-    assert partial.report().dropped == {"/vicon/biped/biped: stamp going back": 1}
+    assert partial.report().dropped == {"/vicon/biped/biped: stamp goes back": 1}
 
 
 def camchain(tmp_path, **changes):
@@ -235,7 +235,7 @@ def seeing(bag):
     bag.add_imu(START_NS, topic="/camera/imu", header__frame_id="camera_imu")
 
 
-def test_a_camchain_stands_in_for_what_the_bag_lacks(tmp_path, bag, biped):
+def test_a_camchain_replaces_a_missing_calibration(tmp_path, bag, biped):
     seeing(bag)
     dataset = open_dataset(bag.write(), biped, configured(f"kalibr.camchain={camchain(tmp_path)}"))
     stereo = dataset.stereo_calibration()
@@ -245,14 +245,14 @@ def test_a_camchain_stands_in_for_what_the_bag_lacks(tmp_path, bag, biped):
     assert T_left_right[0, 3] == pytest.approx(0.06)
     assert stereo.left.focal_px == (350.0, 351.0)
     assert stereo.time_offset_s == 0.0125
-    assert any("taken for the body's IMU" in note for note in dataset.report().notes)
+    assert any("taken to be the body's IMU" in note for note in dataset.report().notes)
 
 
-def test_a_camchain_of_the_cameras_imu_takes_where_that_sits(tmp_path, bag, biped):
+def test_a_camchain_of_the_cameras_imu_needs_the_mounting_of_that_imu(tmp_path, bag, biped):
     seeing(bag)
     settings = (f"kalibr.camchain={camchain(tmp_path)}", "kalibr.calibrated_imu=camera_imu")
     path = bag.write()
-    with pytest.raises(CalibrationMissing, match=r"from the camera's IMU, but not where that is.*calibrated_imu=imu"):
+    with pytest.raises(CalibrationMissing, match=r"own mounting on the body is unknown.*calibrated_imu=imu"):
         open_dataset(path, biped, configured(*settings)).stereo_calibration()
     again = TinyBag(tmp_path / "mounted.bag")
     seeing(again)
@@ -281,7 +281,7 @@ def test_a_camchain_names_left_and_right_by_their_topics(tmp_path, bag, biped):
     np.testing.assert_allclose(stereo.T_body_right_camera, pose((0.1, 0.0, 0.0), TURNED), atol=1e-12)
 
 
-def test_an_imu_file_gives_the_noise_of_the_imu_it_is_of(tmp_path, bag, biped):
+def test_an_imu_file_sets_the_noise_of_its_own_imu(tmp_path, bag, biped):
     seeing(bag)
     path = tmp_path / "imu.yaml"
     path.write_text("{gyroscope_noise_density: 0.003, accelerometer_random_walk: 0.0007, rostopic: /camera/imu}")

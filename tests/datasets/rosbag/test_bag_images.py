@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images of a bag: encodings, which are refused, and which two belong together."""
+"""Images of a bag: supported and refused encodings, and the pairing of left and right."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_images_in_several_encodings_become_the_same_grey(mcap, biped):
         np.testing.assert_array_equal(frame.right, grey)
 
 
-def test_colours_are_weighed_as_their_encoding_says(mcap, biped):
+def test_colours_are_weighted_by_their_encoding(mcap, biped):
     red = np.zeros((2, 2, 3), dtype=np.uint8)
     red[..., 0] = 255
     mcap.add_image(START_NS, "/left/image", red, "rgb8")
@@ -50,10 +50,10 @@ def test_colours_are_weighed_as_their_encoding_says(mcap, biped):
 
 
 @pytest.mark.parametrize("encoding", ["mono16", "16UC1", "bayer_rggb8", "32FC1"])
-def test_other_encodings_are_refused_with_those_that_are_read(bag, biped, encoding):
+def test_unsupported_encodings_are_refused_with_those_supported(bag, biped, encoding):
     for side in ("left", "right"):
         bag.add_image(START_NS, f"/{side}/image", np.zeros((2, 2), dtype=np.uint16), encoding)
-    with pytest.raises(DatasetError, match=rf"/left/image .*{encoding}.*read are mono8, 8UC1, bgr8, rgb8"):
+    with pytest.raises(DatasetError, match=rf"/left/image .*{encoding}.*supported are mono8, 8UC1, bgr8, rgb8"):
         list(open_dataset(bag.write(), biped).measurements(FRAMES))
 
 
@@ -86,11 +86,11 @@ def test_images_are_paired_by_stamp_and_the_others_counted(bag, biped):
     assert list(strict.measurements(FRAMES)) == []
 
 
-def test_a_side_that_falls_silent_does_not_make_the_other_wait_for_ever(mcap, biped):
+def test_a_camera_that_stops_does_not_hold_the_images_of_the_other(mcap, biped):
     grey = np.zeros((2, 2), dtype=np.uint8)
     for i in range(200):
         mcap.add_image(START_NS + i * STEP_NS, "/left/image_raw", grey)
     mcap.add_image(START_NS + 199 * STEP_NS, "/right/image_raw", grey)
     report = open_dataset(mcap.write(), biped).report()
     assert report.stream("stereo").samples == 1
-    assert report.dropped == {"/left/image_raw: no image of the other camera at that stamp": 199}
+    assert report.dropped == {"/left/image_raw: no image of the other camera at this stamp": 199}

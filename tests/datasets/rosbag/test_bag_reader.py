@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is read of sound bags: all formats, any order of joints and messages, nothing held that need not be."""
+"""Reading sound bags: all formats, any order of joints and messages, constant memory."""
 
 import sqlite3
 import tracemalloc
@@ -43,7 +43,7 @@ def mcap(tmp_path):
     return TinyBag(tmp_path / "walk.mcap")
 
 
-def test_every_format_gives_the_same_samples(bag, biped):
+def test_every_format_has_the_same_samples(bag, biped):
     for i in range(5):
         stamp_ns = START_NS + i * STEP_NS
         bag.add_joints(stamp_ns, velocity=(1.0, 2.0, 3.0, 4.0), effort=(5.0, 6.0, 7.0, np.inf))
@@ -67,7 +67,7 @@ def test_every_format_gives_the_same_samples(bag, biped):
     assert len(list(dataset.measurements())) == 15  # from the beginning again, without the camera
 
 
-def test_joints_are_taken_by_name_whatever_their_order_and_company(bag, biped):
+def test_joints_are_read_by_name_in_any_order_and_among_others(bag, biped):
     bag.add_joints(START_NS, names=("gripper", *reversed(JOINTS)))
     bag.add_joints(START_NS + STEP_NS, names=JOINTS)
     first, second = samples_of(open_dataset(bag.write(), biped), JointSample)
@@ -106,7 +106,7 @@ def test_a_message_without_names_takes_those_of_the_configuration(mcap, biped):
     np.testing.assert_array_equal(sample.position, [4.0, 5.0, 2.0, 3.0])
 
 
-def test_a_missing_velocity_is_estimated_and_told(mcap, biped):
+def test_a_missing_velocity_is_estimated_and_noted(mcap, biped):
     for i in range(20):
         mcap.add_joints(START_NS + i * STEP_NS, position=(0.03 * i, 0.0, 0.0, -0.01 * i))
     dataset = open_dataset(mcap.write(), biped)
@@ -116,7 +116,7 @@ def test_a_missing_velocity_is_estimated_and_told(mcap, biped):
 
 
 @pytest.mark.parametrize(
-    ("settings", "wanted"),
+    ("settings", "expected"),
     [
         ([], [7.0, 8.0]),
         (["foot_force_entries='effort[4:6]'"], [7.0, 8.0]),
@@ -124,15 +124,15 @@ def test_a_missing_velocity_is_estimated_and_told(mcap, biped):
         (["foot_force_entries={left: 'position[left_foot]'}"], [0.7, np.nan]),
     ],
 )
-def test_foot_forces_among_the_joints_are_found(mcap, biped, settings, wanted):
+def test_foot_forces_among_the_joints_are_found(mcap, biped, settings, expected):
     names, angles = (*JOINTS, "left_foot", "right_foot"), (*ANGLES, 0.7, 0.8)
     mcap.add_joints(START_NS, names=names, position=angles, effort=(1.0, 2.0, 3.0, 4.0, 7.0, 8.0))
     force, joints = open_dataset(mcap.write(), biped, configured(*settings)).measurements()
-    np.testing.assert_array_equal(force.force, wanted)
+    np.testing.assert_array_equal(force.force, expected)
     np.testing.assert_array_equal(joints.effort, [1.0, 2.0, 3.0, 4.0])
 
 
-def test_feet_that_speak_at_different_times_are_separate_readings(mcap, biped):
+def test_foot_forces_of_different_times_are_separate_readings(mcap, biped):
     kind = "geometry_msgs/msg/WrenchStamped"
     mcap.add_joints(START_NS)
     mcap.add("/wrench/left", kind, START_NS, wrench__force__x=3.0, wrench__force__z=4.0)
@@ -175,14 +175,14 @@ def test_a_message_recorded_twice_is_passed_on_twice_and_counted(bag, biped):
     assert dataset.report().stream("joints").repeated_stamps == 1
 
 
-def test_the_time_of_arrival_is_taken_when_asked_for(bag, biped):
+def test_the_time_of_arrival_is_used_if_configured(bag, biped):
     for i in range(3):
         bag.add_joints(START_NS - i, received_ns=START_NS + i * STEP_NS)
     dataset = open_dataset(bag.write(), biped, configured("clock=received"))
     assert [sample.stamp_ns for sample in dataset.measurements()] == [START_NS + i * STEP_NS for i in range(3)]
 
 
-def test_what_is_of_one_time_belongs_together_though_it_arrives_piece_by_piece(bag, biped):
+def test_messages_of_one_time_are_matched_though_they_arrive_one_by_one(bag, biped):
     grey, kind = np.zeros((2, 2), dtype=np.uint8), "geometry_msgs/msg/WrenchStamped"
     for i in range(3):
         stamp_ns, came_ns = 5 + i * STEP_NS, START_NS + i * STEP_NS
@@ -198,20 +198,20 @@ def test_what_is_of_one_time_belongs_together_though_it_arrives_piece_by_piece(b
     assert samples[1].stamp_ns == START_NS + 3_000_000
 
 
-def test_a_header_without_a_stamp_is_an_error_that_names_the_way_out(bag, biped):
+def test_a_header_without_a_stamp_is_an_error_that_names_the_settings(bag, biped):
     bag.add_joints(0, received_ns=START_NS)
     with pytest.raises(TimestampError, match=r"on /joint_states: its header has no stamp.*clock=received"):
         list(open_dataset(bag.write(), biped).measurements())
 
 
-def test_clocks_that_are_apart_are_told(mcap, biped):
+def test_clocks_that_are_apart_are_noted(mcap, biped):
     mcap.add_joints(START_NS)
     mcap.add_imu(5_000_000_000, received_ns=START_NS)
     notes = open_dataset(mcap.write(), biped).report().notes
     assert any("/imu" in note and "/joint_states" in note and "s apart" in note for note in notes)
 
 
-def test_another_clock_neither_holds_the_stream_up_nor_is_held(mcap, biped):
+def test_a_topic_on_another_clock_neither_delays_the_stream_nor_is_held(mcap, biped):
     for i in range(300):
         stamp_ns = START_NS + i * STEP_NS
         mcap.add_joints(stamp_ns)
@@ -230,7 +230,7 @@ def test_an_imu_reading_that_is_nan_is_left_out(bag, biped):
     assert report.dropped == {"/imu: IMU reading empty or NaN": 1}
 
 
-def test_only_the_topics_asked_for_are_opened(bag, biped, monkeypatch):
+def test_only_the_requested_topics_are_opened(bag, biped, monkeypatch):
     for i in range(3):
         bag.add_joints(START_NS + i * STEP_NS)
         bag.add_imu(START_NS + i * STEP_NS)
@@ -275,7 +275,7 @@ def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path, biped, kind):
     assert peaks[1] < 240 * 2 * 160 * 200 / 2  # less than half of the images
 
 
-def test_messages_are_taken_as_they_are_wanted(tmp_path, biped, monkeypatch):
+def test_messages_are_read_on_demand(tmp_path, biped, monkeypatch):
     bag = TinyBag(tmp_path / "walk.db3")
     for i in range(1000):
         bag.add_joints(START_NS + i * STEP_NS)

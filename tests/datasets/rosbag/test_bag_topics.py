@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which topic is read for what: guesses from names and types as robots in the field use them, and the configuration."""
+"""The topic of every role: inferred from names and types as recorded robots use them, or configured."""
 
 import numpy as np
 import pytest
@@ -128,7 +128,7 @@ FIELD = {
         [("/a/joint_command", JOINT_STATE), ("/z/joint_states", JOINT_STATE), ("/gazebo/ground_truth", ODOMETRY)],
         {"joints": "/z/joint_states", "ground_truth": "/gazebo/ground_truth"},
     ),
-    "an IMU that only its frame gives away": (
+    "an IMU that only its frame identifies": (
         [("/imu_a", IMU, "d435i_imu_frame"), ("/imu_b", IMU, "trunk")],
         {"camera_imu": "/imu_a", "imu": "/imu_b"},
     ),
@@ -137,12 +137,12 @@ FIELD = {
 
 
 @pytest.mark.parametrize("name", FIELD)
-def test_topics_of_the_field_are_told_apart(tmp_path, biped, name):
-    topics, wanted = FIELD[name]
-    assert chosen(open_with(tmp_path, biped, topics)) == wanted
+def test_topics_of_recorded_robots_are_assigned(tmp_path, biped, name):
+    topics, expected = FIELD[name]
+    assert chosen(open_with(tmp_path, biped, topics)) == expected
 
 
-def test_every_role_is_told_with_its_reason_and_the_others(tmp_path, biped):
+def test_every_role_has_its_reason_and_the_other_topics(tmp_path, biped):
     topics = [("/imu", IMU), ("/imu/raw", IMU), ("/joint_states", JOINT_STATE), ("/vicon/other/other", TRANSFORM)]
     dataset = open_with(tmp_path, biped, topics)
     roles = "joints imu camera_imu left_image right_image left_info right_info ground_truth foot_force"
@@ -154,7 +154,7 @@ def test_every_role_is_told_with_its_reason_and_the_others(tmp_path, biped):
     assert any("/imu is read, not /imu/raw" in note for note in dataset.report().notes)
 
 
-def test_the_configuration_goes_before_the_guess(tmp_path, biped):
+def test_the_configuration_takes_precedence(tmp_path, biped):
     topics = [("/imu", IMU), ("/camera/imu", IMU), ("/vicon/a/a", TRANSFORM), ("/odom", ODOMETRY)]
     settings = ("topics.imu=/camera/imu", "topics.camera_imu=/imu", "topics.ground_truth=/odom")
     dataset = open_with(tmp_path, biped, topics, *settings)
@@ -177,7 +177,7 @@ def test_one_imu_may_serve_as_both(tmp_path, biped):
     assert [type(sample) for sample in samples] == [ImuSample, CameraImuSample]
 
 
-def test_a_type_of_their_own_is_read_as_the_one_it_stands_for(tmp_path, biped):
+def test_a_custom_type_is_read_as_the_configured_one(tmp_path, biped):
     fields = {"/body": {"pose__pose__orientation__w": 1.0}}
     dataset = open_with(tmp_path, biped, [("/imu", IMU), ("/body", ODOMETRY)], f"types={{/body: {POSE}}}", **fields)
     assert choice_of(dataset, "ground_truth").others == ("/body",)

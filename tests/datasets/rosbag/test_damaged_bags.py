@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags at fault: one sentence each, and what can be read where the user says so."""
+"""Damaged bags: an error of one sentence each, and what can be read if partial reading is allowed."""
 
 import bz2
 import shutil
@@ -42,17 +42,15 @@ def cut(path, part):
 
 
 def one_sentence(error):
-    said = str(error.value)
-    assert "\n" not in said
-    assert len(said) < 600
-    return said
+    message = str(error.value)
+    assert "\n" not in message
+    assert len(message) < 600
+    return message
 
 
 @pytest.mark.parametrize(("kind", "options"), [(kind, options) for kind in WRITING for options in WRITING[kind]])
 @pytest.mark.parametrize("part", [0.4, 0.7, 0.999])
-def test_a_bag_that_was_cut_off_is_read_up_to_the_break_when_asked_for(
-    tmp_path, biped, assert_same, kind, options, part
-):
+def test_a_bag_that_was_cut_off_is_read_up_to_the_cut_if_allowed(tmp_path, biped, assert_same, kind, options, part):
     bag = TinyBag(tmp_path / kind)
     fill(bag)
     path = bag.write(**options)
@@ -70,7 +68,7 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_break_when_asked_for(
     assert any("damaged or cut off" in note for note in dataset.report().notes)
 
 
-def test_a_folder_whose_database_was_cut_off_is_read_up_to_the_break(tmp_path, biped):
+def test_a_folder_whose_database_was_cut_off_is_read_up_to_the_cut(tmp_path, biped):
     bag = TinyBag(tmp_path / "walk")
     fill(bag)
     path = bag.write()
@@ -88,7 +86,7 @@ def test_a_folder_without_metadata_is_read_by_its_files(tmp_path, biped):
     assert len(list(open_dataset(path, biped).measurements())) == 20
 
 
-def test_damage_in_the_middle_is_told_and_ends_the_reading(bag, biped):
+def test_damage_in_the_middle_is_noted_and_ends_the_reading(bag, biped):
     noise = np.random.default_rng(4).integers(0, 256, (150, 200), dtype=np.uint8)
     for i in range(100):
         bag.add_imu(START_NS + i * STEP_NS)
@@ -127,7 +125,7 @@ def test_what_can_be_unpacked_of_a_chunk_is_a_prefix(compression, compress):
 
 @pytest.mark.parametrize("kind", ["walk.bag", "walk.mcap", "walk.db3"])
 @pytest.mark.parametrize("content", [b"", b"not a bag at all, but long enough for a header" * 40])
-def test_what_is_no_bag_is_one_sentence_with_and_without_leave(tmp_path, biped, kind, content):
+def test_a_file_that_is_not_a_bag_is_one_sentence_with_and_without_partial_reading(tmp_path, biped, kind, content):
     path = tmp_path / kind
     path.write_bytes(content)
     for config in (None, PARTIAL):
@@ -136,7 +134,7 @@ def test_what_is_no_bag_is_one_sentence_with_and_without_leave(tmp_path, biped, 
         assert str(path) in one_sentence(error)
 
 
-def test_a_bag_without_joints_is_an_error_and_the_rest_is_read_when_asked_for(bag, biped):
+def test_a_bag_without_joints_is_an_error_and_the_rest_is_read_if_allowed(bag, biped):
     bag.add_imu(START_NS)
     path = bag.write()
     with pytest.raises(TopicNotFound, match=r"no JointState among the topics /imu.*--allow-partial") as error:
@@ -147,14 +145,14 @@ def test_a_bag_without_joints_is_an_error_and_the_rest_is_read_when_asked_for(ba
     assert any("no JointState" in note for note in dataset.report().notes)
 
 
-def test_a_bag_without_joints_serves_those_who_ask_for_none(bag, biped):
+def test_a_bag_without_joints_is_read_when_none_are_requested(bag, biped):
     bag.add_imu(START_NS)
     dataset = open_dataset(bag.write(), biped)
     assert len(list(dataset.measurements(frozenset({ImuSample})))) == 1
     assert dataset.report().stream("imu").samples == 1
 
 
-def test_a_wrong_joint_name_is_named_beside_those_there(bag, biped):
+def test_a_wrong_joint_name_is_listed_beside_the_names_in_the_bag(bag, biped):
     bag.add_joints(START_NS, names=(*JOINTS[:3], "right_knie"), position=(1.0, 2.0, 3.0, 4.0))
     path = bag.write()
     with pytest.raises(TopicNotFound, match=r"no joint is called right_knee_joint:.*right_knie.*joint_names") as error:
@@ -167,37 +165,39 @@ def test_a_wrong_joint_name_is_named_beside_those_there(bag, biped):
     assert any("right_knee_joint" in note for note in dataset.report().notes)
 
 
-def test_a_bag_of_another_robot_says_which_joints_it_has(bag):
+def test_a_bag_of_another_robot_is_an_error_that_lists_its_joints(bag):
     bag.add_joints(START_NS)
     path = bag.write()
     with pytest.raises(TopicNotFound, match=r"left_hip_joint.*name another robot"):
         open_dataset(path, load_robot("go1"))
 
 
-def test_swapped_stamps_are_an_error_and_are_left_out_when_asked_for(bag, biped):
+def test_swapped_stamps_are_an_error_and_are_left_out_if_allowed(bag, biped):
     for i, k in enumerate((0, 1, 3, 2, 4, 5)):
         bag.add_joints(START_NS + k * STEP_NS, received_ns=START_NS + i * STEP_NS)
         bag.add_imu(START_NS + i * STEP_NS)
     path = bag.write()
-    said = rf"message 4 on /joint_states: its stamp {START_NS + 2 * STEP_NS} ns goes back by 0\.01 s.*--allow-partial"
-    with pytest.raises(TimestampError, match=said) as error:
+    message = (
+        rf"message 4 on /joint_states: its stamp {START_NS + 2 * STEP_NS} ns goes back by 0\.01 s.*--allow-partial"
+    )
+    with pytest.raises(TimestampError, match=message) as error:
         list(open_dataset(path, biped).measurements())
     one_sentence(error)
     dataset = open_dataset(path, biped, PARTIAL)
     stamps = [sample.stamp_ns for sample in dataset.measurements() if isinstance(sample, JointSample)]
     assert [(stamp_ns - START_NS) // STEP_NS for stamp_ns in stamps] == [0, 1, 3, 4, 5]
-    assert dataset.report().dropped == {"/joint_states: stamp going back": 1}
+    assert dataset.report().dropped == {"/joint_states: stamp goes back": 1}
 
 
-def test_the_report_tells_of_swapped_stamps_instead_of_failing(bag, biped):
+def test_the_report_counts_swapped_stamps_instead_of_failing(bag, biped):
     for i, k in enumerate((0, 2, 1, 3)):
         bag.add_joints(START_NS + k * STEP_NS, received_ns=START_NS + i * STEP_NS)
     report = open_dataset(bag.write(), biped).report()
-    assert report.dropped == {"/joint_states: stamp going back": 1}
+    assert report.dropped == {"/joint_states: stamp goes back": 1}
     assert report.stream("joints").samples == 3
 
 
-def test_an_image_that_cannot_be_decoded_is_left_out_when_asked_for(bag, biped):
+def test_an_image_that_cannot_be_decoded_is_left_out_if_allowed(bag, biped):
     for i, size in enumerate((4, 3, 4)):
         for side in ("left", "right"):
             data = np.zeros(size, dtype=np.uint8)
@@ -208,37 +208,37 @@ def test_an_image_that_cannot_be_decoded_is_left_out_when_asked_for(bag, biped):
         list(open_dataset(path, biped).measurements(sensors))
     dataset = open_dataset(path, biped, PARTIAL)
     assert len(list(dataset.measurements(sensors))) == 2
-    assert dataset.report().dropped == {"/left/image: pair of images that cannot be decoded": 1}
+    assert dataset.report().dropped == {"/left/image: image pair cannot be decoded": 1}
 
 
-def test_a_folder_with_several_bags_asks_for_one(tmp_path, biped):
+def test_a_folder_with_several_bags_is_an_error_that_names_them(tmp_path, biped):
     bag = TinyBag(tmp_path / "one.bag")
     bag.add_joints(START_NS)
     bag.write()
     assert len(list(open_dataset(tmp_path, biped).measurements())) == 1
     shutil.copy(tmp_path / "one.bag", tmp_path / "two.bag")
-    with pytest.raises(DatasetError, match=r"holds 2 bags \(one\.bag, two\.bag\); give the path of one"):
+    with pytest.raises(DatasetError, match=r"holds 2 bags \(one\.bag, two\.bag\); pass the path of one"):
         open_dataset(tmp_path, biped)
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "message"),
     [
-        ("topics.imu=/imo", r"no message on /imo.*as imu.*there are: /imu"),
+        ("topics.imu=/imo", r"no message on /imo.*as imu.*type are: /imu"),
         ("topics.imu=/joint_states", r"has /joint_states, but as sensor_msgs/msg/JointState"),
         ("topics.joints=[/legs]", r"no message on /legs.*as joints"),
         ("topics.foot_force={middle: /imu}", r"names the legs middle; the legs of biped are left, right"),
-        ("joint_names={left_ankle: q}", r"joint_names names left_ankle, no joint of biped"),
+        ("joint_names={left_ankle: q}", r"joint_names names left_ankle, which biped does not have"),
         ("joint_signs={left_ankle: -1}", r"joint_signs names left_ankle"),
         ("foot_force_entries={middle: q}", r"names the legs middle"),
         ("foot_force_entries='effort[4:9]'", r"a range of 2 entries.*effort\[12:14\]"),
         ("foot_force_entries={left: 'torque[3]'}", r"'torque\[3\]' must be the name of an entry"),
     ],
 )
-def test_a_setting_that_does_not_fit_the_bag_says_what_would(tmp_path, biped, setting, said):
+def test_a_setting_that_does_not_fit_the_bag_is_an_error_that_lists_the_choices(tmp_path, biped, setting, message):
     bag = TinyBag(tmp_path / "walk.mcap")
     bag.add_joints(START_NS)
     bag.add_imu(START_NS)
     config = DatasetConfig.parse(parse_settings([f"rosbag.{setting}"]), "test")
-    with pytest.raises(DatasetError, match=said):
+    with pytest.raises(DatasetError, match=message):
         open_dataset(bag.write(), biped, config)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags as the field records them, through the eyes of ``inspect``: what is taken, what could be, what is missing."""
+"""Bags as real robots record them, inspected: the topics read, those that could be, and what is missing."""
 
 import re
 from pathlib import Path
@@ -30,8 +30,8 @@ def read_as(*settings):
     return DatasetConfig.parse(parse_settings([f"rosbag.{setting}" for setting in settings]), "test")
 
 
-def topics_of(seen):
-    return {topic.role: topic for topic in seen.topics}
+def topics_of(inspection):
+    return {topic.role: topic for topic in inspection.topics}
 
 
 def at(i):
@@ -58,37 +58,37 @@ def cerberus(tmp_path):
     return bag.write()
 
 
-def test_cerberus_is_told_apart_from_its_second_imu_and_its_own_odometry(cerberus):
-    seen = inspect_recording(cerberus, None, DatasetConfig())
-    topics = topics_of(seen)
+def test_the_topics_of_cerberus_are_assigned_beside_a_second_imu_and_its_own_odometry(cerberus):
+    inspection = inspect_recording(cerberus, None, DatasetConfig())
+    topics = topics_of(inspection)
     assert (topics["imu"].topics, topics["imu"].others) == (("/hardware_a1/imu",), ("/imu/data",))
     assert topics["left_image"].topics == ("/camera_forward/infra1/image_rect_raw",)
     assert topics["ground_truth"].topics == ("/mocap_node/mocap/pose",)
     assert topics["ground_truth"].others == ("/hardware_a1/estimation_body_pose",)
     assert topics["joints"].others == ("/hardware_a1/joint_foot", "/hardware_a1/joint_torque_cmd")
-    assert set(CERBERUS) < set(seen.joints.there)
-    assert seen.joints.nearest is None
-    assert any("kalibr" in note for note in seen.report.notes)
+    assert set(CERBERUS) < set(inspection.joints.there)
+    assert inspection.joints.nearest is None
+    assert any("kalibr" in note for note in inspection.report.notes)
 
 
-def test_cerberus_with_another_robots_names_says_which_there_are(cerberus):
-    seen = inspect_recording(cerberus, load_robot("a1"), DatasetConfig())
-    assert len(seen.joints.missing) == 12
-    assert topics_of(seen)["joints"].reason == "holds 0 of the 12 joints of a1"
-    assert any("FL0" in problem for problem in seen.problems)
-    assert seen.missing["coclo"] == ("12 of a1's 12 joints",)
+def test_joint_names_of_another_robot_are_reported_with_those_in_the_bag(cerberus):
+    inspection = inspect_recording(cerberus, load_robot("a1"), DatasetConfig())
+    assert len(inspection.joints.missing) == 12
+    assert topics_of(inspection)["joints"].reason == "holds 0 of the 12 joints of a1"
+    assert any("FL0" in problem for problem in inspection.problems)
+    assert inspection.missing["coclo"] == ("12 of a1's 12 joints",)
 
 
 def test_cerberus_is_read_whole_once_its_joints_are_named(cerberus):
     config, a1 = read_as(f"joint_names={{{CERBERUS_NAMES}}}"), load_robot("a1")
-    seen = inspect_recording(cerberus, a1, config)
-    topics = topics_of(seen)
-    assert seen.joints.matched == a1.joint_names
+    inspection = inspect_recording(cerberus, a1, config)
+    topics = topics_of(inspection)
+    assert inspection.joints.matched == a1.joint_names
     assert (topics["joints"].topics, topics["joints"].others) == (
         ("/hardware_a1/joint_foot",),
         ("/hardware_a1/joint_torque_cmd",),
     )
-    assert seen.missing["coclo"] == ()
+    assert inspection.missing["coclo"] == ()
     samples = list(open_dataset(cerberus, a1, config).measurements())
     force = next(sample for sample in samples if isinstance(sample, FootForceSample))
     np.testing.assert_array_equal(force.force, [13.0, 12.0, 15.0, 14.0])  # a1 has its right legs first
@@ -111,14 +111,14 @@ def test_an_anymal_with_depth_cameras_has_their_infrared_pair(tmp_path):
             bag.add_image(at(i), f"/depth_camera_front/{camera}/image_rect_raw", GREY)
         for side in ("front", "rear"):
             bag.add_image(at(i), f"/wide_angle_camera_{side}/image_raw", GREY)
-    seen = inspect_recording(bag.write(), anymal, DatasetConfig())
-    topics = topics_of(seen)
+    inspection = inspect_recording(bag.write(), anymal, DatasetConfig())
+    topics = topics_of(inspection)
     assert topics["left_image"].topics == ("/depth_camera_front/infra1/image_rect_raw",)
     assert topics["left_image"].others == ("/wide_angle_camera_front/image_raw", "/wide_angle_camera_rear/image_raw")
     assert topics["imu"].topics == ("/sensors/imu",)
     assert topics["camera_imu"].topics == ()
     assert (topics["ground_truth"].topics, topics["ground_truth"].others) == ((), ("/state_estimator/odometry",))
-    assert seen.missing["coclo"] == ()
+    assert inspection.missing["coclo"] == ()
 
 
 def test_a_spot_without_imu_is_read_for_what_it_has(tmp_path):
@@ -129,14 +129,14 @@ def test_a_spot_without_imu_is_read_for_what_it_has(tmp_path):
         for side in ("frontleft", "frontright"):
             bag.add_image(at(i), f"/camera/{side}/image", GREY)
             bag.add_image(at(i), f"/depth/{side}/image", GREY)
-    seen = inspect_recording(bag.write(), None, DatasetConfig())
-    topics = topics_of(seen)
+    inspection = inspect_recording(bag.write(), None, DatasetConfig())
+    topics = topics_of(inspection)
     assert topics["imu"].reason == "no topic is of type Imu"
     assert (topics["left_image"].topics, topics["left_image"].others) == (("/camera/frontleft/image",), ())
-    assert seen.problems == ()
-    assert seen.joints.there == ("front_left_hip_x", "front_left_knee")
-    assert seen.missing["stereo"] == ("calibration of the cameras",)
-    assert seen.missing["coclo"][0].startswith("a robot (the joints are those of no known one")
+    assert inspection.problems == ()
+    assert inspection.joints.there == ("front_left_hip_x", "front_left_knee")
+    assert inspection.missing["stereo"] == ("calibration of the cameras",)
+    assert inspection.missing["coclo"][0].startswith("a robot (the joints are those of no known one")
 
 
 def test_the_page_on_recordings_reads_cerberus(cerberus, tmp_path):

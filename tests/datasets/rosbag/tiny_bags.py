@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags written with rosbags' own writers, message by message, so that a reader meets what others record."""
+"""Bags written message by message with the writers of rosbags, independent of this package's writer."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ JOINTS = ("left_hip_joint", "left_knee_joint", "right_hip_joint", "right_knee_jo
 
 
 class TinyBag:
-    """Messages for one bag; fields that are not given are zero, ``header.frame_id`` reaches inside."""
+    """Messages for one bag; other fields are zero, a dotted name such as ``header.frame_id`` sets an inner field."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -46,7 +46,7 @@ class TinyBag:
         self._messages.append((topic, stamp_ns if received_ns is None else received_ns, message))
 
     def add_joints(self, stamp_ns, names=JOINTS, topic="/joint_states", received_ns=None, **fields):
-        """Angles 0.1, 0.2, ... by the joints' place in ``JOINTS``; velocity and torque on request."""
+        """Angles 0.1, 0.2, ... by the joints' index in ``JOINTS``; velocity and torque on request."""
         fields.setdefault("position", tuple(angle_of(name) for name in names))
         self.add(topic, "sensor_msgs/msg/JointState", stamp_ns, received_ns=received_ns, name=list(names), **fields)
 
@@ -73,7 +73,7 @@ class TinyBag:
         return self._messages[-1][2]
 
     def received_last(self, received_ns: int) -> None:
-        """Say when the message added last was received."""
+        """Set the time of arrival of the message added last."""
         topic, _, message = self._messages[-1]
         self._messages[-1] = (topic, received_ns, message)
 
@@ -148,5 +148,5 @@ def place(translation: Any, rotation: Any, xyz: Any, quat_xyzw: Any) -> None:
 
 
 def angle_of(joint: str) -> float:
-    """The angle that ``TinyBag.add_joints`` gives a joint."""
+    """The angle that ``TinyBag.add_joints`` writes for a joint."""
     return 0.1 * (1 + JOINTS.index(joint)) if joint in JOINTS else 9.0

@@ -8,11 +8,11 @@ from typing import Any
 
 from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder
-from coclo_vio.evaluation.records import EvaluationRecord, GapsRecord
+from coclo_vio.evaluation.evaluation_record import EvaluationRecord, GapsRecord
 from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.records import EventTime, Fingerprint, JobRecord, JobTrajectory
+from coclo_vio.experiments.table.table_record import EventTime, Fingerprint, JobRecord, JobTrajectory
 from coclo_vio.experiments.table.trial_results import FIGURES
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel

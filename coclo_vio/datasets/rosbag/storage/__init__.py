@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags as files: topics and messages as bytes, of whole files and of what is left of damaged ones."""
+"""Bags as files: topics and messages as bytes, of sound files and of the readable part of damaged ones."""

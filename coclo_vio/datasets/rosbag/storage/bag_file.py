@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bag on the disk, ROS 1 or ROS 2, whole or cut off: its topics, and its messages as a stream of bytes.
+"""A bag file, ROS 1 or ROS 2, sound or cut off: its topics, and its messages as a stream of bytes.
 
-What ``rosbags`` lets through of its own errors and of those of its compressions and databases becomes a
-``DatasetError`` here.
+Errors of ``rosbags``, of its compressions and of its databases become a ``DatasetError`` here.
 """
 
 import struct
@@ -34,7 +33,7 @@ class BagTopic:
 
 
 class RawMessage(NamedTuple):
-    """A message as it lies in the bag, and when the bag received it, ns."""
+    """A message as bytes, and the time at which the bag received it, ns."""
 
     topic: str
     received_ns: int
@@ -42,24 +41,24 @@ class RawMessage(NamedTuple):
 
 
 class BagFile:
-    """A bag that can be read from its beginning as often as is wanted.
+    """A bag that can be read from its beginning any number of times.
 
     Attributes:
         path: the file, or the folder with ``metadata.yaml``.
         is_ros1: whether it is a ROS 1 bag.
-        topics: what there is, by name.
-        damage: what is broken about it and where, None for a bag that could be read whole so far.
+        topics: the topics by name.
+        damage: what is damaged, or None for a bag that could be read so far.
     """
 
     def __init__(self, path: Path, *, allow_partial: bool) -> None:
         """List the topics.
 
         Args:
-            path: what ``files.is_rosbag`` says yes to.
-            allow_partial: take what can be read of a damaged bag.
+            path: a path that ``files.is_rosbag`` accepts.
+            allow_partial: read a damaged bag up to the damage.
 
         Raises:
-            DatasetError: the bag is damaged; says what can be done.
+            DatasetError: the bag is damaged and ``allow_partial`` is not set.
         """
         self.path = files.bag_in(path)
         self.is_ros1 = files.is_ros1(self.path)
@@ -90,10 +89,10 @@ class BagFile:
             return None
 
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
-        """The messages of the topics ``names`` as they were received, streamed; no other topic is opened.
+        """The messages of the topics ``names`` in the order of arrival, streamed; no other topic is opened.
 
         Raises:
-            DatasetError: the bag breaks somewhere and partial reading is not allowed.
+            DatasetError: the bag is damaged and partial reading is not allowed.
         """
         if not names:
             return
@@ -114,8 +113,8 @@ class BagFile:
             return store.deserialize_ros1(data, msgtype) if self.is_ros1 else store.deserialize_cdr(data, msgtype)
         except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
             raise DatasetError(
-                f"{self.path}: a message on {topic} is no "
-                f"{self.topics[topic].msgtype} ({files.in_plain_words(error)}); --allow-partial "
+                f"{self.path}: a message on {topic} does not decode as "
+                f"{self.topics[topic].msgtype} ({files.reason_of(error)}); --allow-partial "
                 "(dataset.allow_partial) leaves it out"
             ) from error
 
@@ -136,20 +135,20 @@ class BagFile:
         return int(seconds) * NS_PER_S + int(nanoseconds)
 
     def _survey(self) -> list[Connection]:
-        """The connections of all files; settles whether the bag is whole."""
+        """The connections of all files; determines whether the bag is sound."""
         try:
             files.check_lengths(self.path)
-            return self._connections(files.whole(self.path))
+            return self._connections(files.sound_readers(self.path))
         except Exception as error:
-            self.damage = f"the bag is damaged or cut off ({files.in_plain_words(error)})"
+            self.damage = f"the bag is damaged or cut off ({files.reason_of(error)})"
             if not self._allow_partial:
                 raise self._damaged() from error
         self._is_cut = True
         try:
-            return self._connections(files.remaining(self.path))
+            return self._connections(files.partial_readers(self.path))
         except Exception as error:
             raise DatasetError(
-                f"nothing can be read of {self.path}: {files.in_plain_words(error)}; copy it anew"
+                f"nothing can be read of {self.path}: {files.reason_of(error)}; copy it again"
             ) from error
 
     def _connections(self, storages: list[files.Storage]) -> list[Connection]:
@@ -163,30 +162,32 @@ class BagFile:
         return found
 
     def _storages(self) -> list[files.Storage]:
-        return files.remaining(self.path) if self._is_cut else files.whole(self.path)
+        return files.partial_readers(self.path) if self._is_cut else files.sound_readers(self.path)
 
     def _messages_of(self, storage: files.Storage, names: Collection[str]) -> Iterator[RawMessage]:
-        wanted = [connection for connection in storage.connections if connection.topic in names]
-        if not wanted:
+        connections = [connection for connection in storage.connections if connection.topic in names]
+        if not connections:
             return
-        stream = storage.messages(wanted)
+        stream = storage.messages(connections)
         while True:
             try:
                 connection, received_ns, data = next(stream)
             except StopIteration:
                 return
-            except Exception as error:  # a damaged chunk or page: what it raises depends on what it hits
-                self.damage = self.damage or f"the bag breaks in the middle ({files.in_plain_words(error)})"
+            except Exception as error:  # the type depends on what the damaged chunk or page holds
+                self.damage = self.damage or f"the bag is damaged in the middle ({files.reason_of(error)})"
                 if not self._allow_partial:
                     raise self._damaged() from error
                 return
             yield RawMessage(connection.topic, received_ns, bytes(data))
 
     def _damaged(self) -> DatasetError:
-        return DatasetError(f"{self.path}: {self.damage}; --allow-partial (dataset.allow_partial) reads what is before")
+        return DatasetError(
+            f"{self.path}: {self.damage}; --allow-partial (dataset.allow_partial) reads what is before it"
+        )
 
     def _typed(self, topic: str) -> tuple[str, Typestore]:
-        """The type of a topic and the definitions it takes."""
+        """The type of a topic and its message definitions."""
         msgtype, store = self._types.get(topic, ("", None))
         if store is None:
             connection = self._definitions[topic]
@@ -196,7 +197,7 @@ class BagFile:
 
 
 def _typestore(connection: Connection, *, is_ros1: bool) -> Typestore:
-    """The definitions a topic takes: those in the bag, otherwise those of the distribution (Noetic, Humble)."""
+    """The message definitions of a topic: those in the bag, otherwise those of the distribution (Noetic, Humble)."""
     definition = connection.msgdef
     if definition.format == MessageDefinitionFormat.NONE:
         return get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)

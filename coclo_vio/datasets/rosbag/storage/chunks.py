@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ROS 1 bags chunk by chunk: in constant memory, and without the index where a recording was cut off.
+"""ROS 1 bags read chunk by chunk: in constant memory, and without the index where a bag was cut off.
 
 ``rosbags`` holds 150 bytes of index a message (a quarter of a gigabyte for an hour at 500 Hz) and refuses a bag without
-an index. Here only the table of chunks is held, and a chunk is opened when its time has come. Layout: "ROS bag format
-2.0", wiki.ros.org/Bags/Format/2.0.
+an index. Here only the table of chunks is held, and a chunk is opened when its messages are due. Format: "ROS bag
+format 2.0", wiki.ros.org/Bags/Format/2.0.
 """
 
 import heapq
@@ -31,12 +31,12 @@ from rosbags.rosbag1.reader import (
 from coclo_vio.datasets.rosbag.storage.unpack import unpacked_prefix
 
 _MAGIC = b"#ROSBAG V2.0\n"
-_NEVER_NS = 2**63 - 1
+_NO_TIME_NS = 2**63 - 1
 _Message = tuple[Connection, int, bytes]
 
 
 class ChunkReader(Reader):
-    """A ROS 1 bag whose messages come in the order in which they were received, one chunk in memory at a time."""
+    """A ROS 1 bag: messages in the order of arrival, one chunk in memory at a time."""
 
     _may_break = False
 
@@ -44,7 +44,7 @@ class ChunkReader(Reader):
         """Read the table of chunks.
 
         Raises:
-            ReaderError: it is damaged or not there.
+            ReaderError: it is damaged or missing.
         """
         super().open()
         counts: Counter[int] = Counter()
@@ -53,12 +53,12 @@ class ChunkReader(Reader):
         self.connections = [connection._replace(msgcount=counts[connection.id]) for connection in self.connections]
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Leave the index of single messages where it is: nothing here needs it."""
+        """Skip the index of single messages, which is not needed here."""
 
     def messages(
         self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
     ) -> Generator[_Message, None, None]:
-        """Messages of ``connections`` in the order of their times; chunks that hold none of them stay closed.
+        """Messages of ``connections`` in the order of their times; chunks without any of them stay closed.
 
         Raises:
             ReaderError: a chunk is damaged.
@@ -67,7 +67,7 @@ class ChunkReader(Reader):
         held: list[tuple[int, int, _Message]] = []
         number = 0
         for info in sorted(self.chunk_infos, key=lambda info: info.start_time):
-            if not any(info.connection_counts.get(wanted) for wanted in by_id):
+            if not any(info.connection_counts.get(connection_id) for connection_id in by_id):
                 continue
             while held and held[0][0] < info.start_time:
                 yield heapq.heappop(held)[2]
@@ -92,7 +92,7 @@ class ChunkReader(Reader):
 
 
 class CutChunkReader(ChunkReader):
-    """A ROS 1 bag that was cut off: what is before the break, found by reading it through.
+    """A ROS 1 bag that was cut off: its readable part, found by reading it through.
 
     Attributes:
         break_pos: the byte at which reading stops.
@@ -105,14 +105,14 @@ class CutChunkReader(ChunkReader):
         self.break_pos = 0
 
     def open(self) -> None:
-        """Read the bag through once and note what each chunk holds.
+        """Read the bag through once and index the chunks.
 
         Raises:
-            ReaderError: not a ROS 1 bag at all, or not a single chunk in it.
+            ReaderError: not a ROS 1 bag, or no message in it.
         """
         self.bio = Path(str(self.path)).open("rb")  # noqa: SIM115 -- closed by close()
         if self.bio.readline() != _MAGIC:
-            raise ReaderError("it does not begin like a ROS 1 bag")
+            raise ReaderError("it does not begin with the magic bytes of a ROS 1 bag")
         with suppress(ReaderError, OSError, EOFError, ValueError, RuntimeError):
             while True:
                 self.break_pos = self.bio.tell()
@@ -121,7 +121,7 @@ class CutChunkReader(ChunkReader):
         for info in self.chunk_infos:
             counts.update(info.connection_counts)
         if not counts:
-            raise ReaderError(f"it breaks off at byte {self.break_pos}, before the first message")
+            raise ReaderError(f"it is cut off at byte {self.break_pos}, before the first message")
         self.connections = [connection._replace(msgcount=counts[connection.id]) for connection in self.connections]
 
     def _take_record(self) -> None:
@@ -138,16 +138,16 @@ class CutChunkReader(ChunkReader):
             read_bytes(self.bio, read_uint32(self.bio))
             return
         size, datapos = read_uint32(self.bio), self.bio.tell()
-        there = len(self.bio.read(size))
-        self.chunks[pos] = Chunk(there, datapos, partial(unpacked_prefix, header.get_string("compression")))
+        available = len(self.bio.read(size))
+        self.chunks[pos] = Chunk(available, datapos, partial(unpacked_prefix, header.get_string("compression")))
         self._survey(pos, self.chunks[pos])
-        self.break_pos = datapos + there
+        self.break_pos = datapos + available
         self.bio.seek(self.break_pos)
-        if there < size:
+        if available < size:
             raise ReaderError("the last chunk is cut off")
 
     def _survey(self, pos: int, chunk: Chunk) -> None:
-        """Note connections and times in a chunk."""
+        """Index the connections and times in a chunk."""
         known = {connection.id for connection in self.connections}
         counts: Counter[int] = Counter()
         times_ns: list[int] = []
@@ -160,11 +160,11 @@ class CutChunkReader(ChunkReader):
                 case RecordType.MSGDATA:
                     counts[header.get_uint32("conn")] += 1
                     times_ns.append(header.get_time("time"))
-        first_ns, last_ns = min(times_ns, default=_NEVER_NS), max(times_ns, default=0)
+        first_ns, last_ns = min(times_ns, default=_NO_TIME_NS), max(times_ns, default=0)
         self.chunk_infos.append(ChunkInfo(pos, first_ns, last_ns + 1, dict(counts)))
 
     def _connection_at(self, inside: BytesIO, start: int) -> Connection:
-        """The connection whose record is at ``start`` of a chunk; ``rosbags`` reads it from its own file only."""
+        """The connection whose record is at ``start`` of a chunk; ``rosbags`` reads it only from its own file."""
         after, outer = inside.tell(), self.bio
         inside.seek(start)
         self.bio = inside
@@ -176,7 +176,7 @@ class CutChunkReader(ChunkReader):
 
 
 def _records(inside: BytesIO, *, may_break: bool) -> Iterator[tuple[int, Header, bytes]]:
-    """Start, header and data of the records of an opened chunk, up to its end or to where it breaks off."""
+    """Start, header and data of the records of an opened chunk, up to its end or to where it is cut off."""
     end = len(inside.getbuffer())
     while (start := inside.tell()) < end:
         try:

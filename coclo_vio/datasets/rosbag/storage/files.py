@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which files are a bag, and what reads them: ``rosbags``' readers where they are sound, ours where they are not."""
+"""Which files form a bag, and their readers: those of ``rosbags`` for sound files, ours for damaged ones."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -14,12 +14,12 @@ from coclo_vio.datasets.rosbag.storage.mcap import CutMcapReader
 from coclo_vio.datasets.rosbag.storage.sqlite import CutSqliteReader, check_length
 from coclo_vio.values.errors import DatasetError, listing
 
-LOOKS_FOR = "a rosbag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
+LAYOUT = "a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
 
 _METADATA = "metadata.yaml"
 _ROS2_SUFFIXES = (".mcap", ".db3")
-_LONGEST_REASON = 200
-_PLAINLY = {
+_MAX_REASON_LENGTH = 200
+_REASONS = {
     "Bag index looks damaged": "its index is missing",
     "Bag is not indexed": "it was never closed and has no index",
     "Could not read uint": "it ends too early",
@@ -29,20 +29,20 @@ _PLAINLY = {
 
 
 class Storage(Protocol):
-    """What the readers of ``rosbags`` and those of cut files have in common."""
+    """The common interface of the readers of ``rosbags`` and of those of damaged files."""
 
     @property
     def connections(self) -> list[Connection]:
-        """The topics, once it is open; a topic may have several."""
+        """The connections of an open file; a topic may have several."""
 
     def open(self) -> None:
-        """Find out what there is."""
+        """Read the connections."""
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
 
     def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Messages with the time at which they were received, ns."""
+        """Messages of ``connections`` with the time at which they were received, ns."""
 
 
 def is_rosbag(path: Path) -> bool:
@@ -58,24 +58,24 @@ def bag_in(path: Path) -> Path:
     """The bag at ``path``: itself, or the only ROS 1 bag in the folder.
 
     Raises:
-        DatasetError: several bags.
+        DatasetError: several bags in the folder.
     """
     if not path.is_dir() or (path / _METADATA).is_file() or _ros2_files(path):
         return path
     bags = sorted(path.glob("*.bag"))
     if len(bags) != 1:
         named = listing(bag.name for bag in bags)
-        raise DatasetError(f"{path} holds {len(bags)} bags ({named}); give the path of one of them")
+        raise DatasetError(f"{path} holds {len(bags)} bags ({named}); pass the path of one of them")
     return bags[0]
 
 
 def is_ros1(path: Path) -> bool:
-    """Whether a bag that ``bag_in`` gave is of ROS 1."""
+    """Whether a bag (a path from ``bag_in``) is of ROS 1."""
     return path.suffix == ".bag"
 
 
-def whole(path: Path) -> list[Storage]:
-    """Readers of a bag as it should be."""
+def sound_readers(path: Path) -> list[Storage]:
+    """Readers of a sound bag."""
     if is_ros1(path):
         return [ChunkReader(path)]
     if path.is_dir() and not (path / _METADATA).is_file():
@@ -83,32 +83,32 @@ def whole(path: Path) -> list[Storage]:
     return [Ros2Reader(path)]
 
 
-def remaining(path: Path) -> list[Storage]:
-    """Readers of what is left of a bag, file by file: those that are sound as they should be."""
+def partial_readers(path: Path) -> list[Storage]:
+    """Readers of the readable part of a bag, file by file: sound files by the readers of ``rosbags``."""
     if is_ros1(path):
         return [CutChunkReader(path)]
-    return [_sound_or_cut(file) for file in (_ros2_files(path) if path.is_dir() else [path])]
+    return [_reader_of(file) for file in (_ros2_files(path) if path.is_dir() else [path])]
 
 
 def check_lengths(path: Path) -> None:
-    """See that no database of a bag was cut off.
+    """Check that no database of a bag was cut off.
 
     Raises:
-        ReaderError: one was.
+        ReaderError: a database is shorter than its header states.
     """
     for file in _ros2_files(path) if path.is_dir() else [path]:
         if file.suffix == ".db3":
             check_length(file)
 
 
-def in_plain_words(error: Exception) -> str:
-    """What a library says, without the path and its brackets, as part of a sentence."""
-    known = next((ours for theirs, ours in _PLAINLY.items() if theirs in str(error)), None)
+def reason_of(error: Exception) -> str:
+    """The message of a library's error, without path and brackets, as part of a sentence."""
+    known = next((reason for message, reason in _REASONS.items() if message in str(error)), None)
     if known is not None:
         return known
-    said = re.sub(r"Cannot open database [^:]*: |[()'\n]", "", str(error)).strip(" .,")
-    said = said if len(said) <= _LONGEST_REASON else said[:_LONGEST_REASON] + " ..."
-    return said or type(error).__name__
+    reason = re.sub(r"Cannot open database [^:]*: |[()'\n]", "", str(error)).strip(" .,")
+    reason = reason if len(reason) <= _MAX_REASON_LENGTH else reason[:_MAX_REASON_LENGTH] + " ..."
+    return reason or type(error).__name__
 
 
 def _ros2_files(folder: Path) -> list[Path]:
@@ -117,12 +117,12 @@ def _ros2_files(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: (len(file.name), file.name))
 
 
-def _sound_or_cut(file: Path) -> Storage:
+def _reader_of(file: Path) -> Storage:
     sound = Ros2Reader(file)
     try:
         check_lengths(file)
         sound.open()
-    except Exception:  # whatever a damaged file makes the library say
+    except Exception:  # the library has no common error for damaged files
         return CutMcapReader(file) if file.suffix == ".mcap" else CutSqliteReader(file)
     sound.close()
     return sound

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""MCAP files that were cut off: what is before the break. ``rosbags`` refuses a file without its footer.
+"""The readable part of MCAP files that were cut off; ``rosbags`` refuses a file without its footer.
 
-Layout: "MCAP format specification", mcap.dev/spec.
+Format: "MCAP format specification", mcap.dev/spec.
 """
 
 import os
@@ -26,7 +26,7 @@ _Message = tuple[Connection, int, bytes]
 
 
 class _Span(NamedTuple):
-    """Whole records: where, from which byte to which."""
+    """A range of bytes that holds complete records."""
 
     file: BinaryIO
     start: int
@@ -34,7 +34,7 @@ class _Span(NamedTuple):
 
 
 class CutMcapReader(McapReader):
-    """An MCAP file that was cut off: the whole records before the break, and those in the part of a chunk there.
+    """An MCAP file that was cut off: the complete records before the cut, those of a cut chunk among them.
 
     Attributes:
         break_pos: the byte at which reading stops.
@@ -50,22 +50,22 @@ class CutMcapReader(McapReader):
         """Read the file through once.
 
         Raises:
-            ReaderError: not an MCAP file at all, or no message in it.
+            ReaderError: not an MCAP file, or no message in it.
         """
         self._file = self.bio = self.path.open("rb")
         if self.bio.read(len(_MAGIC)) != _MAGIC:
-            raise ReaderError("it does not begin like an MCAP file")
+            raise ReaderError("it does not begin with the magic bytes of an MCAP file")
         tail = self._find_break()
         self._spans = [_Span(self._file, len(_MAGIC), self.break_pos)]
         if tail:
-            self._spans.append(_Span(BytesIO(tail), 0, _end_of_whole_records(tail)))
+            self._spans.append(_Span(BytesIO(tail), 0, _end_of_complete_records(tail)))
         counts: Counter[int] = Counter()
         for span in self._spans:
-            self._look_at(span)
+            self._select(span)
             self.meta_scan()
             counts.update(self.statistics.channel_message_counts if self.statistics else {})
         if not counts:
-            raise ReaderError(f"it breaks off at byte {self.break_pos}, before the first message")
+            raise ReaderError(f"it is cut off at byte {self.break_pos}, before the first message")
         self.connections = [connection._replace(msgcount=counts[connection.id]) for connection in self.connections]
 
     def close(self) -> None:
@@ -76,16 +76,16 @@ class CutMcapReader(McapReader):
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Generator[_Message, None, None]:
-        """Messages of ``connections`` in file order, up to the break."""
+        """Messages of ``connections`` in file order, up to the cut."""
         for span in self._spans:
-            self._look_at(span)
+            self._select(span)
             yield from self.messages_scan(connections, start, stop)
 
-    def _look_at(self, span: _Span) -> None:
+    def _select(self, span: _Span) -> None:
         self.bio, self.data_start, self.data_end = span
 
     def _find_break(self) -> bytes:
-        """Set ``break_pos`` to the end of the last whole record; what can be unpacked of a chunk cut there."""
+        """Set ``break_pos`` to the end of the last complete record; returns the unpacked part of a chunk cut there."""
         file = self._file
         if file is None:
             raise ReaderError("the file is not open")
@@ -97,12 +97,12 @@ class CutMcapReader(McapReader):
             if len(head) < _RECORD.size:
                 return b""
             op, size = _RECORD.unpack(head)
-            is_whole = file.tell() + size <= total
+            is_complete = file.tell() + size <= total
             if op == _CHUNK:
-                body = file.read(size) if is_whole else file.read()
-                if not is_whole or not _is_sound(body):
+                body = file.read(size) if is_complete else file.read()
+                if not is_complete or not _is_sound(body):
                     return _unpacked_prefix(body)
-            elif op == _DATA_END or not is_whole:
+            elif op == _DATA_END or not is_complete:
                 return b""
             else:
                 file.seek(size, os.SEEK_CUR)
@@ -121,7 +121,7 @@ def _is_sound(body: bytes) -> bool:
     try:
         size, crc, compression, data = _chunk_parts(body)
         decompress(data, compression, size, crc)
-    except Exception:  # whatever a damaged chunk makes the three compressions say
+    except Exception:  # each compression has its own error for damaged data
         return False
     return True
 
@@ -134,7 +134,7 @@ def _unpacked_prefix(body: bytes) -> bytes:
         return b""
 
 
-def _end_of_whole_records(data: bytes) -> int:
+def _end_of_complete_records(data: bytes) -> int:
     end = 0
     while end + _RECORD.size <= len(data):
         after = end + _RECORD.size + _RECORD.unpack_from(data, end)[1]

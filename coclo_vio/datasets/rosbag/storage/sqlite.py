@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ROS 2 databases (.db3) that were cut off: the rows before the break, refused whole by ``rosbags``."""
+"""The readable rows of ROS 2 databases (.db3) that were cut off; ``rosbags`` refuses such a file."""
 
 import sqlite3
 import struct
@@ -14,21 +14,21 @@ _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinition
 
 
 def check_length(path: Path) -> None:
-    """Compare a database with the number of pages that its header gives: SQLite misses the loss of half a page.
+    """Compare a database with the number of pages in its header: SQLite misses the loss of half a page.
 
-    Layout: "Database file format", sqlite.org/fileformat.html, section 1.3.
+    Format: "Database file format", sqlite.org/fileformat.html, section 1.3.
 
     Raises:
-        ReaderError: the file is shorter.
+        ReaderError: the file is shorter than its pages.
     """
     with path.open("rb") as file:
         header = file.read(100)
     if len(header) < 100 or header[24:28] != header[92:96]:  # no header, or one whose count is not valid
         return
     (page_size,), (pages,) = struct.unpack_from(">H", header, 16), struct.unpack_from(">I", header, 28)
-    whole = pages * (65536 if page_size == 1 else page_size)
-    if path.stat().st_size < whole:
-        raise ReaderError(f"the file has {path.stat().st_size} of {whole} bytes")
+    size = pages * (65536 if page_size == 1 else page_size)
+    if path.stat().st_size < size:
+        raise ReaderError(f"the file has {path.stat().st_size} of {size} bytes")
 
 
 class CutSqliteReader:
@@ -43,17 +43,17 @@ class CutSqliteReader:
         """Read the topics.
 
         Raises:
-            ReaderError: not even those can be read.
+            ReaderError: the topics cannot be read.
         """
         try:
             uri = f"{self._path.resolve().as_uri()}?immutable=1"
             self._database = sqlite3.connect(uri, uri=True)
-            self._database.text_factory = _readable
-            # SQLite refuses a file shorter than its header says, unless somebody declares to know about it.
+            self._database.text_factory = _lenient_text
+            # SQLite refuses a file shorter than its header states, unless the schema is declared writable.
             self._database.execute("PRAGMA writable_schema=ON")
             rows = self._database.execute("SELECT id, name, type FROM topics ORDER BY id").fetchall()
         except sqlite3.Error as error:
-            raise ReaderError(f"not even its list of topics can be read ({error})") from error
+            raise ReaderError(f"its list of topics cannot be read ({error})") from error
         definitions = self._definitions()
         none = MessageDefinition(MessageDefinitionFormat.NONE, "")
         qos = ConnectionExtRosbag2("cdr", [])
@@ -70,7 +70,7 @@ class CutSqliteReader:
             self._database = None
 
     def messages(self, connections: Collection[Connection]) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Messages of ``connections`` in the order in which they were written, up to the break."""
+        """Messages of ``connections`` in the order in which they were written, up to the cut."""
         if self._database is None:
             raise ReaderError("the database is not open")
         by_id = {connection.id: connection for connection in connections}
@@ -83,13 +83,13 @@ class CutSqliteReader:
             if row is None:
                 return
             number, received_ns, data = row
-            if not isinstance(received_ns, int) or not isinstance(data, bytes):  # in the half of a page that is lost
+            if not isinstance(received_ns, int) or not isinstance(data, bytes):  # a row in a lost page
                 return
             if number in by_id:
                 yield by_id[number], received_ns, data
 
     def _definitions(self) -> dict[str, MessageDefinition]:
-        """Message definitions by type, where the recorder wrote them and they are still there."""
+        """Message definitions by type, where the recorder wrote them and they can be read."""
         found: dict[str, MessageDefinition] = {}
         with suppress(sqlite3.Error, KeyError):
             rows = self._database.execute(  # type: ignore[union-attr]
@@ -100,5 +100,5 @@ class CutSqliteReader:
         return found
 
 
-def _readable(text: bytes) -> str:
+def _lenient_text(text: bytes) -> str:
     return text.decode("utf-8", errors="replace")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""As much of a compressed chunk as can be unpacked, where it was cut off or damaged."""
+"""The part of a compressed chunk that can be unpacked, where the chunk was cut off or damaged."""
 
 import bz2
 import sys
@@ -12,18 +12,18 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-_PIECE = 1024  # bytes; at most this much before the damage is lost
+_PIECE = 1024  # bytes; at most this much is lost before the damage
 
 
 def unpacked_prefix(compression: str, data: bytes) -> bytes:
-    """What can be unpacked before the data end or turn out damaged.
+    """The unpacked data up to the end or the damage.
 
     Args:
         compression: ``none`` or empty, ``bz2``, ``lz4`` (ROS 1), ``zstd`` (MCAP).
-        data: the packed bytes, or the beginning of them.
+        data: the compressed bytes, or their beginning.
 
     Raises:
-        ValueError: a compression that is not known.
+        ValueError: an unknown compression.
     """
     if compression in {"", "none"}:
         return data
@@ -32,7 +32,7 @@ def unpacked_prefix(compression: str, data: bytes) -> bytes:
     for start in range(0, len(data), _PIECE):
         try:
             unpacked += decompress(data[start : start + _PIECE])
-        except Exception:  # each library has its own for damaged data
+        except Exception:  # each library has its own error for damaged data
             break
     return bytes(unpacked)
 
@@ -45,4 +45,4 @@ def _decompressor(compression: str) -> Callable[[bytes], bytes]:
             return LZ4FrameDecompressor().decompress  # type: ignore[no-any-return]
         case "zstd":
             return zstd.ZstdDecompressor().decompress
-    raise ValueError(f"compression {compression!r} is not known; known are none, bz2, lz4 and zstd")
+    raise ValueError(f"compression {compression!r} is not supported; supported are none, bz2, lz4 and zstd")

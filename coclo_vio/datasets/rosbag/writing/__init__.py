@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags being written: recordings, and what estimators found in them."""
+"""Writers of rosbags: recordings, and estimated trajectories."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Values of this package as ROS messages, of ROS 1 or ROS 2. Poses keep all digits of their quaternions."""
+"""ROS 1 or ROS 2 messages from the values of this package. Poses keep all digits of their quaternions."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
@@ -16,11 +16,11 @@ from coclo_vio.values.units import NS_PER_S
 
 _UNKNOWN = np.zeros(9)
 _ABSENT = np.array([-1.0, *[0.0] * 8])
-_NOTHING = np.zeros(0)
+_EMPTY = np.zeros(0)
 
 
 class BagMessages:
-    """Makes the messages of one bag; each method is named after what it makes."""
+    """Makes the messages of one bag; each method is named after the message it makes."""
 
     def __init__(self, bag: NewBag) -> None:
         self._types = bag.types
@@ -41,24 +41,26 @@ class BagMessages:
         pixels = np.frombuffer(data, dtype=np.uint8)
         return self._make("sensor_msgs/CompressedImage", self.header(stamp_ns, frame_id), encoding, pixels)
 
-    def camera_info(self, stamp_ns: int, frame_id: str, lens: CameraCalibration, baseline_m: float) -> Any:
-        """The lens; ``baseline_m`` is how far right of a rectified pair's left camera it stands, otherwise 0.
+    def camera_info(self, stamp_ns: int, frame_id: str, intrinsics: CameraCalibration, baseline_m: float) -> Any:
+        """Intrinsics; ``baseline_m`` is the distance of a rectified pair's right camera from the left one, otherwise 0.
 
-        P = [K | (-fx baseline, 0, 0)], R = I, as ``sensor_msgs/CameraInfo`` says.
+        P = [K | (-fx baseline, 0, 0)], R = I, as ``sensor_msgs/CameraInfo`` defines them.
         """
-        model, coefficients = _ros_distortion(lens)
-        projection = np.hstack((lens.camera_matrix, np.zeros((3, 1))))
-        projection[0, 3] = -lens.focal_px[0] * baseline_m
-        whole = self._make("sensor_msgs/RegionOfInterest", 0, 0, 0, 0, False)
-        K, R, P = (matrix.ravel() for matrix in (lens.camera_matrix, np.eye(3), projection))
+        model, coefficients = _ros_distortion(intrinsics)
+        projection = np.hstack((intrinsics.camera_matrix, np.zeros((3, 1))))
+        projection[0, 3] = -intrinsics.focal_px[0] * baseline_m
+        full_image = self._make("sensor_msgs/RegionOfInterest", 0, 0, 0, 0, False)
+        K, R, P = (matrix.ravel() for matrix in (intrinsics.camera_matrix, np.eye(3), projection))
         header = self.header(stamp_ns, frame_id)
-        height, width = lens.height_px, lens.width_px
-        return self._make("sensor_msgs/CameraInfo", header, height, width, model, coefficients, K, R, P, 0, 0, whole)
+        height, width = intrinsics.height_px, intrinsics.width_px
+        return self._make(
+            "sensor_msgs/CameraInfo", header, height, width, model, coefficients, K, R, P, 0, 0, full_image
+        )
 
     def imu(
         self, frame_id: str, reading: InertialReading, gyroscope_variance: float, accelerometer_variance: float
     ) -> Any:
-        """A reading; its orientation is said to be absent, a variance of 0 means unknown."""
+        """A reading; its orientation is marked as absent, a variance of 0 means unknown."""
         return self._make(
             "sensor_msgs/Imu",
             self.header(reading.stamp_ns, frame_id),
@@ -73,9 +75,9 @@ class BagMessages:
     def joints(
         self, frame_id: str, names: Sequence[str], sample: JointSample, *, with_velocity: bool, with_effort: bool
     ) -> Any:
-        """A joint sample; a reading that is not written is an empty array, as ``sensor_msgs/JointState`` says."""
+        """A joint sample; a reading that is not written is an empty array, as ``sensor_msgs/JointState`` defines it."""
         velocity, effort = (
-            values if is_written else _NOTHING
+            values if is_written else _EMPTY
             for values, is_written in ((sample.velocity, with_velocity), (sample.effort, with_effort))
         )
         header = self.header(sample.stamp_ns, frame_id)
@@ -134,12 +136,12 @@ class BagMessages:
 
 
 def _ros_distortion(
-    lens: CameraCalibration,
+    intrinsics: CameraCalibration,
 ) -> tuple[Literal["plumb_bob", "rational_polynomial", "equidistant"], Array]:
-    """ROS's name of the model and its coefficients; no distortion is plumb bob with zeros, as RealSense says it."""
-    if lens.distortion == "none":
+    """ROS's name of the model and its coefficients; no distortion is plumb_bob with zeros, as RealSense writes it."""
+    if intrinsics.distortion == "none":
         return "plumb_bob", np.zeros(5)
-    coefficients = np.array(lens.distortion_coefficients, dtype=np.float64)
-    if lens.distortion == "equidistant":
+    coefficients = np.array(intrinsics.distortion_coefficients, dtype=np.float64)
+    if intrinsics.distortion == "equidistant":
         return "equidistant", coefficients
     return ("rational_polynomial" if len(coefficients) == 8 else "plumb_bob"), coefficients

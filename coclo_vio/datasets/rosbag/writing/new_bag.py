@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A rosbag being written: ROS 1, or ROS 2 as MCAP, SQLite file or folder. The only importer of rosbags' writers.
 
-The same messages give the same bytes: no wall clock, no random number goes into the file. What is written stands under
-its own name only once it is whole.
+The same messages give the same bytes: no wall clock, no random number goes into the file. The bag gets
+its own name only when it is complete.
 """
 
 import tempfile
@@ -29,7 +29,7 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 _LAST_SECOND = {1: 2**32 - 1, 2: 2**31 - 1}  # of a stamp: uint32 in ROS 1, int32 in ROS 2
 _METADATA_VERSION: Literal[8] = 8  # read by ROS 2 Iron and later; an MCAP file by every ROS 2
 _FOREVER = QosTime(9_223_372_036, 854_775_807)
-_KEPT_FOR_LATECOMERS = Qos(
+_LATCHED = Qos(
     QosHistory.KEEP_LAST,
     1,
     QosReliability.RELIABLE,
@@ -58,20 +58,20 @@ class NewBag:
         self._topics: dict[str, Connection] = {}
 
     def write(self, topic: str, stamp_ns: int, message: Any, *, is_latched: bool = False) -> None:
-        """Append a message; its stamp is also when the bag received it. The topic is made with its first message.
+        """Append a message; its stamp is also its time of arrival. A topic is made with its first message.
 
         Args:
             topic: its name.
             stamp_ns: time in nanoseconds.
             message: an instance of one of ``types``.
-            is_latched: whether subscribers that come later get the last message too.
+            is_latched: whether late subscribers get the last message too.
 
         Raises:
             TimestampError: a stamp that ROS cannot hold.
         """
         if not 0 <= stamp_ns // NS_PER_S <= _LAST_SECOND[self.ros]:
             raise TimestampError(
-                f"{topic}: ROS {self.ros} has no stamp of {stamp_ns} ns: its seconds go from 0 to "
+                f"{topic}: ROS {self.ros} cannot hold the stamp {stamp_ns} ns: its seconds go from 0 to "
                 f"{_LAST_SECOND[self.ros]}; shift the recording's clock, or write an EuRoC folder"
             )
         connection = self._topics.get(topic)
@@ -85,7 +85,7 @@ class NewBag:
     def _connect(self, topic: str, msgtype: str, *, is_latched: bool) -> Connection:
         if isinstance(self._writer, Ros1Writer):
             return self._writer.add_connection(topic, msgtype, typestore=self._store, latching=int(is_latched))
-        profiles = [_KEPT_FOR_LATECOMERS] if is_latched else []
+        profiles = [_LATCHED] if is_latched else []
         return self._writer.add_connection(topic, msgtype, typestore=self._store, offered_qos_profiles=profiles)
 
 
@@ -93,10 +93,10 @@ class NewBag:
 def new_bag(path: Path) -> Iterator[NewBag]:
     """A bag to be written at ``path``: ``.bag`` is ROS 1, ``.mcap`` and ``.db3`` one file of ROS 2, no suffix a folder.
 
-    Chunks are compressed (lz4 in ROS 1, zstd in MCAP): names of joints repeat with every message.
+    Chunks are compressed (lz4 in ROS 1, zstd in MCAP), because joint names repeat in every message.
 
     Raises:
-        DatasetError: another suffix, a path that is taken, or one that cannot be written.
+        DatasetError: another suffix, a path that exists, or one that cannot be written.
     """
     check_bag_path(path)
     try:
@@ -113,18 +113,18 @@ def new_bag(path: Path) -> Iterator[NewBag]:
 
 
 def check_bag_path(path: Path) -> None:
-    """See that a bag can be written at ``path``, before there is anything to write.
+    """Check that a bag can be written at ``path``, before there is anything to write.
 
     Raises:
-        DatasetError: a suffix that is no bag's, or a path that is taken.
+        DatasetError: the suffix is not that of a bag, or the path exists.
     """
     if path.suffix not in _KINDS:
         raise DatasetError(
-            f"{path} ends in {path.suffix}, which is no bag; it may end in .bag (ROS 1), .mcap or .db3 (ROS 2), or in "
-            "nothing (ROS 2 folder)"
+            f"{path} ends in {path.suffix}, not the suffix of a bag; use .bag (ROS 1), .mcap or .db3 (ROS 2), or "
+            "none (ROS 2 folder)"
         )
     if path.exists():
-        raise DatasetError(f"{path} is there already; delete it, or choose another path")
+        raise DatasetError(f"{path} exists already; delete it, or choose another path")
 
 
 def _ros1(folder: Path, path: Path) -> tuple[Ros1Writer, Path]:
@@ -158,6 +158,6 @@ BAG_SUFFIXES = tuple(_KINDS)
 
 def _typestore(ros: Literal[1, 2]) -> Typestore:
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    if ros == 1:  # rosbags' Noetic store leaves it out
+    if ros == 1:  # the Noetic store of rosbags lacks it
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF_MESSAGE))
     return store

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What estimators found as a rosbag that Foxglove and RViz show: odometry, paths and transforms, in REP 105's frames.
+"""Estimated trajectories as a rosbag for Foxglove and RViz: odometry, paths and transforms, in REP 105's frames.
 
 =============================== ============= =========================================================================
 ``/<estimator>/odometry``       Odometry      pose of the body in ``odom``, twist in ``base_link``
 ``/<estimator>/path``           Path          the same, thinned, in one message at the start
 ``/ground_truth/path``          Path          the reference in ``map``
 ``/tf``                         TFMessage     ``odom`` to ``base_link``, ``map`` to ``ground_truth``
-``/tf_static``                  TFMessage     ``map`` to ``odom``: how the estimate was tied to the reference
+``/tf_static``                  TFMessage     ``map`` to ``odom``: alignment of the estimate with the reference
 =============================== ============= =========================================================================
 
 REP 105 allows a frame one parent, so of several estimators the first has ``odom`` and ``base_link``, a further one
@@ -39,12 +39,12 @@ Message = tuple[int, str, Any]  # stamp in ns, topic, message
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """What one estimator found.
+class EstimatedTrajectory:
+    """The trajectory of one estimator.
 
     Attributes:
-        name: of the estimator.
-        trajectory: of the body in the estimator's world (``odom``).
+        name: name of the estimator.
+        trajectory: poses of the body in the estimator's world (``odom``).
         angular_velocity_body: rad/s, body axes, (N, 3), or None where unknown.
         T_map_odom: maps the estimator's world to that of the reference, (4, 4).
     """
@@ -55,34 +55,34 @@ class Track:
     T_map_odom: Array
 
 
-def write_result_bag(path: Path, tracks: Sequence[Track], reference: Trajectory | None = None) -> Path:
-    """Write tracks, and the reference they are compared with, as a bag.
+def write_result_bag(path: Path, estimates: Sequence[EstimatedTrajectory], reference: Trajectory | None = None) -> Path:
+    """Write estimated trajectories, and the reference they are compared with, as a bag.
 
     Args:
         path: as ``write_bag`` takes it: ``.bag``, ``.mcap``, ``.db3`` or no suffix.
-        tracks: one an estimator, at least one.
+        estimates: one for each estimator, at least one.
         reference: the ground truth on the estimators' clock, in ``map``.
 
     Returns:
         ``path``.
 
     Raises:
-        DatasetError: no track; or the path is taken, of another kind or cannot be written.
+        DatasetError: no estimate; or the path exists, has another suffix or cannot be written.
         TimestampError: a stamp that ROS cannot hold.
     """
-    if not tracks:
+    if not estimates:
         raise DatasetError(f"there is no estimate to write to {path}; run an estimator first")
     with new_bag(path) as bag:
         make = BagMessages(bag)
-        trajectories = [track.trajectory for track in tracks] + ([] if reference is None else [reference])
+        trajectories = [estimate.trajectory for estimate in estimates] + ([] if reference is None else [reference])
         first_ns = min(int(trajectory.stamps_ns[0]) for trajectory in trajectories)
-        named = [(track, *_frames(track.name, is_first=number == 0)) for number, track in enumerate(tracks)]
-        ties = [make.transform(first_ns, MAP_FRAME, odom, track.T_map_odom) for track, odom, _ in named]
-        bag.write("/tf_static", first_ns, make.tf(ties), is_latched=True)
-        for track, odom, _ in named:
-            message = make.path(first_ns, odom, _thinned(track.trajectory))
-            bag.write(f"/{track.name}/path", first_ns, message, is_latched=True)
-        streams = [_of_track(make, track, odom, body) for track, odom, body in named]
+        named = [(estimate, *_frames(estimate.name, is_first=number == 0)) for number, estimate in enumerate(estimates)]
+        alignments = [make.transform(first_ns, MAP_FRAME, odom, estimate.T_map_odom) for estimate, odom, _ in named]
+        bag.write("/tf_static", first_ns, make.tf(alignments), is_latched=True)
+        for estimate, odom, _ in named:
+            message = make.path(first_ns, odom, _thinned(estimate.trajectory))
+            bag.write(f"/{estimate.name}/path", first_ns, message, is_latched=True)
+        streams = [_of_estimate(make, estimate, odom, body) for estimate, odom, body in named]
         if reference is not None:
             message = make.path(first_ns, MAP_FRAME, _thinned(reference))
             bag.write("/ground_truth/path", first_ns, message, is_latched=True)
@@ -93,11 +93,11 @@ def write_result_bag(path: Path, tracks: Sequence[Track], reference: Trajectory 
 
 
 def ros_pose_covariance(covariance: Array, R_odom_body: Array) -> Array:
-    """ROS's pose covariance (6, 6), of [position m, rotation rad] in odom axes, from our right/local one.
+    """ROS's pose covariance (6, 6), of [position m, rotation rad] in odom axes, from a right/local one.
 
     ``T = T_mean exp([phi, rho])`` moves the origin by ``R rho`` and turns the body by ``exp(R phi)`` from the left (to
     first order), which are the error of position and the turn about fixed axes that
-    ``geometry_msgs/PoseWithCovariance`` speaks of. So ``C_ros = J C J^T`` with ``J = [[0, R], [R, 0]]``.
+    ``geometry_msgs/PoseWithCovariance`` holds. So ``C_ros = J C J^T`` with ``J = [[0, R], [R, 0]]``.
 
     Args:
         covariance: of the error [rotation rad, position m], right/local, (6, 6).
@@ -122,22 +122,24 @@ def _thinned(trajectory: Trajectory) -> Iterator[tuple[int, Array]]:
             yield stamp_ns, pose
 
 
-def _of_track(make: BagMessages, track: Track, odom: str, body: str) -> Iterator[Message]:
+def _of_estimate(make: BagMessages, estimate: EstimatedTrajectory, odom: str, body: str) -> Iterator[Message]:
     """Odometry and transform of every pose.
 
     The velocity's covariance is not in a run folder: all zeros, which is ROS's unknown.
     """
-    trajectory = track.trajectory
+    trajectory = estimate.trajectory
     velocity_odom = np.zeros((len(trajectory), 3)) if trajectory.velocity_world is None else trajectory.velocity_world
-    angular = np.zeros((len(trajectory), 3)) if track.angular_velocity_body is None else track.angular_velocity_body
+    angular = (
+        np.zeros((len(trajectory), 3)) if estimate.angular_velocity_body is None else estimate.angular_velocity_body
+    )
     for row, (stamp_ns, pose) in enumerate(zip(trajectory.stamps_ns.tolist(), trajectory.T_world_body, strict=True)):
         R = pose[:3, :3]
-        own = trajectory.covariance
-        covariance = _UNKNOWN if own is None else ros_pose_covariance(own[row], R)
+        covariances = trajectory.covariance
+        covariance = _UNKNOWN if covariances is None else ros_pose_covariance(covariances[row], R)
         twist = make.twist(R.T @ velocity_odom[row], angular[row])
         header = make.header(stamp_ns, odom)
         odometry = make.odometry(header, body, (make.pose(pose), covariance), (twist, _UNKNOWN))
-        yield stamp_ns, f"/{track.name}/odometry", odometry
+        yield stamp_ns, f"/{estimate.name}/odometry", odometry
         yield stamp_ns, "/tf", make.tf([make.transform(stamp_ns, odom, body, pose)])
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Left and right images of a bag: paired by stamp as they pass, decoded when they are wanted."""
+"""Left and right images of a bag, paired by stamp in one pass and decoded on demand."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -15,11 +15,11 @@ from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import StereoFrame
 
 _CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}
-_MOST_HELD = 60  # images of one side that wait for the other
+_MAX_HELD = 60  # images of one side that wait for the other side
 
 
 class RawImage(NamedTuple):
-    """An image message not yet decoded; ``match_ns`` is what the other camera's image of the same time has too."""
+    """An image message that is not yet decoded; images of one time have the same ``match_ns``."""
 
     stamp_ns: int
     match_ns: int
@@ -42,7 +42,7 @@ class RawPair(NamedTuple):
         """The two images.
 
         Raises:
-            DatasetError: an encoding that is not read, a broken image, or two sizes.
+            DatasetError: an unsupported encoding, a damaged image, or two sizes.
         """
         left, right = (decoded_image(bag, image) for image in self)
         if left.shape != right.shape:
@@ -54,7 +54,7 @@ class RawPair(NamedTuple):
 
 
 class StereoPairer:
-    """Pairs images whose stamps are equal within a tolerance; what finds no partner is dropped and counted."""
+    """Pairs images whose stamps are equal within a tolerance; an image without a partner is dropped and counted."""
 
     def __init__(self, left_topic: str, tolerance_ns: int, tally: ReadTally) -> None:
         self._left_topic = left_topic
@@ -64,10 +64,10 @@ class StereoPairer:
         self._right: deque[RawImage] = deque()
 
     def push(self, image: RawImage) -> Iterator[RawPair]:
-        """Take an image of either side; the pairs that it completes."""
+        """Add an image of either side; yields the pairs that it completes."""
         side = self._left if image.topic == self._left_topic else self._right
         side.append(image)
-        if len(side) > _MOST_HELD:
+        if len(side) > _MAX_HELD:
             self._drop(side)
         while self._left and self._right:
             apart_ns = self._left[0].match_ns - self._right[0].match_ns
@@ -77,20 +77,20 @@ class StereoPairer:
                 self._drop(self._left if apart_ns < 0 else self._right)
 
     def finish(self) -> None:
-        """Count what is still alone at the end."""
+        """Count the images that are still without a partner at the end."""
         for side in (self._left, self._right):
             while side:
                 self._drop(side)
 
     def _drop(self, side: deque[RawImage]) -> None:
-        self._tally.dropped[f"{side.popleft().topic}: no image of the other camera at that stamp"] += 1
+        self._tally.dropped[f"{side.popleft().topic}: no image of the other camera at this stamp"] += 1
 
 
 def decoded_image(bag: BagFile, image: RawImage) -> ByteImage:
     """The grey image (rows, columns) of an Image or CompressedImage message.
 
     Raises:
-        DatasetError: an encoding that is not read, or a broken image.
+        DatasetError: an unsupported encoding, or a damaged image.
     """
     message = bag.decoded(image.topic, image.data)
     where = f"{bag.path}, the image on {image.topic} at {image.stamp_ns} ns"
@@ -104,8 +104,8 @@ def _unpacked(message: Any, where: str) -> ByteImage:
     channels = _CHANNELS.get(message.encoding)
     if channels is None:
         raise DatasetError(
-            f"{where} has the encoding {message.encoding!r}; those that are read are {', '.join(_CHANNELS)}, all of 8 "
-            "bits; convert it, or choose other topics in dataset.rosbag.topics"
+            f"{where} has the encoding {message.encoding!r}; supported are {', '.join(_CHANNELS)}, all of 8 "
+            "bits; convert it, or name other topics in dataset.rosbag.topics"
         )
     rows, columns, data = int(message.height), int(message.width), np.asarray(message.data, dtype=np.uint8)
     step = int(message.step) or columns * channels

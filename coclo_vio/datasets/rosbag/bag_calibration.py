@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibrations in a bag: mountings from static transforms, lenses from CameraInfo, noise from covariances; or Kalibr's.
+"""Calibrations of a bag: mountings from static transforms, intrinsics from CameraInfo, noise from covariances.
 
-Files of Kalibr that are configured go before what the bag says.
+Configured files of Kalibr take precedence over the bag.
 """
 
 from typing import Any
@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from coclo_vio.datasets.kalibr import KalibrCamera, KalibrImu, read_camchain, read_imu
 from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.datasets.rosbag.bag_preview import BagPreview
+from coclo_vio.datasets.rosbag.camera_info import T_camera_rectified, baseline_m, intrinsics_of
 from coclo_vio.datasets.rosbag.config import RosbagConfig
-from coclo_vio.datasets.rosbag.glance import Glance
-from coclo_vio.datasets.rosbag.lenses import T_camera_rectified, baseline_m, lens_of
 from coclo_vio.datasets.rosbag.poses import FrameTree
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
@@ -21,16 +21,16 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.values.errors import CalibrationMissing
 
-_PLAUSIBLE = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
+_PLAUSIBLE_DENSITY = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
 _IMU_ROLES = {"imu": "the body's IMU", "camera_imu": "the camera's IMU"}
 
 
 class BagCalibration:
-    """What a bag and the files of Kalibr say of its sensors."""
+    """Calibrations of the sensors from a bag and the files of Kalibr."""
 
     def __init__(
         self,
-        seen: Glance,
+        preview: BagPreview,
         topics: dict[str, str | None],
         frames: FrameTree,
         robot: RobotDescription | None,
@@ -40,18 +40,18 @@ class BagCalibration:
         """Read the files of Kalibr.
 
         Args:
-            seen: the first messages.
+            preview: the first messages.
             topics: the topic of each role.
-            frames: the mountings.
-            robot: where it describes its body's IMU, that holds for what the bag does not say.
+            frames: the static transforms.
+            robot: its IMU calibration is used for values that the bag does not have.
             config: names the body's frame and the files.
-            tally: is told what was assumed.
+            tally: gets a note on each assumption.
 
         Raises:
-            CalibrationMissing: a file of Kalibr says nothing, contradicts itself, or speaks of another IMU.
-            ConfigError: a file that is not there.
+            CalibrationMissing: a file of Kalibr holds no calibration, contradicts itself, or is of another IMU.
+            ConfigError: a file does not exist.
         """
-        self._seen, self._topics, self._frames, self._config = seen, topics, frames, config
+        self._preview, self._topics, self._frames, self._config = preview, topics, frames, config
         self._robot_imu = ImuCalibration() if robot is None else robot.imu
         self._body = frames.body(config.body_frame, None if robot is None else robot.body_frame)
         self._tally = tally
@@ -62,7 +62,7 @@ class BagCalibration:
             self._check_imu(self._kalibr_imu)
 
     def imu(self, role: str) -> ImuCalibration | None:
-        """Mounting and noise of the IMU in a role, ``imu`` or ``camera_imu``; None where nothing is said of it."""
+        """Mounting and noise of the IMU of a role, ``imu`` or ``camera_imu``; None without a calibration."""
         topic = self._topics[role]
         if topic is None:
             return None
@@ -76,7 +76,7 @@ class BagCalibration:
                 Rotation.from_matrix(T_body_imu[:3, :3]).as_euler("xyz").tolist()
             )
         elif role == "camera_imu":
-            self._tally.note(f"where the camera's IMU {topic} sits is not said: {self._frames_there(topic)}")
+            self._tally.note(f"the mounting of the camera's IMU {topic} is unknown: {self._no_transform(topic)}")
             return None
         if not values:
             return None
@@ -84,10 +84,11 @@ class BagCalibration:
         return ImuCalibration.parse(base.model_dump() | values, topic)
 
     def stereo(self) -> StereoCalibration | None:
-        """Lenses and mountings of the two cameras, from the camchain, otherwise from the bag; None where unsaid.
+        """Intrinsics and mountings of the two cameras, from the camchain or the bag; None where one is unknown.
 
         Raises:
-            CalibrationMissing: the camchain has one camera, its IMU's place is not known, or a lens is not read.
+            CalibrationMissing: the camchain has one camera, the mounting of its IMU is unknown, or a distortion model
+                is not supported.
         """
         if self._topics["left_image"] is None or self._topics["right_image"] is None:
             return None
@@ -97,44 +98,46 @@ class BagCalibration:
         left, right = self._sides()
         T_body_imu = self._mounting_of_calibrated_imu(left)
         self._tally.note(
-            f"cameras from {self._config.kalibr.camchain}, its IMU taken for {_IMU_ROLES[self._role]} "
+            f"cameras from {self._config.kalibr.camchain}, whose IMU is taken to be {_IMU_ROLES[self._role]} "
             "(dataset.rosbag.kalibr.calibrated_imu)"
         )
         return StereoCalibration(
-            left=left.lens,
-            right=right.lens,
+            left=left.intrinsics,
+            right=right.intrinsics,
             body_left_camera=matrix4(T_body_imu @ se3.inverse(left.T_camera_imu)),
             body_right_camera=matrix4(T_body_imu @ se3.inverse(right.T_camera_imu)),
             time_offset_s=left.time_shift_s,
         )
 
     def _stereo_of_bag(self) -> StereoCalibration | None:
-        infos = [self._seen.first.get(self._topics[role] or "") for role in ("left_info", "right_info")]
+        infos = [self._preview.first.get(self._topics[role] or "") for role in ("left_info", "right_info")]
         if None in infos:
-            self._tally.note("the lenses are not said: no CameraInfo of both cameras; dataset.rosbag.kalibr.camchain")
+            self._tally.note(
+                "no intrinsics: a CameraInfo is missing; name a camchain in dataset.rosbag.kalibr.camchain"
+            )
             return None
-        left, right = (self._lens(side, info) for side, info in zip(("left", "right"), infos, strict=True))
+        left, right = (self._intrinsics(side, info) for side, info in zip(("left", "right"), infos, strict=True))
         T_left, T_right = self._camera_mountings(*infos)
         if left is None or right is None or T_left is None or T_right is None:
             self._tally.note(
-                "the cameras' lenses or mountings are not said: K is zero, or "
-                f"{self._frames_there(self._topics['left_info'] or '')}; give a camchain in dataset.rosbag.kalibr"
+                "the intrinsics or mountings of the cameras are unknown: K is zero, or "
+                f"{self._no_transform(self._topics['left_info'] or '')}; name a camchain in dataset.rosbag.kalibr"
             )
             return None
         return StereoCalibration(
             left=left, right=right, body_left_camera=matrix4(T_left), body_right_camera=matrix4(T_right)
         )
 
-    def _lens(self, side: str, info: Any) -> CameraCalibration | None:
-        return lens_of(info, self._topics[f"{side}_info"] or "", is_rectified=self._is_rectified(side))
+    def _intrinsics(self, side: str, info: Any) -> CameraCalibration | None:
+        return intrinsics_of(info, self._topics[f"{side}_info"] or "", is_rectified=self._is_rectified(side))
 
     def _is_rectified(self, side: str) -> bool:
         topic = self._topics[f"{side}_image"] or ""
-        said = self._config.is_rectified
-        return "rect" in topic.replace("rect_raw", "") if said is None else said
+        configured = self._config.is_rectified
+        return "rect" in topic.replace("rect_raw", "") if configured is None else configured
 
     def _camera_mountings(self, left: Any, right: Any) -> tuple[Array | None, Array | None]:
-        """``T_body_camera`` of both, the right one by the baseline in its P where its frame is not known."""
+        """``T_body_camera`` of both, the right one from the baseline in its P where its frame is unknown."""
         found = []
         for side, info in (("left", left), ("right", right)):
             T = self._frames.between(self._body, str(info.header.frame_id).lstrip("/"))
@@ -157,12 +160,12 @@ class BagCalibration:
         return self._config.kalibr.calibrated_imu
 
     def _mounting_of_imu(self, role: str, topic: str) -> Array | None:
-        """``T_body_imu`` by frame; that of the camera's IMU otherwise by camchain and the camera's frame."""
-        T = self._frames.between(self._body, self._seen.frame(topic))
+        """``T_body_imu`` by frame; of the camera's IMU otherwise from the camchain and the camera's frame."""
+        T = self._frames.between(self._body, self._preview.frame(topic))
         if T is not None or not self._camchain or role != self._role:
             return T
         left, _ = self._sides()
-        info = self._seen.first.get(self._topics["left_info"] or "")
+        info = self._preview.first.get(self._topics["left_info"] or "")
         if info is None:
             return None
         T_body_left = self._frames.between(self._body, str(info.header.frame_id).lstrip("/"))
@@ -175,20 +178,20 @@ class BagCalibration:
             return self._robot_imu.T_body_imu
         if T is None:
             raise CalibrationMissing(
-                f"{self._config.kalibr.camchain} says where the cameras are from {_IMU_ROLES[self._role]}, but not "
-                f"where that is on the body: {self._frames_there(topic or '')}; if its IMU is the body's, set "
+                f"{self._config.kalibr.camchain} mounts the cameras on {_IMU_ROLES[self._role]}, whose own mounting on "
+                f"the body is unknown: {self._no_transform(topic or '')}; if its IMU is the body's, set "
                 "dataset.rosbag.kalibr.calibrated_imu=imu"
             )
         return T
 
     def _sides(self) -> tuple[KalibrCamera, KalibrCamera]:
-        """The camchain's left and right camera: by the topics it names, otherwise cam0 is left and cam1 right."""
+        """The camchain's left and right camera: by its topics, otherwise cam0 is left and cam1 right."""
         if len(self._camchain) < 2:
             raise CalibrationMissing(
-                f"{self._config.kalibr.camchain} has one camera; a stereo pair takes cam0 and cam1"
+                f"{self._config.kalibr.camchain} has one camera; a stereo pair needs cam0 and cam1"
             )
-        by_topic = {_plain(camera.topic): camera for camera in self._camchain if camera.topic}
-        left, right = (by_topic.get(_plain(self._topics[f"{side}_image"] or "")) for side in ("left", "right"))
+        by_topic = {_base_topic(camera.topic): camera for camera in self._camchain if camera.topic}
+        left, right = (by_topic.get(_base_topic(self._topics[f"{side}_image"] or "")) for side in ("left", "right"))
         if left is not None and right is not None:
             return left, right
         return self._camchain[0], self._camchain[1]
@@ -203,29 +206,29 @@ class BagCalibration:
 
     def _noise_of(self, topic: str) -> dict[str, Any]:
         """Noise densities from the covariances: the variance of a reading is density^2 times the rate."""
-        message, rate_hz = self._seen.first[topic], self._seen.rate_hz(topic)
+        message, rate_hz = self._preview.first[topic], self._preview.rate_hz(topic)
         values: dict[str, Any] = {}
         for sensor, field in (("gyroscope", "angular_velocity"), ("accelerometer", "linear_acceleration")):
             variance = float(np.mean(getattr(message, f"{field}_covariance")[::4]))
             if rate_hz is None or not np.isfinite(variance) or variance <= 0.0:
                 continue
             density = float(np.sqrt(variance / rate_hz))
-            low, high = _PLAUSIBLE[sensor]
+            low, high = _PLAUSIBLE_DENSITY[sensor]
             if low <= density <= high:
                 values[f"{sensor}_noise_density"] = density
             else:
                 self._tally.note(
-                    f"{topic}: the covariance of the {sensor} means {density:.3g} per sqrt(Hz), not believed "
-                    f"(plausible is {low:g} to {high:g})"
+                    f"{topic}: the covariance of the {sensor} means {density:.3g} per sqrt(Hz), which is outside "
+                    f"{low:g} to {high:g} and not used"
                 )
         return values
 
-    def _frames_there(self, topic: str) -> str:
-        frame = self._seen.frame(topic) or "without a name"
-        there = ", ".join(self._frames.frames) or "none"
-        return f"no static transform from {self._body} to the frame {frame} (frames there: {there})"
+    def _no_transform(self, topic: str) -> str:
+        frame = self._preview.frame(topic) or "without a name"
+        known = ", ".join(self._frames.frames) or "none"
+        return f"no static transform from {self._body} to the frame {frame} (known frames: {known})"
 
 
-def _plain(topic: str) -> str:
-    """A topic without what image_transport adds to it."""
+def _base_topic(topic: str) -> str:
+    """A topic without the suffix of image_transport."""
     return topic.removesuffix("/compressed")

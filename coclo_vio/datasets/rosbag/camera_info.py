@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CameraInfo messages to lenses, and a rectified pair's baseline (``sensor_msgs/CameraInfo``, REP 104)."""
+"""Intrinsics and the baseline of a rectified pair from ``sensor_msgs/CameraInfo`` (REP 104)."""
 
 from typing import Any
 
@@ -19,19 +19,19 @@ _MODELS = {
     "fisheye": "equidistant",
     "kannala_brandt4": "equidistant",
 }
-_LENGTHS = {"radtan": (4, 5, 8), "equidistant": (4,)}
+_COEFFICIENTS = {"radtan": (4, 5, 8), "equidistant": (4,)}
 
 
-def lens_of(info: Any, topic: str, *, is_rectified: bool) -> CameraCalibration | None:
-    """The lens in a CameraInfo, None where it says nothing (K is zero: not calibrated).
+def intrinsics_of(info: Any, topic: str, *, is_rectified: bool) -> CameraCalibration | None:
+    """The intrinsics in a CameraInfo, or None where the camera is not calibrated (K is zero).
 
     Args:
         info: the message.
-        topic: where it is from, for an error message.
-        is_rectified: whether the images are: then P holds their focal lengths, and nothing bends the rays.
+        topic: its topic, for error messages.
+        is_rectified: whether the images are rectified: then P holds their focal lengths and there is no distortion.
 
     Raises:
-        CalibrationMissing: a model of distortion that is not read.
+        CalibrationMissing: a distortion model that is not supported.
     """
     K, P, D = _matrix(info, "k", (3, 3)), _matrix(info, "p", (3, 4)), np.asarray(_field(info, "d"), dtype=np.float64)
     pinhole = P if is_rectified and P[0, 0] > 0 else K
@@ -49,13 +49,13 @@ def lens_of(info: Any, topic: str, *, is_rectified: bool) -> CameraCalibration |
 
 
 def baseline_m(right: Any) -> float | None:
-    """How far the right camera of a rectified pair stands on the left one's x axis, m: -Tx / fx of its P, or None."""
+    """Position of a rectified pair's right camera on the left one's x axis, m: -Tx / fx of its P, or None."""
     P = _matrix(right, "p", (3, 4))
     return float(-P[0, 3] / P[0, 0]) if P[0, 0] > 0 and P[0, 3] != 0 else None
 
 
 def T_camera_rectified(info: Any) -> Array:  # noqa: N802
-    """The turn from a rectified camera to the real one, (4, 4): R of the message the other way round."""
+    """Maps coordinates of the rectified camera to the real one, (4, 4): the inverse of R of the message."""
     T = np.eye(4)
     R = _matrix(info, "r", (3, 3))
     if np.allclose(R @ R.T, np.eye(3), atol=1e-3):
@@ -65,18 +65,18 @@ def T_camera_rectified(info: Any) -> Array:  # noqa: N802
 
 def _distortion(info: Any, D: Array, topic: str) -> tuple[str, tuple[float, ...]]:
     model = _MODELS.get(info.distortion_model.lower())
-    longest = 0 if model is None else max(_LENGTHS[model])
+    longest = 0 if model is None else max(_COEFFICIENTS[model])
     coefficients = D[:longest] if not D[longest:].any() else D
-    if model is None or len(coefficients) not in _LENGTHS[model]:
+    if model is None or len(coefficients) not in _COEFFICIENTS[model]:
         raise CalibrationMissing(
-            f"{topic}: distortion {info.distortion_model!r} with {len(D)} coefficients is not read; those that are: "
-            "plumb_bob (4 or 5), rational_polynomial (8), equidistant (4); give a camchain in dataset.rosbag.kalibr"
+            f"{topic}: distortion {info.distortion_model!r} with {len(D)} coefficients is not supported; supported are "
+            "plumb_bob (4 or 5), rational_polynomial (8), equidistant (4); name a camchain in dataset.rosbag.kalibr"
         )
     return model, tuple(coefficients.tolist())
 
 
 def _field(info: Any, name: str) -> Any:
-    """A field that ROS 2 spells in lower case and ROS 1 in upper case."""
+    """A field whose name is lower case in ROS 2 and upper case in ROS 1."""
     return getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The images of two cameras as an EuRoC folder lists them: rows paired by stamp, files opened when they are asked for.
+"""Stereo image pairs as files: paired by stamp, opened on demand; and the image lists of an EuRoC folder.
 
 ``cam<N>/data.csv`` has the columns ``#timestamp [ns]`` and ``filename``; the files are in ``cam<N>/data``.
 """
@@ -18,7 +18,7 @@ from coclo_vio.values.errors import DatasetError, TopicNotFound, listing
 from coclo_vio.values.measurements import StereoFrame
 
 CAMERAS = ("cam0", "cam1")
-_MOST_NAMED = 3
+_MAX_NAMED = 3
 _FILE_NAME = "filename"
 
 
@@ -34,9 +34,9 @@ class ImagePair:
         """The two images.
 
         Raises:
-            DatasetError: a file is no grey or colour 8-bit image, or the two differ in size; names the file.
+            DatasetError: a file is not a grey or colour 8-bit image, or the two differ in size; names the file.
         """
-        left, right = (images.decoded(bytes_of(path), str(path)) for path in (self.left, self.right))
+        left, right = (images.decoded(read_bytes(path), str(path)) for path in (self.left, self.right))
         if left.shape != right.shape:
             raise DatasetError(
                 f"{self.left} has {left.shape[1]} x {left.shape[0]} pixels, {self.right} "
@@ -45,51 +45,51 @@ class ImagePair:
         return StereoFrame(self.stamp_ns, left, right)
 
 
-class PairSource(Protocol):
-    """Where the pairs of images of a recording come from."""
+class ImagePairSource(Protocol):
+    """The source of a recording's image pairs."""
 
     def pairs(self, tally: ReadTally, config: DatasetConfig) -> list[ImagePair]:
-        """The pairs, not yet opened; what is left out is told to ``tally``.
+        """The pairs, not yet opened; ``tally`` counts what is left out.
 
         Raises:
             DatasetError: the list of images is malformed.
         """
 
 
-class CameraRows:
-    """The pairs that two cameras' lists name and that are there.
+class EurocImagePairs:
+    """The image pairs that the lists of two cameras name and whose files exist.
 
-    Of the images only names and stamps are held: some hundred bytes a pair.
+    Only names and stamps are held in memory: about a hundred bytes per pair.
     """
 
     def __init__(self, mav0: Path, columns: ColumnNames) -> None:
         """Find the columns.
 
         Raises:
-            TopicNotFound: a list lacks a column; names those it has.
+            TopicNotFound: a list lacks a column; lists those it has.
             DatasetError: a list cannot be read.
         """
         self._lists = tuple(_ImageList.open(mav0 / camera / "data.csv", columns) for camera in CAMERAS)
 
     def pairs(self, tally: ReadTally, config: DatasetConfig) -> list[ImagePair]:
-        """The pairs in the order of the left camera's list, by stamp if so configured; what is left out is told.
+        """The pairs in the order of the left camera's list, or sorted by stamp if so configured.
 
         Raises:
             DatasetError: a malformed row.
         """
         left, right = self._lists
-        others = dict(right.files(tally))
+        right_paths = dict(right.files(tally))
         pairs = []
-        alone = 0
-        for stamp_ns, path in left.files(tally):
-            other = others.pop(stamp_ns, None)
-            if other is None:
-                alone += 1
+        left_alone = 0
+        for stamp_ns, left_path in left.files(tally):
+            right_path = right_paths.pop(stamp_ns, None)
+            if right_path is None:
+                left_alone += 1
             else:
-                pairs.append(ImagePair(stamp_ns, path, other))
-        for label, count in ((left.label, alone), (right.label, len(others))):
+                pairs.append(ImagePair(stamp_ns, left_path, right_path))
+        for label, count in ((left.label, left_alone), (right.label, len(right_paths))):
             if count:
-                tally.dropped[f"{label}: no image of the other camera at that stamp"] += count
+                tally.dropped[f"{label}: no image of the other camera at this stamp"] += count
         return sorted(pairs, key=lambda pair: pair.stamp_ns) if config.sort else pairs
 
 
@@ -111,7 +111,7 @@ class _ImageList:
         return cls(table, f"{path.parent.name}/{path.name}", stamp, table.header.index(_FILE_NAME))
 
     def files(self, tally: ReadTally) -> Iterator[tuple[int, Path]]:
-        """Stamp and path of every row whose file is there."""
+        """Stamp and path of every row whose file exists."""
         folder = self.table.path.parent / "data"
         absent: list[str] = []
         for row in self.table.rows():
@@ -125,13 +125,13 @@ class _ImageList:
         if self.table.has_cut_line:
             tally.dropped[f"{self.label}: last line cut off"] += 1
         if absent:
-            tally.dropped[f"{self.label}: its image file is not there"] += len(absent)
-            more = ", ..." if len(absent) > _MOST_NAMED else ""
-            named = ", ".join(absent[:_MOST_NAMED]) + more
-            tally.note(f"{self.label} names {len(absent)} images that are not there: {named}")
+            tally.dropped[f"{self.label}: image file is missing"] += len(absent)
+            more = ", ..." if len(absent) > _MAX_NAMED else ""
+            named = ", ".join(absent[:_MAX_NAMED]) + more
+            tally.note(f"{self.label} names {len(absent)} images whose files are missing: {named}")
 
 
-def bytes_of(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
     """The whole file.
 
     Raises:

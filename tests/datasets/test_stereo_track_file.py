@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tracks of points on a wall, seen by a vehicle that drives a bend: what is written comes back, and the signs agree."""
+"""Tracks of points on a wall from a vehicle in a bend: what is written is read back, and the signs agree."""
 
 import numpy as np
 import pytest
@@ -36,8 +36,8 @@ def contents():
     y = np.full((4, FRAMES, POINTS), -1.0)
     for frame in range(FRAMES):
         R_vehicle_world = poses[frame, :3, :3].T
-        seen = (points - poses[frame, :3, 3]) @ R_vehicle_world.T - T_VEHICLE_CAMERA[:3, 3]
-        x, down, z = R_camera_vehicle @ seen.T
+        from_camera = (points - poses[frame, :3, 3]) @ R_vehicle_world.T - T_VEHICLE_CAMERA[:3, 3]
+        x, down, z = R_camera_vehicle @ from_camera.T
         left = FOCAL_PX[0] * x / z + CENTRE_PX[0]
         row = FOCAL_PX[1] * down / z + CENTRE_PX[1]
         y[:, frame] = left, row, left - FOCAL_PX[0] * BASELINE_M / z, row
@@ -80,7 +80,7 @@ def rectified(dataset):
 
 
 def reprojected(dataset, gap, least_disparity_px):
-    """Errors (N, 3), left column, row, disparity, px: points of each frame seen ``gap`` frames later, by the truth."""
+    """Errors (N, 3), left column, row, disparity, px: points of each frame, reprojected ``gap`` frames later."""
     rig, poses = rectified(dataset), dataset.ground_truth().trajectory.T_world_body
     frames = list(dataset.measurements(TRACKS_ONLY))
     errors = []
@@ -103,12 +103,12 @@ def test_tracks_twist_and_truth_come_back(write):
     assert (dataset.name, guess_robot(write())) == ("drive", None)
     got = list(dataset.measurements(ALL_SENSORS))
     assert [type(sample) for sample in got] == [BodyTwistSample, StereoTracks] * FRAMES
-    wanted = contents()["y_k_j"]
+    expected = contents()["y_k_j"]
     for frame, (twist, tracks) in enumerate(zip(got[::2], got[1::2], strict=True)):
         assert tracks.stamp_ns == twist.stamp_ns == 506_500_000_000 + frame * 100_000_000
         np.testing.assert_array_equal(tracks.track_ids, np.arange(POINTS))
-        np.testing.assert_array_equal(tracks.left_px, wanted[:2, frame].T)
-        np.testing.assert_array_equal(tracks.right_px, wanted[2:, frame].T)
+        np.testing.assert_array_equal(tracks.left_px, expected[:2, frame].T)
+        np.testing.assert_array_equal(tracks.right_px, expected[2:, frame].T)
         np.testing.assert_array_equal(tracks.ages, np.full(POINTS, frame + 1))
         assert (tracks.quality, tracks.reason) == (TrackingQuality.HEALTHY, "")
         np.testing.assert_array_equal(twist.velocity, VELOCITY)
@@ -129,7 +129,7 @@ def test_calibration_truth_and_tracks_agree_to_the_last_digit(write):
     assert stereo.left == stereo.right
 
 
-def test_a_vehicle_with_other_axes_is_renamed_and_nothing_moves(write):
+def test_axes_of_a_vehicle_are_renamed_without_moving_it(write):
     """The same drive by a vehicle whose x points back and whose z points down."""
     R_other_vehicle = np.diag([-1.0, 1.0, -1.0])
     same = contents()
@@ -150,10 +150,10 @@ def test_a_vehicle_with_other_axes_is_renamed_and_nothing_moves(write):
     assert np.abs(reprojected(dataset, 3, 0.0)).max() < 1e-6
 
 
-def test_what_a_camera_does_not_see_is_left_out_and_ages_begin_anew(write):
+def test_missing_observations_are_left_out_and_ages_restart(write):
     y = contents()["y_k_j"]
     y[:, 3, 4] = -1.0  # a point is lost for a frame
-    y[2:, 2, 5] = -1.0  # the right camera alone does not see one
+    y[2:, 2, 5] = -1.0  # observed by the left camera only
     y[1, 1, 6] = np.nan
     y[0, 1, 7] = np.inf
     y[:, 6] = -1.0
@@ -178,7 +178,7 @@ def test_without_any_right_image_there_are_tracks_all_the_same(write):
     assert (lens.width_px, lens.height_px) == (max(1200, int(np.ceil(y[0].max() + 1))), 360)
 
 
-def test_frames_that_go_back_are_told_and_put_in_order_when_asked(write):
+def test_frames_that_go_back_are_counted_and_sorted_if_configured(write):
     order = np.array([0, 1, 4, 2, 3, 5, 6, 7])
     same = contents()
     path = write(y_k_j=same["y_k_j"][:, order], t=same["t"][:, order])
@@ -189,18 +189,18 @@ def test_frames_that_go_back_are_told_and_put_in_order_when_asked(write):
     whole = tracks_of(write())
     path = write(y_k_j=same["y_k_j"][:, order], t=same["t"][:, order])
     ordered = open_dataset(path, None, DatasetConfig(sort=True))
-    for mine, wanted in zip(ordered.measurements(TRACKS_ONLY), whole, strict=True):
-        assert mine.stamp_ns == wanted.stamp_ns
-        np.testing.assert_array_equal(mine.left_px, wanted.left_px)
-        np.testing.assert_array_equal(mine.ages, wanted.ages)
+    for mine, expected in zip(ordered.measurements(TRACKS_ONLY), whole, strict=True):
+        assert mine.stamp_ns == expected.stamp_ns
+        np.testing.assert_array_equal(mine.left_px, expected.left_px)
+        np.testing.assert_array_equal(mine.ages, expected.ages)
     assert len(ordered.ground_truth().trajectory) == FRAMES
     assert any(note.startswith("1 frames were older") for note in ordered.report().notes)
 
 
-def test_what_goes_on_after_the_last_frame_is_left_out_and_what_ends_before_is_told(write):
+def test_rates_after_the_last_frame_are_left_out_and_truth_that_ends_before_is_noted(write):
     same = contents()
     longer = open_dataset(write(), None)
-    assert "r_i_vk_i, theta_vk_i, v_vk_vk_i, w_vk_vk_i go on after the last of the 8 frames" in " ".join(
+    assert "r_i_vk_i, theta_vk_i, v_vk_vk_i, w_vk_vk_i continue after the last of the 8 frames" in " ".join(
         longer.report().notes
     )
     path = write(r_i_vk_i=same["r_i_vk_i"][:, :5], w_vk_vk_i=same["w_vk_vk_i"][:, :3])
@@ -215,7 +215,7 @@ def test_a_rate_or_a_pose_that_is_nan_is_left_out(write):
     same["w_vk_vk_i"][1, 2] = same["r_i_vk_i"][0, 4] = np.nan
     dataset = open_dataset(write(**same), None)
     assert dataset.report().stream("body_twist").samples == FRAMES - 1
-    assert dataset.report().dropped == {"body twist: NaN": 1, "ground truth: empty or NaN": 1}
+    assert dataset.report().dropped == {"body twist: NaN": 1, "ground truth: pose empty or NaN": 1}
     assert len(dataset.ground_truth().trajectory) == FRAMES - 1
 
 
@@ -226,31 +226,31 @@ def test_tracks_alone_are_a_recording(write):
     assert "no body twist: the file has no v_vk_vk_i, w_vk_vk_i" in dataset.report().notes
 
 
-def test_a_single_landmark_is_one_though_its_dimension_is_left_out(write):
+def test_a_single_landmark_is_read_without_its_dimension(write):
     assert [len(frame) for frame in tracks_of(write(y_k_j=contents()["y_k_j"][:, :, 0]))] == [1] * FRAMES
 
 
 @pytest.mark.parametrize("name", ["y_k_j", "t"])
-def test_a_file_without_tracks_or_stamps_says_what_it_has(write, name):
-    with pytest.raises(DatasetError, match=rf"drive\.mat has no {name}; what it has is C_c_v, b, cu, cv, fu"):
+def test_a_file_without_tracks_or_stamps_is_an_error_that_lists_its_arrays(write, name):
+    with pytest.raises(DatasetError, match=rf"drive\.mat has no {name}.*its arrays are C_c_v, b, cu, cv, fu"):
         open_dataset(write(drop=(name,)), None)
 
 
 @pytest.mark.parametrize("name", ["fu", "b", "C_c_v", "rho_v_c_v"])
-def test_a_calibration_that_lacks_a_part_says_what_there_is(write, name):
+def test_an_incomplete_calibration_is_an_error_that_lists_the_arrays(write, name):
     dataset = open_dataset(write(drop=(name,)), None)
-    with pytest.raises(CalibrationMissing, match=f"has no {name}; what it has is "):
+    with pytest.raises(CalibrationMissing, match=f"has no {name}; its arrays are "):
         dataset.stereo_calibration()
     assert len(list(dataset.measurements(TRACKS_ONLY))) == FRAMES
 
 
 @pytest.mark.parametrize(
-    ("changes", "error", "said"),
+    ("changes", "error", "message"),
     [
         ({"t": np.arange(7.0)}, DatasetError, r"shape \(4, 7, landmarks\) for the 7 stamps of t, it has \(4, 8, 12\)"),
         ({"y_k_j": np.zeros((3, 8, 12))}, DatasetError, r"it has \(3, 8, 12\)"),
         ({"t": np.full(8, np.nan)}, TimestampError, "t has nan s at frame 1"),
-        ({"t": np.full(8, 1.3e18)}, TimestampError, "stamps are finite seconds"),
+        ({"t": np.full(8, 1.3e18)}, TimestampError, "stamps must be finite"),
         ({"t": np.zeros((1, 0))}, TimestampError, "t is empty"),
         ({"t": "now"}, DatasetError, "t must be an array of real numbers"),
         ({"w_vk_vk_i": np.zeros((8, 3))}, DatasetError, r"w_vk_vk_i must have 3 rows .* \(8, 3\)"),
@@ -259,15 +259,15 @@ def test_a_calibration_that_lacks_a_part_says_what_there_is(write, name):
         ({"fv": -1.0}, DatasetError, "fv = -1.0 must be positive"),
         ({"rho_v_c_v": [0.0, np.nan, 0.0]}, DatasetError, "rho_v_c_v must be three finite numbers"),
         ({"C_c_v": 2.0 * np.eye(3)}, DatasetError, "C_c_v must be a rotation"),
-        ({"C_c_v": np.diag([1.0, 1.0, -1.0])}, DatasetError, "C_c_v mirrors"),
+        ({"C_c_v": np.diag([1.0, 1.0, -1.0])}, DatasetError, "C_c_v is a reflection"),
     ],
 )
-def test_a_file_at_fault_is_one_sentence(write, changes, error, said):
-    with pytest.raises(error, match=said) as told:  # noqa: PT012 -- whatever is asked first
+def test_a_file_at_fault_is_one_sentence(write, changes, error, message):
+    with pytest.raises(error, match=message) as raised:  # noqa: PT012 -- whichever call raises first
         dataset = open_dataset(write(**changes), None)
         dataset.report()
         dataset.stereo_calibration()
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("keep", [0, 60, 140, 900, -400])
@@ -281,10 +281,10 @@ def test_a_file_that_was_cut_off_is_an_error_that_names_it(write, keep):
         dataset.stereo_calibration().baseline_m.hex()
 
 
-def test_a_file_of_another_kind_is_told(write):
+def test_a_file_of_another_kind_is_an_error(write):
     path = write()
     path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(2000))
-    with pytest.raises(DatasetError, match=r"cannot read the MATLAB file .* save it anew with -v7"):
+    with pytest.raises(DatasetError, match=r"cannot read the MATLAB file .* save it again with -v7"):
         open_dataset(path, None)
 
 
@@ -292,11 +292,11 @@ def test_a_file_of_another_kind_is_told(write):
     ("name", "frames", "tracks", "path_m"), [(DRIVES[0], 300, 92.0, 239.1), (DRIVES[1], 1000, 64.5, 1139.8)]
 )
 def test_the_real_drives_agree_with_their_truth(shared_data, name, frames, tracks, path_m):
-    """Points of one frame are seen a frame later to within what KLT, and a truth from GPS and gyroscopes, can do."""
+    """Points of one frame reproject into the next within the accuracy of KLT and of a ground truth from GPS and IMU."""
     dataset = open_dataset(shared_data / "stereo_tracks" / f"{name}.mat", None)
-    seen = list(dataset.measurements(TRACKS_ONLY))
-    assert len(seen) == frames
-    assert np.mean([len(frame) for frame in seen]) == pytest.approx(tracks, abs=0.1)
+    measured = list(dataset.measurements(TRACKS_ONLY))
+    assert len(measured) == frames
+    assert np.mean([len(frame) for frame in measured]) == pytest.approx(tracks, abs=0.1)
     truth = dataset.ground_truth().trajectory
     assert (len(truth), truth.path_length_m()) == (frames, pytest.approx(path_m, abs=0.1))
     np.testing.assert_allclose(truth.T_world_body[0], np.eye(4), atol=1e-9)
@@ -316,7 +316,7 @@ def test_rates_of_the_real_drives_are_those_of_the_truth(shared_data, name):
 
 
 def test_starry_night_is_as_its_authors_measured_it(shared_data):
-    """Seen from the truth, tracks, rates and velocities have the very variances that the file states."""
+    """Compared with the ground truth, tracks, rates and velocities have the variances that the file states."""
     path = shared_data / "stereo_tracks" / "starry_night.mat"
     stated = scipy.io.loadmat(path, variable_names=["y_var", "w_var", "v_var", "rho_i_pj_i"])
     dataset = open_dataset(path, None)
@@ -324,11 +324,11 @@ def test_starry_night_is_as_its_authors_measured_it(shared_data):
     assert (len(truth), truth.path_length_m()) == (1900, pytest.approx(44.3, abs=0.1))
     landmarks = stated["rho_i_pj_i"].T
     errors = []
-    for T_world_body, seen in zip(truth.T_world_body, dataset.measurements(TRACKS_ONLY), strict=True):
+    for T_world_body, measured in zip(truth.T_world_body, dataset.measurements(TRACKS_ONLY), strict=True):
         T_camera_world = se3.inverse(T_world_body @ rig.T_body_camera)
-        left, disparity = rig.pixels(se3.apply(T_camera_world, landmarks[seen.track_ids]))
-        right_column = seen.right_px[:, 0] - left[:, 0] + disparity
-        errors.append(np.column_stack((seen.left_px - left, right_column, seen.right_px[:, 1] - left[:, 1])))
+        left, disparity = rig.pixels(se3.apply(T_camera_world, landmarks[measured.track_ids]))
+        right_column = measured.right_px[:, 0] - left[:, 0] + disparity
+        errors.append(np.column_stack((measured.left_px - left, right_column, measured.right_px[:, 1] - left[:, 1])))
     np.testing.assert_allclose(np.vstack(errors).var(axis=0), stated["y_var"].ravel(), rtol=1e-3)
     rates, velocities, turned, moved = rates_and_truth(dataset, from_earlier=True)
     np.testing.assert_allclose((turned - rates).var(axis=0), stated["w_var"].ravel(), rtol=1e-3)
@@ -352,7 +352,7 @@ def rms(errors):
 def rates_and_truth(dataset, *, from_earlier=False):
     """Rates and velocities of the file, and those of the truth from frame to frame, (frames - 1, 3) each.
 
-    A rate is compared with the motion that ends at its stamp, or if ``from_earlier`` with the one that begins there.
+    A rate is compared with the motion that ends at its stamp, with ``from_earlier`` with the one that begins there.
     """
     samples = list(dataset.measurements(frozenset({BodyTwistSample})))
     truth = dataset.ground_truth().trajectory

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A first look into a bag: one message of every topic that may play a role, before any is chosen."""
+"""The first messages of every topic of a bag, from which the topics of the sensors are chosen."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -8,36 +8,25 @@ from typing import Any
 
 import numpy as np
 
+from coclo_vio.datasets.rosbag.message_types import CAMERA_INFO, IMU, JOINT_STATE, POSES, WRENCH
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.units import NS_PER_S
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
-IMU = "sensor_msgs/msg/Imu"
-IMAGE = "sensor_msgs/msg/Image"
-COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-TRANSFORM = "geometry_msgs/msg/TransformStamped"
-POSE = "geometry_msgs/msg/PoseStamped"
-POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-
-_DECODED = frozenset({JOINT_STATE, IMU, CAMERA_INFO, TRANSFORM, POSE, POSE_WITH_COVARIANCE, ODOMETRY, WRENCH})
-_LOOKS = {IMU: 100, JOINT_STATE: 50}  # an IMU's rate, and joints that come in parts, take several messages
+_DECODED = frozenset({JOINT_STATE, IMU, CAMERA_INFO, WRENCH, *POSES})
+_MESSAGES_READ = {IMU: 100, JOINT_STATE: 50}  # an IMU's rate and joints spread over messages need several; else one
 
 
 @dataclass(frozen=True, slots=True)
-class Glance:
-    """What a bag holds at first sight.
+class BagPreview:
+    """The topics of a bag and what their first messages hold.
 
     Attributes:
-        types: the type of every topic that has messages, as the configuration takes it.
-        counts: how many messages it has.
+        types: the type of every topic that has messages, as configured or as in the bag.
+        counts: number of messages of every topic.
         first: the first message of every topic of a type that is read, images left out.
-        stamps_ns: header stamps at the beginning of every IMU topic.
-        entries: the names at the beginning of every JointState topic, in the order of their appearance.
+        stamps_ns: header stamps of the first messages of every IMU topic.
+        entries: joint names in the first messages of every JointState topic, in the order of their appearance.
         entries_with_velocity: those of them that came with a velocity.
     """
 
@@ -53,12 +42,12 @@ class Glance:
         return tuple(topic for topic, msgtype in self.types.items() if msgtype in msgtypes)
 
     def frame(self, topic: str) -> str:
-        """``frame_id`` of the topic's first message, without a leading slash; empty where there is none."""
+        """``frame_id`` of the topic's first message, without a leading slash; empty without a message."""
         message = self.first.get(topic)
         return "" if message is None else str(message.header.frame_id).lstrip("/")
 
     def rate_hz(self, topic: str) -> float | None:
-        """The median rate at the beginning of an IMU topic, or None where it cannot be told."""
+        """The median rate of the first messages of an IMU topic, or None with fewer than three."""
         stamps_ns = self.stamps_ns.get(topic, ())
         if len(stamps_ns) < 3:
             return None
@@ -66,46 +55,46 @@ class Glance:
         return NS_PER_S / period_ns if period_ns > 0 else None
 
 
-def glance_at(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[str] = ()) -> Glance:
-    """Read a bag until some messages of each topic have come by.
+def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[str] = ()) -> BagPreview:
+    """Read a bag until it has given the first messages of each topic.
 
     Args:
         bag: the bag.
-        types: the type to take a topic for, where it is not the one that the bag names.
-        joint_entries: names of the entries of a JointState that carries none.
+        types: message type by topic, in place of the type that the bag names.
+        joint_entries: names of the entries of a JointState without names.
 
     Raises:
         DatasetError: no message at all, or one that does not fit its type.
     """
     is_counted = bag.damage is None and any(topic.count for topic in bag.topics.values())
-    there = {
+    available = {
         name: types.get(name, topic.msgtype) for name, topic in bag.topics.items() if topic.count or not is_counted
     }
-    if not there:
+    if not available:
         raise DatasetError(f"{bag.path} holds no message; its topics are: {listing(bag.topics)}")
     first: dict[str, Any] = {}
     stamps_ns: defaultdict[str, list[int]] = defaultdict(list)
     joints: defaultdict[str, _Entries] = defaultdict(_Entries)
-    wanted = {name: _LOOKS.get(msgtype, 1) for name, msgtype in there.items() if msgtype in _DECODED}
-    for topic, _, data in bag.messages(set(wanted)):
-        if topic not in wanted:
+    remaining = {name: _MESSAGES_READ.get(msgtype, 1) for name, msgtype in available.items() if msgtype in _DECODED}
+    for topic, _, data in bag.messages(set(remaining)):
+        if topic not in remaining:
             continue
-        if topic not in first or there[topic] == JOINT_STATE:
+        if topic not in first or available[topic] == JOINT_STATE:
             message = bag.readable(topic, data)
             if message is None:
                 continue
             first.setdefault(topic, message)
-            if there[topic] == JOINT_STATE:
+            if available[topic] == JOINT_STATE:
                 joints[topic].add(message, joint_entries)
-        if there[topic] == IMU:
+        if available[topic] == IMU:
             stamps_ns[topic].append(bag.header_stamp_ns(topic, data))
-        wanted[topic] -= 1
-        if wanted[topic] == 0:
-            del wanted[topic]
-            if not wanted:
+        remaining[topic] -= 1
+        if remaining[topic] == 0:
+            del remaining[topic]
+            if not remaining:
                 break
-    return Glance(
-        there,
+    return BagPreview(
+        available,
         {name: topic.count for name, topic in bag.topics.items()},
         first,
         {name: tuple(stamps) for name, stamps in stamps_ns.items()},
@@ -116,7 +105,7 @@ def glance_at(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[st
 
 @dataclass(slots=True)
 class _Entries:
-    """The names seen in JointState messages, and which of them came with a velocity."""
+    """The names in JointState messages, and those of them that came with a velocity."""
 
     names: dict[str, None] = field(default_factory=dict)
     with_velocity: set[str] = field(default_factory=set)

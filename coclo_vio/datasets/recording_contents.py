@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the writers write: everything a recording may hold, whatever the format."""
+"""The input of the writers: all that a recording may hold, in any format."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from coclo_vio.values.trajectory import GroundTruth
 
 @dataclass(frozen=True, slots=True)
 class RecordingContents:
-    """A recording on its way to the disk; ``measurements`` and ``frames`` are streamed once.
+    """A recording to be written; ``measurements`` and ``frames`` are streamed once.
 
     Attributes:
-        robot: whose joints and legs the measurements are of, in the order of its legs.
+        robot: the robot of the measurements; joints and legs are in its order.
         measurements: samples of all sensors but the cameras, in time order.
-        ground_truth: the reference trajectory of the body, stamped by the clock of whoever watched.
+        ground_truth: the reference trajectory of the body, stamped by the clock of the tracking system.
         imu: mounting and noise of the body's IMU.
         camera_imu: mounting and noise of the camera's IMU.
-        stereo: lenses and mounting of the cameras.
-        frames: images as they are to be stored, in time order.
+        stereo: intrinsics and mounting of the cameras.
+        frames: encoded images, in time order.
     """
 
     robot: RobotDescription

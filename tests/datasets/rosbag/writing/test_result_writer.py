@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from coclo_vio.datasets.rosbag.writing.result import Track, ros_pose_covariance, write_result_bag
+from coclo_vio.datasets.rosbag.writing.result_writer import EstimatedTrajectory, ros_pose_covariance, write_result_bag
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.trajectory import Trajectory
@@ -55,11 +55,11 @@ def trajectory():
 def track(trajectory):
     rates = np.random.default_rng(22).normal(size=(COUNT, 3))
     tie = se3.transform(so3.about_z(0.7), np.array([1.0, 2.0, 3.0]))
-    return Track("coclo", trajectory, rates, tie)
+    return EstimatedTrajectory("coclo", trajectory, rates, tie)
 
 
 @pytest.mark.parametrize("name", ["result.bag", "result.mcap", "result"])
-def test_odometry_says_what_the_estimate_said(tmp_path, track, name):
+def test_odometry_holds_the_estimate(tmp_path, track, name):
     bag = read(write_result_bag(tmp_path / name, [track]))
     trajectory = track.trajectory
     assert [header_ns(message) for _, message in bag["/coclo/odometry"]] == trajectory.stamps_ns.tolist()
@@ -71,8 +71,8 @@ def test_odometry_says_what_the_estimate_said(tmp_path, track, name):
         linear_body = trajectory.rotations[row].T @ trajectory.velocity_world[row]
         np.testing.assert_array_equal(xyz(message.twist.twist.linear), linear_body)
         np.testing.assert_array_equal(xyz(message.twist.twist.angular), track.angular_velocity_body[row])
-        wanted = ros_pose_covariance(trajectory.covariance[row], trajectory.rotations[row])
-        np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), wanted)
+        expected = ros_pose_covariance(trajectory.covariance[row], trajectory.rotations[row])
+        np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), expected)
         assert not np.any(message.twist.covariance)  # unknown
 
 
@@ -87,9 +87,9 @@ def test_the_ros_covariance_is_that_of_position_and_a_turn_about_fixed_axes(traj
     moved = drawn[:, :3, 3] - pose[:3, 3]
     turned = so3.log(drawn[:, :3, :3] @ pose[:3, :3].T)
     measured = np.cov(np.hstack((moved, turned)).T)
-    wanted = ros_pose_covariance(mixing @ mixing.T, pose[:3, :3])
-    sigmas = np.sqrt(np.diag(wanted))
-    np.testing.assert_allclose(measured / np.outer(sigmas, sigmas), wanted / np.outer(sigmas, sigmas), atol=0.05)
+    expected = ros_pose_covariance(mixing @ mixing.T, pose[:3, :3])
+    sigmas = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(measured / np.outer(sigmas, sigmas), expected / np.outer(sigmas, sigmas), atol=0.05)
 
 
 def test_frames_are_those_of_rep_105(tmp_path, track):
@@ -107,7 +107,7 @@ def test_frames_are_those_of_rep_105(tmp_path, track):
     np.testing.assert_allclose(track.T_map_odom @ poses["base_link"], poses["ground_truth"], atol=1e-12)
 
 
-def test_paths_are_thinned_and_stand_at_the_start(tmp_path, track):
+def test_paths_are_thinned_and_written_at_the_start(tmp_path, track):
     reference = track.trajectory.restamped(track.trajectory.stamps_ns - 1_000_000_000)
     bag = read(write_result_bag(tmp_path / "r.mcap", [track], reference))
     for topic, frame, trajectory in (
@@ -125,7 +125,7 @@ def test_paths_are_thinned_and_stand_at_the_start(tmp_path, track):
 
 
 def test_every_frame_has_one_parent_when_there_are_several_estimators(tmp_path, track):
-    other = Track("stereo", track.trajectory, None, np.eye(4))
+    other = EstimatedTrajectory("stereo", track.trajectory, None, np.eye(4))
     bag = read(write_result_bag(tmp_path / "r.bag", [track, other]))
     parents = defaultdict(set)
     for topic in ("/tf", "/tf_static"):
@@ -143,7 +143,7 @@ def test_every_frame_has_one_parent_when_there_are_several_estimators(tmp_path, 
 
 def test_poses_alone_will_do(tmp_path, trajectory):
     bare = Trajectory(trajectory.stamps_ns, trajectory.T_world_body)
-    bag = read(write_result_bag(tmp_path / "r.mcap", [Track("tum", bare, None, np.eye(4))]))
+    bag = read(write_result_bag(tmp_path / "r.mcap", [EstimatedTrajectory("tum", bare, None, np.eye(4))]))
     message = bag["/tum/odometry"][-1][1]
     assert not np.any(message.pose.covariance)
     assert not xyz(message.twist.twist.linear).any()

@@ -2,10 +2,10 @@
 """A recording written as a rosbag, streamed in time order.
 
 =================================================== ====================== ===========================================
-``/joint_states``                                   JointState             by name; NaN is a joint that said nothing
+``/joint_states``                                   JointState             by name; NaN is a joint without a reading
 ``/imu``, ``/camera/imu``                           Imu                    covariance = density^2 * rate of the topic
 ``/foot_force/<leg>``                               WrenchStamped          ``force.z``; a message a leg, at one stamp
-``/camera/infra1/image_rect_raw/compressed``        CompressedImage        left camera, the bytes given; infra2: right
+``/camera/infra1/image_rect_raw/compressed``        CompressedImage        left camera, bytes as encoded; infra2: right
 ``/camera/infra1/camera_info``                      CameraInfo             with each image; P of a rectified pair's
                                                                            right camera holds the baseline
 ``/vicon/<robot>/<robot>``                          TransformStamped       ground truth, T_vicon_body
@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.datasets.contents import RecordingContents
+from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.messages import BagMessages
 from coclo_vio.datasets.rosbag.writing.new_bag import new_bag
 from coclo_vio.datasets.writer import ALL_JOINT_READINGS, RecordedJoints
@@ -54,8 +54,8 @@ VICON_FRAME = "vicon"
 
 _CAMERA_TOPICS = ("/camera/infra1", "/camera/infra2")
 _IMU_TOPICS = {ImuSample: ("/imu", IMU_FRAME), CameraImuSample: ("/camera/imu", CAMERA_IMU_FRAME)}
-_LOOKED_AHEAD = 2000  # samples from which the rate of an IMU is told
-_RECTIFIED_WITHIN = 1e-6
+_RATE_SAMPLES = 2000  # first samples, from which the rate of an IMU is computed
+_RECTIFIED_TOLERANCE = 1e-6
 
 Message = tuple[int, str, Any]  # stamp in ns, topic, message
 
@@ -66,18 +66,18 @@ def write_bag(path: Path, contents: RecordingContents, *, joints: RecordedJoints
     Args:
         path: ends in ``.bag`` (ROS 1), ``.mcap`` or ``.db3`` (ROS 2, one file), or has no suffix (ROS 2 folder).
         contents: what to write; streamed.
-        joints: which of the joints' readings.
+        joints: which of the joints' readings to write.
 
     Returns:
         ``path``.
 
     Raises:
-        DatasetError: the path is taken, of another kind or cannot be written, or the ground truth has no stamps.
+        DatasetError: the path exists, has another suffix or cannot be written, or the ground truth has no stamps.
         TimestampError: a stamp that ROS cannot hold.
     """
     truth = contents.ground_truth
     if truth is not None and not truth.has_stamps:
-        raise DatasetError("a bag has no place for ground truth without stamps; write a leg log instead")
+        raise DatasetError("a bag cannot hold ground truth without stamps; write a leg log instead")
     with new_bag(path) as bag:
         trial = _Trial(contents, BagMessages(bag), joints)
         for number, (stamp_ns, topic, message) in enumerate(trial.messages()):
@@ -102,7 +102,7 @@ class _Trial:
         return heapq.merge(*streams, key=lambda message: message[0])
 
     def mountings(self, stamp_ns: int) -> list[Any]:
-        """What is known of where the sensors sit, as transforms from the body."""
+        """The known mountings of the sensors, as transforms from the body."""
         known: list[tuple[str, Array]] = []
         if self._contents.imu is not None:
             known.append((IMU_FRAME, self._contents.imu.T_body_imu))
@@ -122,7 +122,7 @@ class _Trial:
 
     def _of_measurements(self) -> Iterator[Message]:
         samples = iter(self._contents.measurements)
-        head = list(islice(samples, _LOOKED_AHEAD))
+        head = list(islice(samples, _RATE_SAMPLES))
         rates_hz = _imu_rates_hz(head)
         for kind, imu in ((ImuSample, self._contents.imu), (CameraImuSample, self._contents.camera_imu)):
             self._variances[kind] = _variances(imu, rates_hz.get(kind, 0.0))
@@ -149,7 +149,7 @@ class _Trial:
                 for leg, force in zip(robot.legs, sample.force.tolist(), strict=True):
                     yield f"/foot_force/{leg.name}", self.make.foot_force(sample.stamp_ns, leg.foot_frame, force)
             case StereoFrame():
-                raise DatasetError("a bag is written from encoded images, given as `frames`; this one is decoded")
+                raise DatasetError("a bag is written from encoded images, passed as `frames`; this one is decoded")
 
     def _of_frames(self) -> Iterator[Message]:
         stereo = self._contents.stereo
@@ -158,14 +158,14 @@ class _Trial:
                 yield frame.stamp_ns, topic, message
 
     def _of_frame(self, frame: EncodedStereoFrame, stereo: StereoCalibration | None) -> Iterator[tuple[str, Any]]:
-        lenses: tuple[CameraCalibration | None, ...] = (None, None) if stereo is None else (stereo.left, stereo.right)
+        cameras: tuple[CameraCalibration | None, ...] = (None, None) if stereo is None else (stereo.left, stereo.right)
         baselines_m = (0.0, 0.0 if stereo is None else _baseline_if_rectified(stereo))
         files = (frame.left, frame.right)
-        for topic, frame_id, data, lens, baseline_m in zip(
-            _CAMERA_TOPICS, CAMERA_FRAMES, files, lenses, baselines_m, strict=True
+        for topic, frame_id, data, camera, baseline_m in zip(
+            _CAMERA_TOPICS, CAMERA_FRAMES, files, cameras, baselines_m, strict=True
         ):
-            if lens is not None:
-                yield f"{topic}/camera_info", self.make.camera_info(frame.stamp_ns, frame_id, lens, baseline_m)
+            if camera is not None:
+                yield f"{topic}/camera_info", self.make.camera_info(frame.stamp_ns, frame_id, camera, baseline_m)
             image = self.make.image(frame.stamp_ns, frame_id, data, frame.encoding)
             yield f"{topic}/image_rect_raw/compressed", image
 
@@ -176,7 +176,7 @@ def _imu_rates_hz(samples: Iterable[Measurement]) -> dict[type, float]:
     for sample in samples:
         if isinstance(sample, InertialReading):
             stamps[type(sample)].append(sample.stamp_ns)
-    medians = {kind: float(np.median(np.diff(given))) for kind, given in stamps.items() if len(given) > 1}
+    medians = {kind: float(np.median(np.diff(stamps_ns))) for kind, stamps_ns in stamps.items() if len(stamps_ns) > 1}
     return {kind: NS_PER_S / step_ns for kind, step_ns in medians.items() if step_ns > 0.0}
 
 
@@ -188,13 +188,13 @@ def _variances(imu: ImuCalibration | None, rate_hz: float) -> tuple[float, float
 
 
 def _baseline_if_rectified(stereo: StereoCalibration) -> float:
-    """How far the right camera stands on the left one's x axis; 0 where the pair is not rectified."""
+    """Position of the right camera on the left one's x axis, m; 0 where the pair is not rectified."""
     T_left_right = se3.inverse(stereo.T_body_left_camera) @ stereo.T_body_right_camera
     beside = np.eye(4)
     beside[0, 3] = T_left_right[0, 3]
     is_rectified = (
         stereo.left == stereo.right
         and stereo.left.distortion == "none"
-        and np.allclose(T_left_right, beside, rtol=0.0, atol=_RECTIFIED_WITHIN)
+        and np.allclose(T_left_right, beside, rtol=0.0, atol=_RECTIFIED_TOLERANCE)
     )
     return float(T_left_right[0, 3]) if is_rectified else 0.0

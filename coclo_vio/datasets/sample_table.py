@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the rows of a table to measurements, and the notes on what a table does not hold."""
+"""Measurements from the rows of a CSV table, and notes on the columns that it lacks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleTable:
-    """A table of measurements: where its columns stand, and what to call it in a report.
+    """A table of measurements: its columns by sensor, and its label in reports.
 
-    A stream whose cells are all empty in a row has no sample there (a slower sensor); ``nan`` is a reading that failed.
-    ``imu_kind`` says whose inertial readings they are: the body's or the camera's.
+    A sensor whose cells are all empty in a row has no sample there (a slower sensor); ``nan`` is a failed reading.
+    ``imu_kind`` is the type of the inertial readings: of the body's IMU or of the camera's.
     """
 
     table: CsvTable
@@ -65,7 +65,7 @@ class SampleTable:
             yield self.imu_kind(stamp_ns, values[:3], values[3:])
 
     def describe(self, header: Header, tally: ReadTally) -> None:
-        """Note what the table does not hold and which of its columns are left unread."""
+        """Note what the table lacks and which of its columns are not read."""
         used = {self.stamp.index, *(self.imu or ())}
         if self.force is not None:
             used.update(self.force.indices)
@@ -76,15 +76,15 @@ class SampleTable:
             self._describe_joints(self.joints, tally)
         unused = header.unused(used)
         if unused:
-            tally.note(f"{self.label}: columns left unread: {listing(unused)}")
+            tally.note(f"{self.label}: columns not read: {listing(unused)}")
 
     def _describe_joints(self, joints: JointColumns, tally: ReadTally) -> None:
-        for what, columns, then in (
+        for reading, columns, handling in (
             ("velocity", joints.velocity, "estimated causally from the angles"),
             ("torque", joints.effort, "passed on as NaN"),
         ):
             absent = [name for name, has in zip(joints.names, columns.is_present, strict=True) if not has]
             if len(absent) == len(joints.names):
-                tally.note(f"{self.label}: no joint {what} in the log: {then}")
+                tally.note(f"{self.label}: no joint {reading} in the log: {handling}")
             elif absent:
-                tally.note(f"{self.label}: no joint {what} of {listing(absent)}: {then}")
+                tally.note(f"{self.label}: no joint {reading} of {listing(absent)}: {handling}")

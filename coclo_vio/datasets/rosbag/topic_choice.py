@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The topic that is read for each role: as configured, otherwise inferred from types and names, always with a reason.
+
+Typical names: RealSense (``/camera/infra1/image_rect_raw``, ``/camera/imu``), EuRoC (``/cam0/image_raw``, ``/imu0``),
+Cerberus (``/hardware_a1/joint_foot``, ``/hardware_a1/imu``), ``vicon_bridge`` (``/vicon/<robot>/<robot>``).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from coclo_vio.datasets.rosbag import message_types
+from coclo_vio.datasets.rosbag.bag_preview import BagPreview
+from coclo_vio.datasets.rosbag.config import NO_TOPIC, RosbagTopics
+from coclo_vio.datasets.rosbag.message_types import IMAGES, POSES
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.errors import TopicNotFound, listing
+
+_CONFIGURED = "named in dataset.rosbag.topics"
+_LEFT_OUT = "left out in dataset.rosbag.topics"
+_CAMERA = re.compile(r"camera|(?<![a-z])cam\d*(?![a-z])|realsense|d4[0-9]5|t265|infra|(?<![a-z])(zed|oak|mynt)")
+_HALF_IMU = re.compile(r"/(accel|gyro)/(sample|imu_info)")
+_NO_STEREO = re.compile(r"depth(?!_?cam)|colou?r|rgb|mask|disparity|theora|confidence")
+_TRUTH = re.compile(r"vicon|mocap|optitrack|qualisys|vrpn|natnet|ground_?truth|(?<![a-z])gt(?![a-z])|leica|phasespace")
+_SIDES = (
+    ("infra1", "infra2"),
+    ("left", "right"),
+    ("cam0", "cam1"),
+    ("camera0", "camera1"),
+    ("cam_0", "cam_1"),
+    ("fisheye1", "fisheye2"),
+    ("cam1", "cam2"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicChoice:
+    """The topic chosen for a role, and why.
+
+    Attributes:
+        role: ``joints``, ``imu``, ``camera_imu``, ``left_image``, ``right_image``, ``left_info``, ``right_info``,
+            ``ground_truth`` or ``foot_force``.
+        topics: the chosen topics; several where joints or feet are spread over topics, none where none fits.
+        msgtype: their type, empty without a topic.
+        reason: why these, or why none.
+        others: further topics of a type that fits.
+    """
+
+    role: str
+    topics: tuple[str, ...]
+    msgtype: str
+    reason: str
+    others: tuple[str, ...]
+
+    @property
+    def topic(self) -> str | None:
+        """The topic (the first of several), or None."""
+        return self.topics[0] if self.topics else None
+
+
+class TopicChooser:
+    """Chooses the topics of a bag role by role."""
+
+    def __init__(self, preview: BagPreview, configured: RosbagTopics, robot_name: str | None) -> None:
+        self._preview = preview
+        self._configured = configured
+        self._robot_name = robot_name
+
+    def imus(self) -> tuple[TopicChoice, TopicChoice]:
+        """The body's IMU and the camera's, distinguished by topic name and frame.
+
+        Raises:
+            TopicNotFound: a configured topic is not in the bag.
+        """
+        available = self._preview.of_type(message_types.IMU)
+        complete = [topic for topic in available if not _HALF_IMU.search(topic.lower())]
+        of_camera = [topic for topic in complete if _CAMERA.search(f"{topic} {self._preview.frame(topic)}".lower())]
+        of_body = [topic for topic in complete if topic not in of_camera]
+        configured = {self._configured.imu, self._configured.camera_imu}
+        choices = []
+        for role, candidates, why, why_none in (
+            ("imu", of_body, "not a camera's by name and frame", "only IMUs of a camera"),
+            ("camera_imu", of_camera, "a camera's by its name or frame", "none has a camera's name or frame"),
+        ):
+            choice = self._from_config(role, getattr(self._configured, role), (message_types.IMU,))
+            if choice is None and not available:
+                choice = self._chosen(role, [], available, "no topic is of type Imu")
+            elif choice is None:
+                free = sorted((topic for topic in candidates if topic not in configured), key=self._imu_rank)
+                choice = self._chosen(role, free[:1], available, why if free else why_none)
+            choices.append(choice)
+        return choices[0], choices[1]
+
+    def images(self) -> tuple[TopicChoice, TopicChoice]:
+        """The left and the right image, whose names differ in one part (infra1/infra2, left/right, cam0/cam1).
+
+        Raises:
+            TopicNotFound: a configured topic is not in the bag.
+        """
+        available = [topic for topic in self._preview.of_type(*IMAGES) if not _NO_STEREO.search(topic.lower())]
+        left = self._from_config("left_image", self._configured.left_image, IMAGES)
+        right = self._from_config("right_image", self._configured.right_image, IMAGES)
+        pairs = [
+            pair
+            for pair in self._pairs(available)
+            if (left is None or left.topic == pair[0]) and (right is None or right.topic == pair[1])
+        ]
+        best = min(pairs, key=self._pair_rank) if pairs else None
+        why = "a pair by name" if best else "no two image topics whose names differ as left and right"
+        return (
+            left or self._chosen("left_image", [best[0]] if best else [], available, why),
+            right or self._chosen("right_image", [best[1]] if best else [], available, why),
+        )
+
+    def infos(self, left: TopicChoice, right: TopicChoice) -> tuple[TopicChoice, TopicChoice]:
+        """The CameraInfo beside each image.
+
+        Raises:
+            TopicNotFound: a configured topic is not in the bag.
+        """
+        available = self._preview.of_type(message_types.CAMERA_INFO)
+        choices = []
+        for role, image in (("left_info", left), ("right_info", right)):
+            choice = self._from_config(role, getattr(self._configured, role), (message_types.CAMERA_INFO,))
+            if choice is None:
+                beside = [info for info in available if _is_beside(info, image.topic)]
+                beside = sorted(beside, key=len, reverse=True)[:1]
+                why = "beside its image" if beside else "none beside its image"
+                choice = self._chosen(role, beside, available, why)
+            choices.append(choice)
+        if choices[0].topics and choices[0].topics == choices[1].topics and self._configured.left_info is None:
+            why = "the only CameraInfo cannot be that of both images"
+            choices = [self._chosen(choice.role, [], available, why) for choice in choices]
+        return choices[0], choices[1]
+
+    def ground_truth(self) -> TopicChoice:
+        """The poses of the body from a tracking system, by the system's name; the robot's name goes first.
+
+        Raises:
+            TopicNotFound: the configured topic is not in the bag.
+        """
+        choice = self._from_config("ground_truth", self._configured.ground_truth, POSES)
+        if choice is not None:
+            return choice
+        available = self._preview.of_type(*POSES)
+        named = sorted((topic for topic in available if _TRUTH.search(topic.lower())), key=self._truth_rank)
+        why = "the name of a tracking system" if named else "no pose with the name of a tracking system"
+        return self._chosen("ground_truth", named[:1], available, why)
+
+    def foot_forces(self, robot: RobotDescription | None) -> tuple[TopicChoice, dict[str, str]]:
+        """The wrench of each leg's foot, by the leg's name in the topic's; the topics by leg.
+
+        Raises:
+            TopicNotFound: a configured topic is not in the bag, or its leg is none of the robot's.
+        """
+        configured = self._configured.foot_force
+        available = self._preview.of_type(message_types.WRENCH)
+        if robot is None:
+            return self._chosen("foot_force", [], available, "no robot was named"), {}
+        if configured is None:
+            found = {leg: topic for leg in robot.leg_names if (topic := _of_leg(leg, available)) is not None}
+            why = "the legs' names" if found else "no wrench with the name of a leg"
+        else:
+            found, why = configured, _CONFIGURED if configured else _LEFT_OUT
+            unknown = set(configured) - set(robot.leg_names)
+            if unknown:
+                raise TopicNotFound(
+                    f"dataset.rosbag.topics.foot_force names the legs {listing(unknown)}; "
+                    f"the legs of {robot.name} are {listing(robot.leg_names)}"
+                )
+            for topic in configured.values():
+                self._from_config("foot_force", topic, (message_types.WRENCH,))
+        return self._chosen("foot_force", list(found.values()), available, why), found
+
+    def joint_topics(self) -> TopicChoice | None:
+        """The joints' topics as configured; None where they are to be inferred from the joints they hold.
+
+        Raises:
+            TopicNotFound: a configured topic is not in the bag.
+        """
+        configured = self._configured.joints
+        if configured is None:
+            return None
+        for topic in configured:
+            self._from_config("joints", topic, (message_types.JOINT_STATE,))
+        why = _CONFIGURED if configured else _LEFT_OUT
+        return self._chosen("joints", configured, self._preview.of_type(message_types.JOINT_STATE), why)
+
+    def _from_config(self, role: str, topic: str | None, msgtypes: Sequence[str]) -> TopicChoice | None:
+        if topic is None:
+            return None
+        available = self._preview.of_type(*msgtypes)
+        if topic == NO_TOPIC:
+            return self._chosen(role, [], available, _LEFT_OUT)
+        if topic not in available:
+            msgtype = self._preview.types.get(topic)
+            problem = f"has no message on {topic}" if msgtype is None else f"has {topic}, but as {msgtype}"
+            raise TopicNotFound(
+                f"the bag {problem}, which dataset.rosbag.topics names as {role} ({' or '.join(msgtypes)}); "
+                f"the topics of that type are: {listing(available)}"
+            )
+        return self._chosen(role, [topic], available, _CONFIGURED)
+
+    def _chosen(self, role: str, topics: Sequence[str], available: Sequence[str], reason: str) -> TopicChoice:
+        msgtype = self._preview.types[topics[0]] if topics else ""
+        if topics and len(available) == 1 and reason != _CONFIGURED:
+            reason = f"the only one of its type; {reason}"
+        others = tuple(topic for topic in available if topic not in topics)
+        return TopicChoice(role, tuple(topics), msgtype, reason, others)
+
+    def _imu_rank(self, topic: str) -> tuple[bool, int, str]:
+        is_plain = re.search(r"(^|/)imu\d?(/data)?$", topic) is not None
+        return not is_plain, -self._preview.counts[topic], topic
+
+    def _truth_rank(self, topic: str) -> tuple[bool, int, str]:
+        has_name = self._robot_name is not None and self._robot_name.lower() in topic.lower()
+        return not has_name, -self._preview.counts[topic], topic
+
+    def _pair_rank(self, pair: tuple[str, str]) -> tuple[bool, bool, bool, str]:
+        most = max(self._preview.counts[topic] for topic in self._preview.of_type(*IMAGES))
+        is_sparse = self._preview.counts[pair[0]] < 0.9 * most
+        is_compressed = self._preview.types[pair[0]] == message_types.COMPRESSED_IMAGE
+        return is_sparse, "rect" not in pair[0], is_compressed, pair[0]
+
+    def _pairs(self, available: Sequence[str]) -> list[tuple[str, str]]:
+        return [
+            (left, right)
+            for left in available
+            for left_part, right_part in _SIDES
+            if left_part in left and (right := left.replace(left_part, right_part)) in available
+            if self._preview.types[left] == self._preview.types[right]
+        ]
+
+
+def _is_beside(info: str, image: str | None) -> bool:
+    """Whether ``/a/b/camera_info`` is of ``/a/b/image`` or of something further below ``/a/b``."""
+    return image is not None and image.startswith(info.rpartition("/")[0] + "/")
+
+
+def _of_leg(leg: str, available: Sequence[str]) -> str | None:
+    named = [t for t in available if re.search(rf"(?<![a-z0-9]){re.escape(leg.lower())}(?![a-z0-9])", t.lower())]
+    return min(named, key=lambda t: (re.search("foot|force|contact", t.lower()) is None, t), default=None)
