@@ -79,10 +79,10 @@ def benchmark_trial(robot: RobotModel, walk_s: float, seed: int = 1) -> Analytic
 
 
 def moving_readings(robot: RobotModel, measurements: Iterable[Measurement]) -> list[Reading]:
-    """What the filter's intake makes of the joint samples, from the last one at rest on."""
-    intake = ReadingBuilder(robot, FilterConfig(), robot.description.contact, Counter())
+    """The filter's readings at the joint samples, from the last one at rest on."""
+    builder = ReadingBuilder(robot, FilterConfig(), robot.description.contact, Counter())
     up_body = np.array([0.0, 0.0, 1.0])
-    pushed = (intake.push(measurement, up_body) for measurement in measurements)
+    pushed = (builder.push(measurement, up_body) for measurement in measurements)
     readings = [reading for reading in pushed if reading is not None]
     at_rest = [number for number, reading in enumerate(readings) if reading.is_stationary]
     return readings[at_rest[-1] if at_rest else 0 :]

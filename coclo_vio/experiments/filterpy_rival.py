@@ -132,7 +132,7 @@ class FilterpyRival:
     def _observe(self, x: Array, inputs: _Inputs) -> Array:
         """The blocks of ``measurement_model`` for one state."""
         rotation = _rotation(x[ROTATION])
-        scale, give, legs = x[LEG_SCALE], x[LEG_COMPLIANCE], inputs.legs
+        scale, compliance_m, legs = x[LEG_SCALE], x[LEG_COMPLIANCE], inputs.legs
         slip = inputs.speed_mps * np.stack((x[SLIP], x[SLIP_TURN]))
         velocity = x[VELOCITY] @ rotation - slip[0] + (x[RATE] - slip[1]) @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
@@ -140,7 +140,7 @@ class FilterpyRival:
         held = legs[inputs.motion.holds[legs]]
         position = (x[self._mean.layout.feet].reshape(-1, 3)[held] - x[POSITION]) @ rotation
         position[:, :2] -= scale * (inputs.motion.position_body - self._hips)[held, :2]
-        position -= give * inputs.compliance_axes
+        position -= compliance_m * inputs.compliance_axes
         return np.concatenate((x[RATE] + x[GYROSCOPE_BIAS], velocity.ravel(), position.ravel()))
 
     def _update_gravity(self, reading: Reading) -> None:

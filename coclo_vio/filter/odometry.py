@@ -99,7 +99,7 @@ class LegOdometryFilter:
         try:
             is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
         except np.linalg.LinAlgError as error:
-            raise FilterError(f"the filter broke down at {reading.stamp_ns} ns ({error}): {_ADVICE}") from error
+            raise FilterError(f"the filter failed numerically at {reading.stamp_ns} ns ({error}): {_ADVICE}") from error
         self._stamp_ns = reading.stamp_ns
         return self._estimate(self._core, reading, is_stance)
 

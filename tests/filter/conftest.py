@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Analytic trials of Daisy, made once a session, and the readings that the filter's intake makes of them."""
+"""Analytic trials of Daisy, made once a session, and the filter's readings of them."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -37,11 +37,11 @@ def clean_walk(daisy: RobotModel) -> AnalyticTrial:
 
 @pytest.fixture(scope="session")
 def readings_of(daisy: RobotModel) -> Callable[[Iterable[Measurement]], list[Reading]]:
-    """What the intake makes of measurements, with the true upward direction left at the body's z axis."""
+    """The readings of measurements, with the upward direction along the body's z axis."""
 
     def read(measurements: Iterable[Measurement]) -> list[Reading]:
-        intake = ReadingBuilder(daisy, FilterConfig(), daisy.description.contact, Counter())
-        pushed = (intake.push(measurement, np.array([0.0, 0.0, 1.0])) for measurement in measurements)
+        builder = ReadingBuilder(daisy, FilterConfig(), daisy.description.contact, Counter())
+        pushed = (builder.push(measurement, np.array([0.0, 0.0, 1.0])) for measurement in measurements)
         return [reading for reading in pushed if reading is not None]
 
     return read

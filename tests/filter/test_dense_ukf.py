@@ -117,7 +117,7 @@ def compare(
     tolerance: float,
 ) -> Counter[str]:
     counts: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
-    profiles = [make(one) for one in counts]
+    profiles = [make(each) for each in counts]
     mean, sigmas = start(profiles[0], readings[FIRST], trial)
     ours, dense = SquareRootFilter(mean, sigmas, is_wide=is_wide), DenseFilter(mean, sigmas, is_wide=is_wide)
     for profile in profiles:
@@ -148,7 +148,7 @@ def test_robust_steps_equal_a_dense_ukf(
     readings = readings_of(noisy_walk.measurements)
     readings[FIRST + 20] = slipping(readings[FIRST + 20])
     stances = np.array([reading.is_stance for reading in readings[FIRST : FIRST + STEPS]])
-    assert stances.all(axis=1).any(), "some steps see gravity"
+    assert stances.all(axis=1).any(), "some steps use gravity"
     assert (np.diff(stances.astype(int), axis=0) == 1).any(), "feet land"
     assert (np.diff(stances.astype(int), axis=0) == -1).any(), "feet lift off"
     config = RobustConfig(estimates_leg_scale=True)

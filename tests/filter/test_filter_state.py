@@ -69,7 +69,7 @@ def test_an_error_turns_and_shifts_everything_in_the_world() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-def test_corrected_is_spread_and_moves_the_clone_likewise(seed: int) -> None:
+def test_corrected_is_spread_and_moves_the_keyframe_likewise(seed: int) -> None:
     random = np.random.default_rng(seed)
     layout = StateLayout(LEGS, has_contacts=True)
     mean = random_state(random, layout)
@@ -87,7 +87,7 @@ def test_corrected_is_spread_and_moves_the_clone_likewise(seed: int) -> None:
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
-def test_mean_and_deviations_give_back_the_moments_they_were_spread_with(seed: int) -> None:
+def test_mean_and_deviations_return_the_moments_of_the_spread(seed: int) -> None:
     random = np.random.default_rng(seed)
     layout = StateLayout(LEGS, has_contacts=False)
     mean = random_state(random, layout)
@@ -166,7 +166,7 @@ def test_noise_rows_against_finite_differences() -> None:
     rows = process_model.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config, imu=imu)
     density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0), np.array([0.0, 0.0, 1.0])
     for axis in range(3):
-        turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, seen in the world
+        turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, in world axes
         moved = stack_of(mean)
         vector = moved.vector.copy()
         feet = mean.feet.copy()

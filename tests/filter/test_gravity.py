@@ -28,9 +28,9 @@ def swaying(tick: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def readings(window: GravityWindow, ticks: range) -> dict[int, GravityReading]:
-    """What the window says, by the tick at which it says it."""
-    said = {tick: window.add(tick * TICK_NS, *swaying(tick)) for tick in ticks}
-    return {tick: reading for tick, reading in said.items() if reading is not None}
+    """The readings of the window, by the tick at which they come."""
+    results = {tick: window.add(tick * TICK_NS, *swaying(tick)) for tick in ticks}
+    return {tick: reading for tick, reading in results.items() if reading is not None}
 
 
 def test_a_swaying_body_of_known_velocity_shows_gravity_exactly() -> None:
@@ -44,15 +44,15 @@ def test_a_swaying_body_of_known_velocity_shows_gravity_exactly() -> None:
 
 
 def test_windows_follow_one_another_and_share_no_sample() -> None:
-    """After the dwell, one reading each 0.1 s; a single odd force is in one of them only."""
+    """After the dwell, one reading each 0.1 s; a single outlier is in one of them only."""
     window = GravityWindow(dwell_s=0.03, length_s=0.1)
     ticks = sorted(readings(window, range(100)))
     assert ticks == list(range(13, 100, 10))
-    spoilt = GravityWindow(dwell_s=0.03, length_s=0.1)
+    disturbed = GravityWindow(dwell_s=0.03, length_s=0.1)
     found = {}
     for tick in range(100):
         force, velocity = swaying(tick)
-        reading = spoilt.add(tick * TICK_NS, force + (tick == 33) * np.array([5.0, 0.0, 0.0]), velocity)
+        reading = disturbed.add(tick * TICK_NS, force + (tick == 33) * np.array([5.0, 0.0, 0.0]), velocity)
         if reading is not None:
             found[tick] = reading.force_world[0]
     assert [tick for tick, force in found.items() if abs(force) > 1e-9] == [33]
@@ -68,10 +68,10 @@ def test_a_window_that_a_lifting_foot_cuts_counts_from_half_its_length(last: int
     if reading is not None:
         assert reading.duration_s == pytest.approx((last - 3) * 1e-2)
         np.testing.assert_allclose(reading.force_world, GRAVITY, atol=1e-12)
-    assert window.close() is None, "it is said once"
+    assert window.close() is None, "the reading is returned once"
 
 
-def test_a_closed_window_dwells_again_and_knows_nothing_of_before() -> None:
+def test_a_closed_window_dwells_again_and_forgets_the_samples_before() -> None:
     """The time between closing and the next sample, however long, is in no window."""
     window = GravityWindow(dwell_s=0.03, length_s=0.1)
     readings(window, range(8))
@@ -92,7 +92,7 @@ def test_an_accelerometer_slower_than_the_joints_is_as_exact() -> None:
     np.testing.assert_allclose(found, np.tile(GRAVITY, (9, 1)), atol=1e-12)
 
 
-def test_an_accelerometer_that_was_silent_for_long_missed_what_happened() -> None:
+def test_a_gap_of_the_accelerometer_starts_the_dwell_anew() -> None:
     window = GravityWindow(dwell_s=0.03, length_s=0.1)
     readings(window, range(8))
     assert list(readings(window, range(20, 40))) == [33], "0.12 s later it dwells anew"
@@ -128,19 +128,19 @@ def test_tilt_stays_on_a_swaying_walk(daisy: RobotModel) -> None:
     """The specific force itself points 2 degrees beside up while the body gathers speed and sways."""
     trial = swaying_walk(daisy, seed=1, rest_s=1.0)
     walking = slice(110, 200)
-    felt = np.einsum("nij,nj->ni", trial.body.rotation, trial.body.specific_force_at(np.zeros(3)))[walking]
-    assert np.degrees(np.arctan2(felt[:, 0], felt[:, 2])).max() > 1.5
+    force = np.einsum("nij,nj->ni", trial.body.rotation, trial.body.specific_force_at(np.zeros(3)))[walking]
+    assert np.degrees(np.arctan2(force[:, 0], force[:, 2])).max() > 1.5
     assert tilt_errors_deg(trial, daisy, FilterConfig(), lean_rad=0.0).max() < 0.2
 
 
 def test_tilt_that_starts_wrong_converges_while_the_body_sways(daisy: RobotModel) -> None:
-    """From 1 degree, as unsure as that, to a few tenths; legs and gyroscope alone leave it where it was."""
+    """From 1 degree, with as large a sigma, to a few tenths; legs and gyroscope alone do not correct it."""
     trial = swaying_walk(daisy, seed=1, rest_s=0.5)
-    unsure = InitialConfig(rest_force_noise_mps2=0.5, accelerometer_bias_mps2=0.01)
-    listens, deaf = (
-        tilt_errors_deg(trial, daisy, FilterConfig(robust=robust, initial=unsure), lean_rad=np.radians(1.0))
+    uncertain = InitialConfig(rest_force_noise_mps2=0.5, accelerometer_bias_mps2=0.01)
+    with_gravity, without = (
+        tilt_errors_deg(trial, daisy, FilterConfig(robust=robust, initial=uncertain), lean_rad=np.radians(1.0))
         for robust in (RobustConfig(), RobustConfig(gravity_noise_mps2=1e6))
     )
-    assert listens[0] > 0.95
-    assert listens[-100:].max() < 0.3
-    assert deaf[-100:].min() > 0.45
+    assert with_gravity[0] > 0.95
+    assert with_gravity[-100:].max() < 0.3
+    assert without[-100:].min() > 0.45

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Legs and IMU do not see a turned or shifted world, and neither does the filter.
+"""A rotation about the vertical or a shift of the world is not observable, and changes nothing in the filter.
 
-A turn changes in what directions the sigma points lie, so that "the same" means to the fourth order of the spread.
+A rotation changes the directions of the sigma points, so that "the same" means to the fourth order of the spread.
 """
 
 from collections import Counter
@@ -59,7 +59,7 @@ def started(profile: RobustProfile | PaperProfile, reading: Reading) -> SquareRo
 def walk(
     make: Make, readings: list[Reading], change: Callable[[SquareRootFilter], None]
 ) -> list[tuple[State, np.ndarray]]:
-    """Mean and covariance after each reading, from a start that ``change`` has its way with."""
+    """Mean and covariance after each reading, from a start that ``change`` modifies."""
     profile = make()
     core = started(profile, readings[0])
     change(core)
@@ -127,10 +127,12 @@ def test_a_shifted_world_gives_the_shifted_trajectory(make: Make, readings: list
 
 
 @pytest.mark.parametrize("added", [0.05, 0.4])
-def test_yaw_is_never_observed_however_unsure_it_is(added: float, daisy: RobotModel, readings: list[Reading]) -> None:
+def test_yaw_is_never_observed_however_uncertain_it_is(
+    added: float, daisy: RobotModel, readings: list[Reading]
+) -> None:
     """A large uncertainty of yaw at the start is there at the end and changes nothing else.
 
-    The variance keeps the same share however large it is: an observation would take more of a larger one. What is left
+    The variance keeps the same share however large it is: an observation would reduce a larger one more. What is left
     is of third order: the mean's shift in ``mean_and_deviations`` turns the tilt a little against the yaw. Not so in
     the paper's profile, which measures the velocity in the world with the mean's own heading.
     """
@@ -138,10 +140,10 @@ def test_yaw_is_never_observed_however_unsure_it_is(added: float, daisy: RobotMo
     def make() -> RobustProfile:
         return RobustProfile(daisy, RobustConfig(), Counter())
 
-    def unsure(core: SquareRootFilter) -> None:
+    def add_yaw_variance(core: SquareRootFilter) -> None:
         core.factor[2, 2] = np.hypot(core.factor[2, 2], added)
 
-    plain, wide = walk(make, readings, unchanged), walk(make, readings, unsure)
+    plain, wide = walk(make, readings, unchanged), walk(make, readings, add_yaw_variance)
     for (one, P), (other, P_wide) in zip(plain, wide, strict=True):
         third_order = 4e-6 * added**2
         np.testing.assert_allclose(one.rotation, other.rotation, rtol=0, atol=third_order)
@@ -152,12 +154,12 @@ def test_yaw_is_never_observed_however_unsure_it_is(added: float, daisy: RobotMo
         np.testing.assert_allclose(gained, 0.0, atol=third_order)
 
 
-def test_yaw_gets_less_sure_with_time(make: Make, readings: list[Reading]) -> None:
+def test_yaw_becomes_more_uncertain_with_time(make: Make, readings: list[Reading]) -> None:
     variance = np.array([P[2, 2] for _, P in walk(make, readings, unchanged)])[::50]
     assert np.all(np.diff(variance) > 0.0)
 
 
-def test_a_yaw_that_nobody_ever_saw_does_not_break_the_filter(daisy: RobotModel) -> None:
+def test_unbounded_yaw_uncertainty_does_not_break_the_filter(daisy: RobotModel) -> None:
     """After hours yaw may be anywhere: its sigma stops at a bound, and velocity stays as good as ever."""
     drifting = daisy.description.imu.model_copy(update={"gyroscope_bias_walk": 0.5})
     robot = RobotModel(daisy.description.model_copy(update={"imu": drifting}))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Legs that give under load: how far is found from legs against each other, in metres whatever loads are read in.
+"""Leg compliance: estimated by comparing legs with each other, in metres whatever the unit of the loads.
 
-An analytic walk whose joint angles are those of legs that give: a foot under load F stands by ``give F / on_force``
-higher under the hip than the joints say.
+An analytic walk whose joint angles are those of compliant legs: a foot under load F is higher under the hip by
+``compliance F / on_force`` than by the kinematics of rigid legs.
 """
 
 from collections.abc import Iterable
@@ -22,6 +22,7 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.measurements import FootForceSample, JointSample, Measurement
+from coclo_vio.values.units import NS_PER_S
 
 COMPLIANCE_M = 0.0016
 RIGID = FilterConfig(robust=RobustConfig(estimates_leg_compliance=False))
@@ -42,18 +43,20 @@ def with_foot_sensors(daisy: RobotModel, per_newton: float = 1.0) -> RobotModel:
     return RobotModel(daisy.description.model_copy(update={"contact": contact}))
 
 
-def giving(robot: RobotModel, trial: AnalyticTrial, compliance_m: float, per_newton: float = 1.0) -> list[Measurement]:
-    """The trial's measurements as legs that give by ``compliance_m`` under 20 N would have made them."""
+def compliant(
+    robot: RobotModel, trial: AnalyticTrial, compliance_m: float, per_newton: float = 1.0
+) -> list[Measurement]:
+    """The trial's measurements with legs that are compressed by ``compliance_m`` under 20 N."""
     angles = trial.joint_position.copy()
     for row, (position, load_n) in enumerate(zip(trial.joint_position, trial.load_n, strict=True)):
         down = -compliance_m * load_n[:, None] / 20.0 * trial.body.rotation[row, 2]
-        wanted = robot.feet(position, np.zeros_like(position)).position_body + down
+        expected_m = robot.feet(position, np.zeros_like(position)).position_body + down
         for _ in range(3):
             feet = robot.feet(angles[row], np.zeros_like(position))
             jacobian = feet.jacobian[:, 3:].reshape(18, 18)
-            angles[row] += np.linalg.solve(jacobian, (wanted - feet.position_body).ravel())
+            angles[row] += np.linalg.solve(jacobian, (expected_m - feet.position_body).ravel())
     bent = angles - trial.joint_position
-    bending = np.gradient(bent, trial.truth.stamps_ns * 1e-9, axis=0)
+    bending = np.gradient(bent, trial.truth.stamps_ns / NS_PER_S, axis=0)
     row_of = {int(stamp_ns): row for row, stamp_ns in enumerate(trial.truth.stamps_ns)}
     return [_read(sample, bent, bending, row_of, per_newton) for sample in trial.measurements]
 
@@ -70,7 +73,7 @@ def _read(
 
 
 def run(robot: RobotModel, measurements: Iterable[Measurement], config: FilterConfig) -> tuple[State, float]:
-    """The last state, and one sigma of the give in m."""
+    """The last state, and one sigma of the leg compliance in m."""
     odometry = LegOdometryFilter(robot, config)
     for measurement in measurements:
         odometry.push(measurement)
@@ -83,9 +86,9 @@ def height_error_m(state: State, walk: AnalyticTrial) -> float:
     return float(state.vector[POSITION][2] - walk.truth.positions[-1, 2] + walk.truth.positions[0, 2])
 
 
-def test_the_estimate_is_what_the_legs_give_and_the_height_stays(daisy: RobotModel, walk: AnalyticTrial) -> None:
+def test_the_compliance_is_estimated_and_the_height_does_not_drift(daisy: RobotModel, walk: AnalyticTrial) -> None:
     robot = with_foot_sensors(daisy)
-    measurements = giving(robot, walk, COMPLIANCE_M)
+    measurements = compliant(robot, walk, COMPLIANCE_M)
     found, sigma_m = run(robot, measurements, FilterConfig())
     assert found.vector[LEG_COMPLIANCE][0] == pytest.approx(COMPLIANCE_M, abs=2.0e-4)
     assert sigma_m < 1.2e-4
@@ -96,22 +99,22 @@ def test_the_estimate_is_what_the_legs_give_and_the_height_stays(daisy: RobotMod
     assert height_error_m(rigid, walk) < -4e-3, "five millimetres in 0.9 m of walk"
 
 
-def test_loads_in_counts_give_the_same_metres(daisy: RobotModel, walk: AnalyticTrial) -> None:
+def test_loads_in_counts_lead_to_the_same_metres(daisy: RobotModel, walk: AnalyticTrial) -> None:
     in_newtons, in_counts = (
-        run(with_foot_sensors(daisy, counts), giving(daisy, walk, COMPLIANCE_M, counts), FilterConfig())[0]
+        run(with_foot_sensors(daisy, counts), compliant(daisy, walk, COMPLIANCE_M, counts), FilterConfig())[0]
         for counts in (1.0, 7.0)
     )
     np.testing.assert_allclose(in_counts.vector, in_newtons.vector, rtol=0, atol=1e-9)
 
 
-def test_legs_that_do_not_give_are_found_rigid(daisy: RobotModel, walk: AnalyticTrial) -> None:
+def test_rigid_legs_are_estimated_as_rigid(daisy: RobotModel, walk: AnalyticTrial) -> None:
     found, _ = run(with_foot_sensors(daisy), walk.measurements, FilterConfig())
     assert abs(found.vector[LEG_COMPLIANCE][0]) < 1e-4
     assert abs(height_error_m(found, walk)) < 1e-3
 
 
-def test_a_robot_that_only_stands_learns_nothing(daisy: RobotModel) -> None:
-    """The load never changes: legs that give look like legs that do not, from the first foothold on."""
+def test_standing_alone_does_not_determine_the_compliance(daisy: RobotModel) -> None:
+    """The load never changes: compliant legs cannot be distinguished from rigid ones, from the first foothold on."""
     body = BodyMotionConfig(rest_s=1.5, walk_s=0.0, stop_s=0.0)
     sensors = SensorNoiseConfig(noise_scale=0.0)
     trial = generate(AnalyticTrialConfig(body=body, sensors=sensors), daisy, seed=1)
@@ -130,20 +133,20 @@ def loaded_motion(daisy: RobotModel, walk: AnalyticTrial, *loads: np.ndarray) ->
 
 
 def standing(daisy: RobotModel, walk: AnalyticTrial, row: int, load: np.ndarray) -> Reading:
-    """All feet stand, as the joints of this row of the walk say."""
+    """All feet in stance, with the joints of this row of the walk."""
     feet = daisy.feet(walk.joint_position[row], walk.joint_velocity[row])
     contact = ContactState(np.ones(6), np.ones(6, dtype=np.bool_), load)
     return Reading(10_000_000 * row, feet, contact, np.zeros(3), (), None, False)
 
 
-def test_press_is_the_load_in_loads_of_a_standing_foot_and_its_rate(daisy: RobotModel, walk: AnalyticTrial) -> None:
+def test_load_ratio_is_the_load_over_that_of_a_standing_foot(daisy: RobotModel, walk: AnalyticTrial) -> None:
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([20.0, 30.0, 0.0, -5.0, 10.0, 1e9]))
     np.testing.assert_allclose(motion.load_ratio, [1.0, 1.5, 0.0, 0.0, 0.5, 20.0])
     np.testing.assert_allclose(motion.load_ratio_rate, (motion.load_ratio - 1.0) / 0.01)
 
 
 def test_an_unknown_load_stays_the_last_known_and_does_not_change(daisy: RobotModel, walk: AnalyticTrial) -> None:
-    """Going and coming it is no sudden relief or blow, at which a leg would seem to move by decimetres a second."""
+    """A load that becomes unknown or known is no step of the load, which would move the leg by decimetres a second."""
     known, unknown = np.full(6, 30.0), np.where(np.arange(6) == 2, np.nan, 30.0)
     gone = loaded_motion(daisy, walk, known, unknown)
     back = loaded_motion(daisy, walk, known, unknown, np.full(6, 36.0))
@@ -157,7 +160,7 @@ def test_an_unknown_load_stays_the_last_known_and_does_not_change(daisy: RobotMo
 
 
 def spread_in_compliance(state: State, compliances_m: np.ndarray) -> State:
-    """A stack of this state with other gives."""
+    """A stack of this state with these values of the leg compliance."""
     vector = np.tile(state.vector, (len(compliances_m), 1))
     vector[:, LEG_COMPLIANCE] = compliances_m[:, None]
     return replace(state, rotation=np.tile(state.rotation, (len(compliances_m), 1, 1)), vector=vector)
@@ -165,24 +168,17 @@ def spread_in_compliance(state: State, compliances_m: np.ndarray) -> State:
 
 def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[measurement_model.Block]:
     """Gyroscope, velocities, positions."""
+    noise_radps = robot.description.joint_velocity_noise_radps
+    sensing = measurement_model.LegSensing(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
-        reading,
-        motion,
-        mean,
-        radii_m=robot.foot_radii_m,
-        hips_body=robot.hip_position_body,
-        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
-        robot=robot.description,
-        config=RobustConfig(),
-        gyroscope_noise_radps=1e-3,
-        dt_s=0.01,
+        sensing, reading, motion, mean, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
     )
 
 
-def test_give_lowers_a_loaded_foot_in_what_joints_say_and_leaves_an_unloaded_one(
+def test_compliance_lowers_a_loaded_foot_in_the_kinematics_but_not_an_unloaded_one(
     daisy: RobotModel, walk: AnalyticTrial
 ) -> None:
-    """The derivative of each position row is minus press times up, exactly, at any step; of each velocity row zero."""
+    """The derivative of each position row is minus load ratio times up, exactly; of each velocity row zero."""
     layout = StateLayout(6, has_contacts=False)
     vector = np.random.default_rng(1).normal(size=layout.dimension)
     state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), vector, np.eye(3))
@@ -197,20 +193,20 @@ def test_give_lowers_a_loaded_foot_in_what_joints_say_and_leaves_an_unloaded_one
     np.testing.assert_array_equal(velocity, velocity[:1].repeat(3, axis=0))
 
 
-def test_velocity_at_which_a_leg_gives_way_is_taken_out(daisy: RobotModel, walk: AnalyticTrial) -> None:
-    """A leg pressed harder by 10 loads a second, and giving 2 mm each, yields by 2 cm/s while the body stands."""
+def test_the_velocity_of_compression_is_compensated(daisy: RobotModel, walk: AnalyticTrial) -> None:
+    """A leg whose load ratio grows by 10 a second at 2 mm each is compressed at 2 cm/s while the body stands."""
     layout = StateLayout(6, has_contacts=False)
     vector = np.zeros(layout.dimension)
     vector[LEG_COMPLIANCE] = 2e-3
     state = State(layout, np.eye(3), vector, np.eye(3))
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([20.0, 22.0, 20.0, 20.0, 18.0, 20.0]))
     blocks = blocks_of(daisy, standing(daisy, walk, 1, np.full(6, 20.0)), motion, state)
-    seen = blocks[1].model(spread_in_compliance(state, np.array([2e-3]))).reshape(6, 3)
-    np.testing.assert_allclose(seen[:, 2], [0.0, 0.02, 0.0, 0.0, -0.02, 0.0], atol=1e-12)
-    np.testing.assert_array_equal(seen[:, :2], 0.0)
+    velocity = blocks[1].model(spread_in_compliance(state, np.array([2e-3]))).reshape(6, 3)
+    np.testing.assert_allclose(velocity[:, 2], [0.0, 0.02, 0.0, 0.0, -0.02, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(velocity[:, :2], 0.0)
 
 
-def test_a_carried_foot_is_higher_by_what_its_leg_gives(daisy: RobotModel, walk: AnalyticTrial) -> None:
+def test_a_carried_foot_is_higher_by_the_compression_of_its_leg(daisy: RobotModel, walk: AnalyticTrial) -> None:
     layout = StateLayout(6, has_contacts=False)
     state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), np.zeros(layout.dimension), np.eye(3))
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0]))

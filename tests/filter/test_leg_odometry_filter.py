@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The filter from the outside, with input as robots give it: late, twice, with holes, without sensors."""
+"""The filter with input as it comes from robots: late, repeated, with gaps, without some of the sensors."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -16,6 +16,7 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.errors import FilterError, RobotModelError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.units import NS_PER_S
 
 NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_compliance=False)
 PROFILES = [FilterConfig(robust=NOMINAL), FilterConfig(profile="paper")]
@@ -58,7 +59,7 @@ def config(request: pytest.FixtureRequest) -> FilterConfig:
     return request.param
 
 
-def test_a_clean_stream_counts_nothing_odd(
+def test_a_clean_stream_has_no_unusual_counts(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
 ) -> None:
     estimates, odometry = clean_runs[config.profile]
@@ -72,19 +73,21 @@ def test_repeated_and_late_samples_are_refused_and_change_nothing(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
 ) -> None:
     measurements = noisy_walk.measurements
-    spoilt: list[Measurement] = []
+    disturbed: list[Measurement] = []
     for number, measurement in enumerate(measurements):
-        spoilt.append(measurement)
+        disturbed.append(measurement)
         if number % 30 in {0, 1, 2} and number > 60:
-            spoilt.append(measurement)  # twice
-            spoilt.append(measurements[number - 30])  # again, 0.1 s late
+            disturbed.append(measurement)  # twice
+            disturbed.append(measurements[number - 30])  # again, 0.1 s late
     clean, _ = clean_runs[config.profile]
-    estimates, odometry = run(daisy, spoilt, config)
+    estimates, odometry = run(daisy, disturbed, config)
     assert len(estimates) == len(clean)
     np.testing.assert_array_equal(estimates[-1].nav.T_world_body, clean[-1].nav.T_world_body)
     np.testing.assert_array_equal(estimates[-1].covariance, clean[-1].covariance)
     for kind, name in ((JointSample, "joint"), (ImuSample, "imu"), (FootForceSample, "foot_force")):
-        extra = sum(isinstance(one, kind) for one in spoilt) - sum(isinstance(one, kind) for one in measurements)
+        extra = sum(isinstance(sample, kind) for sample in disturbed) - sum(
+            isinstance(sample, kind) for sample in measurements
+        )
         assert extra > 80
         assert odometry.counts[f"{name}_stamp_refused"] == extra
 
@@ -92,18 +95,18 @@ def test_repeated_and_late_samples_are_refused_and_change_nothing(
 def test_irregular_rates_are_integrated_over_their_true_steps(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
     """A third of the joint samples is lost at random, and IMU samples independently of them."""
     random = np.random.default_rng(2)
-    kept = [one for one in noisy_walk.measurements if random.uniform() > 0.33]
+    kept = [sample for sample in noisy_walk.measurements if random.uniform() > 0.33]
     estimates, odometry = run(daisy, kept)
     assert len(set(np.diff([estimate.stamp_ns for estimate in estimates]).tolist())) > 2
     assert odometry.counts["imu_missing"] > 10
     assert miss_m(estimates[-1], noisy_walk) < 0.03
 
 
-def test_a_gap_lets_go_of_the_feet_and_the_covariance_grows(
+def test_a_gap_ends_the_footholds_and_the_covariance_grows(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
 ) -> None:
     gap = (2_000_000_000, 2_500_000_000)
-    kept = [one for one in noisy_walk.measurements if not gap[0] <= one.stamp_ns < gap[1]]
+    kept = [sample for sample in noisy_walk.measurements if not gap[0] <= sample.stamp_ns < gap[1]]
     estimates, odometry = run(daisy, kept, config)
     assert odometry.counts["gap"] == 1
     before = next(estimate for estimate in reversed(estimates) if estimate.stamp_ns < gap[0])
@@ -111,38 +114,38 @@ def test_a_gap_lets_go_of_the_feet_and_the_covariance_grows(
     whole, _ = clean_runs[config.profile]
     unbroken = next(estimate for estimate in whole if estimate.stamp_ns >= gap[1])
     assert position_sigma_m(after) > position_sigma_m(before)
-    if config.profile == "robust":  # the paper says nothing of gaps: its feet hold through them
+    if config.profile == "robust":  # the paper does not treat gaps: its feet hold through them
         assert position_sigma_m(after) > 1.5 * position_sigma_m(unbroken)
     assert miss_m(after, noisy_walk) < 4.0 * position_sigma_m(after)
     assert np.isfinite(estimates[-1].nav.T_world_body).all()
 
 
 @pytest.mark.parametrize("what", ["position", "velocity"])
-def test_a_silent_joint_takes_its_leg_out_and_nothing_else(
+def test_an_unknown_joint_removes_its_own_leg_only(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, what: str
 ) -> None:
-    silence = (2_000_000_000, 3_000_000_000)
-    spoilt: list[Measurement] = []
-    for one in noisy_walk.measurements:
-        if isinstance(one, JointSample) and silence[0] <= one.stamp_ns < silence[1]:
-            values = np.array(getattr(one, what))
+    unknown = (2_000_000_000, 3_000_000_000)
+    disturbed: list[Measurement] = []
+    for sample in noisy_walk.measurements:
+        if isinstance(sample, JointSample) and unknown[0] <= sample.stamp_ns < unknown[1]:
+            values = np.array(getattr(sample, what))
             values[4] = np.nan  # of the second leg
-            spoilt.append(replace(one, **{what: values}))
+            disturbed.append(replace(sample, **{what: values}))
         else:
-            spoilt.append(one)
-    estimates, odometry = run(daisy, spoilt, config)
+            disturbed.append(sample)
+    estimates, odometry = run(daisy, disturbed, config)
     assert odometry.counts["leg_unknown"] == 100
-    during = [one for one in estimates if silence[0] <= one.stamp_ns < silence[1]]
+    during = [sample for sample in estimates if unknown[0] <= sample.stamp_ns < unknown[1]]
     assert len(during) == 100
-    assert not any(one.feet is not None and one.feet.is_stance[1] for one in during)
+    assert not any(estimate.feet is not None and estimate.feet.is_stance[1] for estimate in during)
     assert miss_m(estimates[-1], noisy_walk) < (0.03 if config.profile == "robust" else 0.1)
 
 
-def test_without_an_imu_the_legs_alone_carry_the_filter(
+def test_without_an_imu_the_filter_runs_on_the_legs_alone(
     daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
 ) -> None:
     """No gravity, no rate: it starts on the move after the timeout, level, and finds its way by the joints."""
-    joints = [one for one in noisy_walk.measurements if not isinstance(one, ImuSample)]
+    joints = [sample for sample in noisy_walk.measurements if not isinstance(sample, ImuSample)]
     estimates, odometry = run(daisy, joints)
     assert odometry.counts["started_moving"] == 1
     assert odometry.counts["imu_missing"] == len(noisy_walk.truth)
@@ -154,27 +157,27 @@ def test_without_an_imu_the_legs_alone_carry_the_filter(
 def test_without_any_force_no_foot_stands_and_the_uncertainty_grows(
     daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
 ) -> None:
-    """Torques of NaN: no foot is known to stand once the robot moves; all of them together are hardly believed."""
-    spoilt = [
-        replace(one, effort=np.full_like(one.effort, np.nan)) if isinstance(one, JointSample) else one
-        for one in noisy_walk.measurements
+    """Torques of NaN: no foot is known to stand once the robot moves; all of them are used with a large noise."""
+    disturbed = [
+        replace(sample, effort=np.full_like(sample.effort, np.nan)) if isinstance(sample, JointSample) else sample
+        for sample in noisy_walk.measurements
     ]
-    estimates, _ = run(daisy, spoilt)
+    estimates, _ = run(daisy, disturbed)
     with_force, _ = clean_runs["robust"]
-    walking = [one for one in estimates if 2_000_000_000 < one.stamp_ns < 3_500_000_000]
-    assert not any(one.feet is not None and one.feet.is_stance.any() for one in walking)
+    walking = [sample for sample in estimates if 2_000_000_000 < sample.stamp_ns < 3_500_000_000]
+    assert not any(estimate.feet is not None and estimate.feet.is_stance.any() for estimate in walking)
     assert position_sigma_m(estimates[-1]) > 3.0 * position_sigma_m(with_force[-1])
     assert miss_m(estimates[-1], noisy_walk) < noisy_walk.truth.path_length_m()
 
 
-def test_a_start_on_the_move_is_counted_and_starts_unsure(
+def test_a_start_on_the_move_is_counted_and_starts_uncertain(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, clean_runs: CleanRuns
 ) -> None:
     begin_ns = 2_000_000_000
-    moving = [one for one in noisy_walk.measurements if one.stamp_ns >= begin_ns]
+    moving = [sample for sample in noisy_walk.measurements if sample.stamp_ns >= begin_ns]
     estimates, odometry = run(daisy, moving, config)
     assert odometry.counts["started_moving"] == 1
-    waited_s = (estimates[0].stamp_ns - begin_ns) * 1e-9
+    waited_s = (estimates[0].stamp_ns - begin_ns) / NS_PER_S
     assert waited_s == pytest.approx(FilterConfig().rest_timeout_s, abs=0.02)
     rested, _ = clean_runs[config.profile]
     assert estimates[0].covariance[0, 0] > rested[0].covariance[0, 0]
@@ -205,20 +208,20 @@ def test_samples_of_another_robot_are_an_error(daisy: RobotModel) -> None:
         odometry.push(FootForceSample(0, np.zeros(4)))
 
 
-def test_a_turn_that_begins_while_the_joints_are_silent_is_not_lost(daisy: RobotModel) -> None:
+def test_a_turn_during_a_gap_of_the_joints_is_not_lost(daisy: RobotModel) -> None:
     """The gyroscope goes on in a gap of the joints: what it turned is turned, to what its noise allows."""
     body = BodyMotionConfig(rest_s=1.5, walk_s=3.0, stop_s=0.0, curvature_per_m=1.5)
     trial = generate(AnalyticTrialConfig(body=body, sensors=SensorNoiseConfig(noise_scale=0.0)), daisy, seed=3)
-    silent = range(1_500_000_000, 2_600_000_000)
+    gap = range(1_500_000_000, 2_600_000_000)
     odometry = LegOdometryFilter(daisy)
     turned: list[float] = []
     for sample in trial.measurements:
-        if isinstance(sample, JointSample) and sample.stamp_ns in silent:
+        if isinstance(sample, JointSample) and sample.stamp_ns in gap:
             continue
         estimate = odometry.push(sample)
         if estimate is not None and sample.stamp_ns >= 1_490_000_000:
             turned.append(float(so3.yaw(estimate.nav.T_world_body[:3, :3])))
-            if sample.stamp_ns >= silent.stop:
+            if sample.stamp_ns >= gap.stop:
                 break
     yaw = so3.yaw(trial.truth.rotations)
     true_turn = yaw[260] - yaw[149]
@@ -227,17 +230,19 @@ def test_a_turn_that_begins_while_the_joints_are_silent_is_not_lost(daisy: Robot
     assert turned[-1] - turned[0] == pytest.approx(true_turn, abs=np.radians(0.2))
 
 
-def test_an_imu_that_falls_silent_shows_no_gravity(
+def test_without_new_imu_samples_gravity_is_not_used(
     daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
 ) -> None:
     """Its last reading is no reading: tilt grows uncertain by the legs alone instead of being measured for ever."""
-    silent_ns = 2_000_000_000
-    heard = [one for one in noisy_walk.measurements if not isinstance(one, ImuSample) or one.stamp_ns <= silent_ns]
-    estimates, odometry = run(daisy, heard)
+    last_ns = 2_000_000_000
+    kept = [
+        sample for sample in noisy_walk.measurements if not isinstance(sample, ImuSample) or sample.stamp_ns <= last_ns
+    ]
+    estimates, odometry = run(daisy, kept)
     assert odometry.counts["imu_missing"] == 250
 
     def gained(path: list[StateEstimate]) -> float:
-        before = next(one for one in path if one.stamp_ns >= silent_ns)
+        before = next(sample for sample in path if sample.stamp_ns >= last_ns)
         return float(path[-1].covariance[0, 0] - before.covariance[0, 0])
 
     unbroken, _ = clean_runs["robust"]

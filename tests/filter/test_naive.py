@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The naive baseline on exact sensors: its only error is the one it is there to show."""
+"""The naive baseline on exact sensors: its only error is the one that it is meant to show."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -50,8 +50,8 @@ def test_with_rolling_feet_and_exact_sensors_it_hardly_drifts(weighs_load, odome
     assert np.linalg.norm(_displacement(estimates) - travelled) < 2e-3 * length
 
 
-def test_without_rolling_it_is_short_by_what_the_feet_rolled(odometry, clean_walk) -> None:
-    """What the standing foot centres moved on the ground, averaged, is what it cannot see."""
+def test_without_rolling_the_distance_is_short_by_what_the_feet_rolled(odometry, clean_walk) -> None:
+    """The mean motion of the standing foot centres on the ground is missing from its distance."""
     estimates = _estimates(odometry(rolls_feet=False), clean_walk.measurements)
     travelled, first = _travelled(clean_walk, estimates)
     steps = np.diff(clean_walk.feet_world[first:], axis=0)
@@ -63,7 +63,7 @@ def test_without_rolling_it_is_short_by_what_the_feet_rolled(odometry, clean_wal
     assert missed == pytest.approx(share, rel=0.1)
 
 
-def test_the_gyroscope_bias_of_the_rest_is_taken_out(odometry, clean_walk) -> None:
+def test_the_gyroscope_bias_at_rest_is_subtracted(odometry, clean_walk) -> None:
     bias = np.array([0.004, -0.006, 0.01])
     biased = [
         replace(sample, angular_velocity=sample.angular_velocity + bias) if isinstance(sample, ImuSample) else sample
@@ -98,14 +98,14 @@ def test_without_any_stance_leg_the_last_velocity_goes_on_and_is_counted(odometr
 
 
 def test_weighed_legs_count_in_proportion_to_their_load(daisy, clean_walk) -> None:
-    """One leg, just taking its load, tells a false velocity: it spoils the mean by its share of the weight."""
+    """One leg, just loaded, has a false velocity: the error of the mean is in proportion to its share of the weight."""
     share = clean_walk.load_n / clean_walk.load_n.sum(axis=1, keepdims=True)
     is_taking = (share > 0.06) & (share < 0.12)
     sample, leg = (int(index) for index in np.argwhere(is_taking)[-1])
     contact = daisy.description.contact.model_copy(update={"compensation": "gravity", "on_dwell_s": 0.0})
     contact = contact.model_copy(update={"on_force": 6.0, "off_force": 3.0})
     robot = RobotModel(daisy.description.model_copy(update={"contact": contact}))
-    spoilt = {}
+    error_mps = {}
     for weighs_load in (False, True):
         ends = [
             _estimates(
@@ -114,9 +114,9 @@ def test_weighed_legs_count_in_proportion_to_their_load(daisy, clean_walk) -> No
             )[-1]
             for radps in (0.0, 0.5)
         ]
-        spoilt[weighs_load] = np.linalg.norm(ends[1].nav.velocity_world - ends[0].nav.velocity_world)
+        error_mps[weighs_load] = np.linalg.norm(ends[1].nav.velocity_world - ends[0].nav.velocity_world)
         stance_legs = ends[0].feet.is_stance.sum()
-    assert spoilt[True] / spoilt[False] == pytest.approx(share[sample, leg] * stance_legs, rel=0.1)
+    assert error_mps[True] / error_mps[False] == pytest.approx(share[sample, leg] * stance_legs, rel=0.1)
 
 
 def _with_false_velocity(trial: AnalyticTrial, sample: int, joints: slice, radps: float) -> list[Measurement]:

@@ -15,6 +15,7 @@ from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.units import GRAVITY_MPS2
 
 LAYOUT = StateLayout(6, has_contacts=False)
 
@@ -23,7 +24,7 @@ def true_reading(robot: RobotModel, trial: AnalyticTrial, row: int) -> Reading:
     feet = robot.feet(trial.joint_position[row], trial.joint_velocity[row])
     stance = trial.stance[row]
     contact = ContactState(stance.astype(float), stance, trial.load_n[row])
-    rate, force = trial.body.angular_velocity[row], np.array([0.0, 0.0, measurement_model.GRAVITY_MPS2])
+    rate, force = trial.body.angular_velocity[row], np.array([0.0, 0.0, GRAVITY_MPS2])
     return Reading(int(trial.truth.stamps_ns[row]), feet, contact, rate, (), force @ trial.body.rotation[row], False)
 
 
@@ -68,23 +69,16 @@ def test_a_rolling_foot_is_exact_to_third_order_in_the_step(daisy: RobotModel) -
 
 
 def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[measurement_model.Block]:
+    noise_radps = robot.description.joint_velocity_noise_radps
+    sensing = measurement_model.LegSensing(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
-        reading,
-        motion,
-        state,
-        radii_m=robot.foot_radii_m,
-        hips_body=robot.hip_position_body,
-        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
-        robot=robot.description,
-        config=RobustConfig(),
-        gyroscope_noise_radps=1e-3,
-        dt_s=0.01,
+        sensing, reading, motion, state, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
     )
 
 
 def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotModel, clean_walk: AnalyticTrial) -> None:
     footholds = Footholds(true_reading(daisy, clean_walk, 0), daisy.description.contact.on_force)
-    seen = set()
+    row_counts = set()
     for row in range(1, len(clean_walk.truth), 1):
         reading = true_reading(daisy, clean_walk, row)
         motion = footholds.advance(reading, is_gap=False)
@@ -94,10 +88,10 @@ def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotMode
         rows = sum(len(block.measured) for block in blocks)
         holding = int(np.count_nonzero(motion.holds))
         assert rows == 3 + 3 * int(reading.is_stance.sum()) + 3 * holding
-        seen.add(rows)
+        row_counts.add(rows)
         for block in blocks:
             np.testing.assert_allclose(block.model(stack_of(state))[0], block.measured, rtol=0, atol=1e-8)
-    assert len(seen) > 2
+    assert len(row_counts) > 2
 
 
 def test_a_velocity_that_is_not_the_bodys_leaves_a_residual(daisy: RobotModel, clean_walk: AnalyticTrial) -> None:

@@ -32,7 +32,7 @@ def transformed(
 
 @pytest.mark.parametrize("curved", [0, 3, STATES])
 def test_linear_model_equals_the_kalman_filter(curved: int) -> None:
-    """Random dynamics, one to three random rows measured at a time: most of the state is unseen at every step."""
+    """Random dynamics, one to three random rows measured at a time: most of the state is unobserved at every step."""
     random = np.random.default_rng(11)
     points = SigmaSpread(STATES, curved, float(max(curved, 1)))
     mean = random.normal(size=STATES)
@@ -41,10 +41,10 @@ def test_linear_model_equals_the_kalman_filter(curved: int) -> None:
     for _ in range(STEPS):
         dynamics = np.eye(STATES) + 0.1 * random.normal(size=(STATES, STATES))
         process_rows = 0.1 * random.normal(size=(4, STATES))  # Q of rank 4
-        rows_seen = int(random.integers(1, 4))
-        sensor = random.normal(size=(rows_seen, STATES)) * (random.uniform(size=STATES) < 0.4)
-        noise_rows = np.triu(random.normal(size=(rows_seen, rows_seen))) + 2.0 * np.eye(rows_seen)
-        measured = random.normal(size=rows_seen)
+        row_count = int(random.integers(1, 4))
+        sensor = random.normal(size=(row_count, STATES)) * (random.uniform(size=STATES) < 0.4)
+        noise_rows = np.triu(random.normal(size=(row_count, row_count))) + 2.0 * np.eye(row_count)
+        measured = random.normal(size=row_count)
 
         images = (mean + points.points(factor)) @ dynamics.T
         mean = points.mean(images)
@@ -67,7 +67,7 @@ def test_linear_model_equals_the_kalman_filter(curved: int) -> None:
         assert np.array_equal(factor, np.tril(factor)), "QR hands back an upper triangle, the filter keeps the lower"
 
 
-def test_an_unseen_state_keeps_its_covariance_and_its_mean() -> None:
+def test_an_unobserved_state_keeps_its_covariance_and_its_mean() -> None:
     factor = np.diag([1.0, 2.0, 3.0])
     sensor = np.array([[1.0, 0.0, 0.0]])
     correction = correct(factor, factor.T @ sensor.T, np.array([[1.0]]), np.array([2.0]))
@@ -91,7 +91,7 @@ def test_more_measurements_than_states_and_a_certain_state() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), curved=st.integers(0, 4))
-def test_one_point_does_for_two_in_flat_columns(seed: int, curved: int) -> None:
+def test_one_point_is_enough_in_flat_columns(seed: int, curved: int) -> None:
     """The reduced set equals the full one of the same width where the model is linear from column ``curved`` on."""
     random = np.random.default_rng(seed)
     length, outputs = 6, 5
@@ -147,17 +147,19 @@ def test_lower_factor_is_lower_and_keeps_the_covariance(seed: int, extra: int) -
     np.testing.assert_allclose(factor @ factor.T, rows.T @ rows, atol=1e-11)
 
 
-def test_what_is_only_considered_keeps_its_mean_and_costs_the_others_what_it_should() -> None:
+def test_considered_errors_keep_their_mean_and_reduce_the_gain_of_the_others() -> None:
     """Joseph's form with the gain of two errors set to zero."""
     random = np.random.default_rng(21)
     root = random.normal(size=(6, 6))
     prior, H, R = root @ root.T, random.normal(size=(3, 6)), 0.1 * np.eye(3)
     factor, innovation = np.linalg.cholesky(prior), random.normal(size=3)
     considered = slice(2, 4)
-    told = correct(factor, (H @ factor).T, np.sqrt(0.1) * np.eye(3), innovation, considered)
+    correction = correct(factor, (H @ factor).T, np.sqrt(0.1) * np.eye(3), innovation, considered)
     gain = prior @ H.T @ np.linalg.inv(H @ prior @ H.T + R)
     gain[considered] = 0.0
     rest = np.eye(6) - gain @ H
-    np.testing.assert_allclose(told.step, gain @ innovation, atol=1e-12)
-    np.testing.assert_allclose(told.factor @ told.factor.T, rest @ prior @ rest.T + gain @ R @ gain.T, atol=1e-9)
-    np.testing.assert_allclose(np.diag(told.factor @ told.factor.T)[considered], np.diag(prior)[considered])
+    np.testing.assert_allclose(correction.step, gain @ innovation, atol=1e-12)
+    np.testing.assert_allclose(
+        correction.factor @ correction.factor.T, rest @ prior @ rest.T + gain @ R @ gain.T, atol=1e-9
+    )
+    np.testing.assert_allclose(np.diag(correction.factor @ correction.factor.T)[considered], np.diag(prior)[considered])

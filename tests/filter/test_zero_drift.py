@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Without noise the filter does not drift: what is left is the third order of the rolling increment in the step.
 
-Sensors are perfect and are believed to be; no foot is expected to creep. Gravity is not asked while the body
+Sensors are perfect and modelled so; no foot is expected to creep. Gravity is not used while the body
 accelerates, and standstill ends with the first motion: both are approximations on purpose, with their own noise.
 """
 

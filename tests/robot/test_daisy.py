@@ -27,7 +27,7 @@ def maker_legs(shared_data) -> list[tuple[Array, object]]:
     return legs
 
 
-def test_feet_are_where_the_maker_has_them(maker_legs) -> None:
+def test_feet_are_those_of_the_maker_s_kinematics(maker_legs) -> None:
     model = RobotModel(load_robot("daisy"))
     rng = np.random.default_rng(11)
     for _ in range(50):

@@ -82,7 +82,7 @@ def test_the_weight_of_a_standing_robot_acts_at_its_centre_of_mass(name, preset)
     np.testing.assert_allclose(moment, 0.0, atol=1e-8)
 
 
-def test_the_centre_of_mass_is_told_in_the_body_frame(preset) -> None:
+def test_the_centre_of_mass_is_in_the_body_frame(preset) -> None:
     model = preset("go1")
     moved = RobotModel(model.description.model_copy(update={"body_frame": "imu_link"}))
     position = np.tile([0.05, 0.9, -1.8], 4)
@@ -92,7 +92,7 @@ def test_the_centre_of_mass_is_told_in_the_body_frame(preset) -> None:
 
 
 def test_holding_torques_are_those_that_show_the_forces() -> None:
-    """What ``foot_forces`` finds in the torques that hold given forces is those forces, on a tilted body too."""
+    """``foot_forces`` returns the forces whose holding torques it is given, on a tilted body too."""
     rng = np.random.default_rng(24)
     position = STANDING + rng.normal(0.0, 0.1, 18)
     forces, up = rng.normal(0.0, 30.0, (6, 3)), so3.exp(np.array([0.2, -0.3, 0.0])).T @ UP
@@ -271,7 +271,7 @@ def hopper_model(folder: Path, damping: Array) -> RobotModel:
 
 
 def vertical_force(model: RobotModel, hopper: Hopper, *, friction: bool) -> Array:
-    """Torque-derived vertical force, N, (rows,), without the leg's weight; with joint friction taken out if asked."""
+    """Torque-derived vertical force, N, (rows,), without the leg's weight; joint friction compensated or not."""
     acceleration = np.zeros(2) if friction else None  # not logged; taken as zero
     rows = zip(hopper.position, hopper.velocity, hopper.torque, strict=True)
     return np.array([model.foot_forces(*row, specific_force_body=UP, acceleration=acceleration)[0, 2] for row in rows])
@@ -332,7 +332,7 @@ def test_torque_shows_the_contact_of_a_real_leg(hopper, tmp_path, record_propert
     assert accuracy >= 0.9
 
 
-def test_the_flight_of_the_hopper_is_told_without_the_plate(hopper) -> None:
-    """A check on the two tests above: where the rail and the angles say flight, the plate feels next to nothing."""
+def test_the_flight_of_the_hopper_is_detected_without_the_plate(hopper) -> None:
+    """A check on the two tests above: where the rail and the angles say flight, the plate measures next to nothing."""
     assert hopper.is_flight.sum() > 100
     assert np.abs(hopper.plate_n[hopper.is_flight]).max() < 2.0

@@ -47,7 +47,7 @@ def _joints(trial: AnalyticTrial) -> Iterator[JointSample]:
     return (sample for sample in trial.measurements if isinstance(sample, JointSample))
 
 
-def test_each_compensation_takes_out_what_it_says(brisk_walk) -> None:
+def test_each_compensation_removes_its_part_of_the_leg_dynamics(brisk_walk) -> None:
     """RMS error of the load of swinging feet, which is zero: inertia < gravity < none, and by much."""
     swings = ~brisk_walk.stance[1:]
     rms = {
@@ -94,7 +94,7 @@ def test_up_is_where_the_load_is_measured_along(brisk_walk) -> None:
     np.testing.assert_allclose(loads, DAISY.foot_forces(sample.position, sample.velocity, sample.effort) @ tilt)
 
 
-def test_a_missing_torque_leaves_its_leg_unknown(brisk_walk) -> None:
+def test_a_missing_torque_makes_the_load_of_its_leg_unknown(brisk_walk) -> None:
     sample = next(_joints(brisk_walk))
     effort = sample.effort.copy()
     effort[4] = np.nan

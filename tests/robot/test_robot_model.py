@@ -89,7 +89,7 @@ def test_go1_and_anymal_imu_mounting_is_that_of_their_urdf(preset) -> None:
 
 
 @pytest.mark.parametrize("joint", [0, 7, 17])
-def test_a_joint_without_position_blanks_its_own_leg_only(joint, preset) -> None:
+def test_a_joint_without_position_makes_its_own_leg_unknown_only(joint, preset) -> None:
     model = preset("daisy")
     position, velocity = random_joints(model, 3, 1.0)
     whole = model.feet(position, velocity)
@@ -102,7 +102,7 @@ def test_a_joint_without_position_blanks_its_own_leg_only(joint, preset) -> None
         np.testing.assert_array_equal(rows[others], getattr(whole, field)[others])
 
 
-def test_a_joint_without_velocity_leaves_the_foot_its_place(preset) -> None:
+def test_a_joint_without_velocity_keeps_the_position_of_the_foot(preset) -> None:
     model = preset("daisy")
     position, velocity = random_joints(model, 4, 1.0)
     whole = model.feet(position, velocity)

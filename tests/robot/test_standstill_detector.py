@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from coclo_vio.robot.standstill import StandstillConfig, StandstillDetector
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.measurements import ImuSample, JointSample
+from coclo_vio.values.units import NS_PER_S
 
 MS = 1_000_000
 BIAS = np.array([0.01, -0.02, 0.005])
@@ -20,14 +21,14 @@ def joints(stamp_ns: int, velocity: np.ndarray) -> JointSample:
 def watch(seconds: float, *, rate=BIAS, force=UP, joint=0.0, noise=1.0, seed=31) -> StandstillDetector:
     """A detector after IMU and three joints at 200 Hz; sensor noise 5 mrad/s, 0.05 m/s^2, 10 mrad/s a joint."""
     detector, rng = StandstillDetector(), np.random.default_rng(seed)
-    for stamp_ns in range(0, int(seconds * 1e9) + 1, 5 * MS):
+    for stamp_ns in range(0, int(seconds * NS_PER_S) + 1, 5 * MS):
         gyroscope = rate + noise * rng.normal(0.0, 0.005, 3)
         detector.push(ImuSample(stamp_ns, gyroscope, force + noise * rng.normal(0.0, 0.05, 3)))
         detector.push(joints(stamp_ns, joint + noise * rng.normal(0.0, 0.01, 3)))
     return detector
 
 
-def test_rest_gives_bias_and_up() -> None:
+def test_rest_holds_bias_and_up() -> None:
     rest = watch(1.0).rest
     assert rest is not None
     assert rest.stamp_ns == 1_000_000_000
@@ -36,7 +37,7 @@ def test_rest_gives_bias_and_up() -> None:
     np.testing.assert_allclose(rest.specific_force, UP, atol=4 * 0.05 / np.sqrt(101))
 
 
-def test_nothing_is_said_before_the_window_is_spanned() -> None:
+def test_there_is_no_standstill_before_the_window_is_spanned() -> None:
     assert not StandstillDetector().is_stationary
     assert watch(0.3).rest is None
     assert watch(0.5).is_stationary
@@ -73,7 +74,7 @@ def test_rest_ends_within_30_ms_of_the_first_motion() -> None:
     assert not detector.is_stationary
 
 
-def test_an_imu_alone_is_enough_and_silent_joints_do_not_vouch() -> None:
+def test_an_imu_alone_is_enough_and_unknown_joints_do_not_count() -> None:
     detector = StandstillDetector()
     for stamp_ns in range(0, 600 * MS, 5 * MS):
         detector.push(ImuSample(stamp_ns, BIAS, UP))
@@ -81,12 +82,12 @@ def test_an_imu_alone_is_enough_and_silent_joints_do_not_vouch() -> None:
     for stamp_ns in range(0, 600 * MS, 5 * MS):
         detector.push(joints(stamp_ns, np.array([np.nan, 0.5])))
     assert not detector.is_stationary
-    for stamp_ns in range(600 * MS, 1_200 * MS, 5 * MS):  # the joints fall silent: their last words wear out
+    for stamp_ns in range(600 * MS, 1_200 * MS, 5 * MS):  # no joint samples any more: the last ones leave the window
         detector.push(ImuSample(stamp_ns, BIAS, UP))
     assert detector.is_stationary
 
 
-def test_joints_alone_say_nothing() -> None:
+def test_joints_alone_are_not_enough() -> None:
     detector = StandstillDetector()
     for stamp_ns in range(0, 600 * MS, 5 * MS):
         detector.push(joints(stamp_ns, np.zeros(3)))
@@ -132,21 +133,21 @@ def test_the_running_means_are_those_of_the_window(seed, shock) -> None:
 
 def test_the_go1_stands_for_two_seconds_then_trots(shared_data) -> None:
     table = np.loadtxt(shared_data / "go1_mocap" / "go1.csv", delimiter=",", skiprows=1, max_rows=4000)
-    stamps = np.round((table[:, 0] - table[0, 0]) * 1e9).astype(np.int64)
-    detector, seen = StandstillDetector(), []
+    stamps = np.round((table[:, 0] - table[0, 0]) * NS_PER_S).astype(np.int64)
+    detector, stationary = StandstillDetector(), []
     for row in range(4, len(table)):
-        step_s = (stamps[row] - stamps[row - 4]) / 1e9
+        step_s = (stamps[row] - stamps[row - 4]) / NS_PER_S
         velocity = (table[row, 11:] - table[row - 4, 11:]) / step_s
         detector.push(ImuSample(int(stamps[row]), table[row, 8:11], table[row, 5:8]))
         detector.push(joints(int(stamps[row]), velocity))
-        seen.append(detector.is_stationary)
+        stationary.append(detector.is_stationary)
         if stamps[row] < 2_300 * MS and detector.rest is not None:
             last_rest = detector.rest
-    times_s = stamps[4:] / 1e9
-    seen_at = times_s[np.array(seen)]
-    assert 0.5 < seen_at[0] < 1.5  # it settles first
-    assert 2.2 < seen_at[-1] < 2.5
-    assert np.array(seen)[(times_s > 1.5) & (times_s < 2.2)].all()
+    times_s = stamps[4:] / NS_PER_S
+    stationary_s = times_s[np.array(stationary)]
+    assert 0.5 < stationary_s[0] < 1.5  # it settles first
+    assert 2.2 < stationary_s[-1] < 2.5
+    assert np.array(stationary)[(times_s > 1.5) & (times_s < 2.2)].all()
     assert np.linalg.norm(last_rest.angular_velocity) < 0.005
     assert np.linalg.norm(last_rest.specific_force) == pytest.approx(9.81, abs=0.15)
 
