@@ -12,11 +12,11 @@ from coclo_vio.experiments.table.cluster import run_on_cluster
 from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.records import JobRecord, TableJob, TableRecord, TableTrajectory
 from coclo_vio.experiments.table.runner import run_here, run_in_processes
 from coclo_vio.experiments.table.summary import summarise
 from coclo_vio.experiments.table.table_figures import draw
 from coclo_vio.experiments.table.table_page import html, markdown
+from coclo_vio.experiments.table.table_record import JobRecord, TableJob, TableRecord, TableTrajectory
 from coclo_vio.experiments.table.work_unit import ProgressCallback, WorkUnit, units
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import EvaluationError

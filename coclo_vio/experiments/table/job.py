@@ -10,11 +10,11 @@ from pathlib import Path
 from coclo_vio.evaluation.clock import ClockConfig
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
-from coclo_vio.evaluation.records import EvaluationRecord
+from coclo_vio.evaluation.evaluation_record import EvaluationRecord
 from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.records import EventTime, JobRecord, JobTrajectory
+from coclo_vio.experiments.table.table_record import EventTime, JobRecord, JobTrajectory
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.evaluating import evaluate_run
 from coclo_vio.runs.run_config import RunConfig

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from coclo_vio.experiments.table.plan import Job, TablePlan
-from coclo_vio.experiments.table.records import Fingerprint, JobRecord
+from coclo_vio.experiments.table.table_record import Fingerprint, JobRecord
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import DatasetError
 

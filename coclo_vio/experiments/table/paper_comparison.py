@@ -6,7 +6,7 @@ from itertools import combinations
 
 from coclo_vio.evaluation.paper_table import paper_table
 from coclo_vio.evaluation.trajectory_roles import fused_pairs, standalone_names
-from coclo_vio.experiments.table.records import BetterBy, PaperComparison, Spread, TrajectorySummary
+from coclo_vio.experiments.table.table_record import BetterBy, PaperComparison, Spread, TrajectorySummary
 from coclo_vio.values.trajectory_kind import trajectory_kind
 
 _Pair = tuple[float | None, float | None]

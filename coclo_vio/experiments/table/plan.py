@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from coclo_vio import __version__
-from coclo_vio.experiments.table.records import Fingerprint
+from coclo_vio.experiments.table.table_record import Fingerprint
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.feedback import feedback_policies
 from coclo_vio.robot.description import urdf_path

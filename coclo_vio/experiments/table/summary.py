@@ -12,7 +12,7 @@ import numpy as np
 from coclo_vio.evaluation.trajectory_roles import fused_pairs, is_fused
 from coclo_vio.experiments.table.paper_comparison import paper_comparisons
 from coclo_vio.experiments.table.plan import TablePlan
-from coclo_vio.experiments.table.records import (
+from coclo_vio.experiments.table.table_record import (
     REFERENCES,
     ErrorRatio,
     ErrorRatios,

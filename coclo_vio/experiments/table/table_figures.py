@@ -10,8 +10,8 @@ from coclo_vio.evaluation.figures import plot_path, plot_positions, plot_velocit
 from coclo_vio.experiments.table.job import keeps_state
 from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import Job, TablePlan
-from coclo_vio.experiments.table.records import JobRecord
 from coclo_vio.experiments.table.summary import representative_seed
+from coclo_vio.experiments.table.table_record import JobRecord
 from coclo_vio.experiments.table.trial_results import Results
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.evaluating import evaluate_run

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from coclo_vio.experiments.table.records import TableRecord
+from coclo_vio.experiments.table.table_record import TableRecord
 from coclo_vio.experiments.table.text_tables import TextTable, text_tables
 
 TITLE = "Table I over simulated trials"

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from coclo_vio.evaluation.paper_table import PAPER_MARK, paper_table
 from coclo_vio.evaluation.trajectory_roles import standalone_names
-from coclo_vio.experiments.table.records import (
+from coclo_vio.experiments.table.summary import TOLERANCE
+from coclo_vio.experiments.table.table_record import (
     ErrorRatio,
     Reference,
     Spread,
@@ -14,7 +15,6 @@ from coclo_vio.experiments.table.records import (
     TrajectorySummary,
     WinCount,
 )
-from coclo_vio.experiments.table.summary import TOLERANCE
 from coclo_vio.values.trajectory_kind import trajectory_kind
 
 _MAIN: Reference = "vicon"  # against which the printed tables are, as the paper's

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from coclo_vio.evaluation.trajectory_roles import is_fused
-from coclo_vio.experiments.table.records import FigureSpreads, JobRecord, JobTrajectory, Reference
+from coclo_vio.experiments.table.table_record import FigureSpreads, JobRecord, JobTrajectory, Reference
 
 FIGURES = tuple(FigureSpreads.model_fields)
 DRIFT, RPE = "drift_percent", "rpe_1m_percent"

@@ -10,7 +10,7 @@ from coclo_vio.experiments.table.job import failed, reason_of, run_job
 from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.recordings import Recordings
-from coclo_vio.experiments.table.records import JobRecord
+from coclo_vio.experiments.table.table_record import JobRecord
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import pytest
 from short_walk import MadePlan
 
 from coclo_vio.experiments.table import build
-from coclo_vio.experiments.table.records import TableRecord
+from coclo_vio.experiments.table.table_record import TableRecord
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import EvaluationError
 

@@ -4,8 +4,8 @@
 import pytest
 from short_walk import job_record, plan_of
 
-from coclo_vio.experiments.table.records import ErrorRatio, JobRecord, Spread, WinCount
 from coclo_vio.experiments.table.summary import representative_seed, spread, summarise
+from coclo_vio.experiments.table.table_record import ErrorRatio, JobRecord, Spread, WinCount
 from coclo_vio.experiments.table.trial_results import Results
 
 PLAN = plan_of(seeds=4, modes=("coclo", "vins", "combined"), policy_seeds=2)

@@ -7,8 +7,8 @@ import pytest
 from short_walk import job_record, plan_of
 
 from coclo_vio.experiments.table.build import table_record
-from coclo_vio.experiments.table.records import TableRecord
 from coclo_vio.experiments.table.table_page import failures, html, markdown
+from coclo_vio.experiments.table.table_record import TableRecord
 from coclo_vio.experiments.table.text_tables import text_tables
 
 PLAN = plan_of(seeds=2, modes=("coclo", "vins", "combined"), policy_seeds=1)

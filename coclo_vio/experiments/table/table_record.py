@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from coclo_vio.evaluation.records import EvaluationRecord
+from coclo_vio.evaluation.evaluation_record import EvaluationRecord
 from coclo_vio.runs.run_record import KeyframeSummary
 from coclo_vio.values.record import Record
 

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results as Markdown, each from its JSON file and with its origin."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from coclo_vio.experiments.results.provenance import Provenances
+from coclo_vio.runs.modes.registry import modes
+from coclo_vio.values.record import read_json
+from coclo_vio.values.trajectory_kind import trajectory_kind
+
+_TRIALS = ("flat", "ramp", "stairs")
+_COLUMNS = ("coclo", "vins", "combined_coclo", "combined_vins")
+_NEXT = "measure again with `make results`"
+_SPEED = (
+    ("filter_cycles_per_s", "filter, predict and update, cycles a second", "{:.0f}"),
+    ("filter_vs_filterpy", "the same against filterpy's UKF of equal models, times as fast", "{:.1f}"),
+    ("realtime_factor", "leg odometry at 100 Hz, times real time", "{:.1f}"),
+    ("frontend_ms_median", "front end, ms a frame, median", "{:.1f}"),
+    ("frontend_ms_p95", "front end, ms a frame, 95th percentile", "{:.1f}"),
+    ("smoother_ms_median", "smoother, ms a keyframe, median", "{:.1f}"),
+    ("smoother_ms_p95", "smoother, ms a keyframe, 95th percentile", "{:.1f}"),
+    ("vision_ms_per_frame", "vision, ms a frame, mean", "{:.1f}"),
+    ("peak_rss_mb", "largest memory, MiB", "{:.0f}"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ResultFiles:
+    """The folder of measured results."""
+
+    folder: Path
+
+    def read(self, name: str) -> Any:
+        """The values of a file of results.
+
+        Raises:
+            DatasetError: it is missing or no JSON.
+        """
+        return read_json(self.folder / name, _NEXT)
+
+    def origin(self, name: str) -> str:
+        """A line on where a file comes from.
+
+        Raises:
+            DatasetError: that is not noted.
+        """
+        return f"*{Provenances.read(self.folder / 'provenance.json').of(name).sentence}*"
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    titles = list(head)
+    lines = [f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _demo(files: ResultFiles) -> str:
+    """What the demo prints."""
+    return f"```text\n{files.read('demo.json')['printed']}\n```\n\n{files.origin('demo.json')}"
+
+
+def _trials(files: ResultFiles) -> str:
+    """The paper's trials over seeds: median drift / RPE (worst), wins, and consistency."""
+    summary = files.read("table.json")["summary"]
+    rows = [
+        [trial, *(_drift_and_rpe(summary["trials"][trial][name]["vicon"]) for name in _COLUMNS)] for trial in _TRIALS
+    ]
+    table = _table(["trial", *(_head(name) for name in _COLUMNS)], rows)
+    return f"{table}\n\n{_wins(summary)}\n{_consistency(summary)}\n\n{files.origin('table.json')}"
+
+
+def _trials_in_short(files: ResultFiles) -> str:
+    """The same without spreads."""
+    trials = files.read("table.json")["summary"]["trials"]
+    rows = [
+        [trial, *(_drift_and_rpe(trials[trial][name]["vicon"], with_worst=False) for name in _COLUMNS)]
+        for trial in _TRIALS
+    ]
+    table = _table(["trial", *(_head(name) for name in _COLUMNS)], rows)
+    return f"{table}\n\n{files.origin('table.json')}"
+
+
+def _head(name: str) -> str:
+    modes()  # registers the kinds
+    kind = trajectory_kind(name)
+    return f"**{kind.label}**" if kind.standalone else kind.label
+
+
+def _drift_and_rpe(against: Mapping[str, Any], *, with_worst: bool = True) -> str:
+    drift, rpe = against["drift_percent"], against["rpe_1m_percent"]
+    median = f"{drift['median']:.2f} / {rpe['median']:.2f}"
+    return f"{median} ({drift['worst']:.2f} / {rpe['worst']:.2f})" if with_worst else median
+
+
+def _wins(summary: Mapping[str, Any]) -> str:
+    sentences = []
+    for name, wins in summary["wins"].items():
+        every = wins["vicon"]["all"]
+        kind = trajectory_kind(name)
+        sentences.append(
+            f"{kind.label} drifts less than {trajectory_kind(kind.standalone or '').label} in {every['drift']['wins']} "
+            f"of {every['drift']['of']} pairs of trial and seed, and has the lower RPE in {every['rpe']['wins']}."
+        )
+    return " ".join(sentences)
+
+
+def _consistency(summary: Mapping[str, Any]) -> str:
+    trials = summary["trials"]
+    cells = ", ".join(
+        f"{trial} {trials[trial]['combined_coclo']['truth']['anees_pose']['median']:.2f}"
+        f" ({trials[trial]['coclo']['truth']['anees_pose']['median']:.2f},"
+        f" {trials[trial]['vins']['truth']['anees_pose']['median']:.2f})"
+        for trial in _TRIALS
+    )
+    return f"Median ANEES of combined COCLO against the truth (in parentheses COCLO, VINS): {cells}."
+
+
+def _go1(files: ResultFiles) -> str:
+    """A real robot, every mode of legs."""
+    keys = (
+        ("ate_planar_m", "planar ATE [m]", "{:.3f}"),
+        ("path_length_ratio", "path ratio", "{:.3f}"),
+        ("drift_percent", "drift [%]", "{:.2f}"),
+        ("yaw_drift_deg", "yaw drift [deg]", "{:.1f}"),
+        ("anees_pose", "ANEES", "{:.0f}"),
+    )
+    metrics = files.read("go1.json")
+    rows = [
+        [f"`{name}`", *("" if one[key] is None else form.format(one[key]) for key, _, form in keys)]
+        for name, one in metrics.items()
+    ]
+    return f"{_table(['', *(title for _, title, _ in keys)], rows)}\n\n{files.origin('go1.json')}"
+
+
+def _legs(files: ResultFiles) -> str:
+    """Legs alone on the simulated trials: the contact-centric filter and the IMU-centric one."""
+    summary = files.read("leg_odometry.json")["summary"]
+    rows = []
+    for trial in _TRIALS:
+        for name, one in summary[f"imperfect {trial}"].items():
+            rows.append(
+                [
+                    trial,
+                    f"`{name}`",
+                    f"{one['drift_percent']:.2f} ({one['worst_drift_percent']:.2f})",
+                    f"{one['rpe_1m_percent']:.2f} ({one['worst_rpe_1m_percent']:.2f})",
+                    f"{one['path_length_ratio']:.3f}",
+                    f"{one['anees_pose']:.1f}",
+                    f"{100.0 * one['contact_right']:.1f}",
+                ]
+            )
+    head = ("trial", "", "drift [%], mean (worst)", "RPE [%], mean (worst)", "path ratio", "ANEES", "contact right [%]")
+    return f"{_table(head, rows)}\n\n{files.origin('leg_odometry.json')}"
+
+
+def _vision(files: ResultFiles) -> str:
+    """Vision alone on trials of a robot exactly as described."""
+    rows = []
+    for trial, by_mode in files.read("visual_odometry.json")["summary"].items():
+        for name, one in by_mode.items():
+            truth = one["truth"]
+            rows.append(
+                [
+                    trial,
+                    f"`{name}`",
+                    str(one["seeds"]),
+                    *(_median_and_worst(truth[key]) for key in ("drift_percent", "rpe_1m_percent")),
+                    f"{truth['yaw_drift_deg']['median']:.2f}",
+                ]
+            )
+    head = ("trial", "", "seeds", "drift [%], median (worst)", "RPE [%], median (worst)", "yaw [deg]")
+    return f"{_table(head, rows)}\n\n{files.origin('visual_odometry.json')}"
+
+
+def _median_and_worst(spread: Mapping[str, float]) -> str:
+    return f"{spread['median']:.2f} ({spread['worst']:.2f})"
+
+
+def _speed(files: ResultFiles) -> str:
+    """Rates and latencies on one core."""
+    figures = files.read("speed.json")
+    rows = [[title, form.format(figures[key])] for key, title, form in _SPEED if figures.get(key) is not None]
+    return f"{_table(('one core', ''), rows)}\n\n{files.origin('speed.json')}"
+
+
+BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
+    "demo": _demo,
+    "trials": _trials,
+    "trials_in_short": _trials_in_short,
+    "go1": _go1,
+    "legs": _legs,
+    "vision": _vision,
+    "speed": _speed,
+}
+"""What pages can show, by name."""
