@@ -10,6 +10,7 @@ INSTALLED := $(VENV)/installed
 # One thread a process: the matrices are small, and `test` already runs two processes.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 OUT ?= out
+MEASURE ?= demo,go1,speed
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -31,7 +32,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-demo: setup ## legs, eyes and both together on the bundled sample: a table, plots and a report in demo_out/
+demo: setup ## every estimator on the bundled recording: a table, figures and a report in demo_out/
 	$(ONE_THREAD) $(BIN)/coclo-vio demo
 
 test: setup ## the default tests, in two processes
@@ -54,12 +55,15 @@ bench: setup ## latencies and rates as JSON in out/benchmark.json (OUT=... elsew
 	$(ONE_THREAD) $(BIN)/coclo-vio benchmark --json > $(OUT)/benchmark.json
 	@cat $(OUT)/benchmark.json
 
-table: setup ## the paper's Table I over ten seeds, in out/table (OUT=... elsewhere); goes on where it was stopped
+table: setup ## the paper's Table I over ten seeds, in out/table (OUT=... elsewhere); a stopped run is resumed
 	$(ONE_THREAD) $(BIN)/coclo-vio table --seeds 10 -o $(OUT)/table
+
+results: setup ## measure demo, Go1 and speed anew, and write all results into README and docs
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.results --measure $(MEASURE)
 
 sample: setup ## remake the bundled sample from its seed (needs OpenGL without a screen)
 	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.sample_maker coclo_vio/datasets/sample_data/daisy_stairs.mcap
 
 clean: ## remove .venv, caches and results
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out demo_out
-	find coclo_vio tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache out demo_out site
+	find coclo_vio tests examples -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -2,6 +2,7 @@
 """Measures what is quick to measure into the folder of results: the demo, a real Go1, and speed."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -14,6 +15,7 @@ from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.record import read_json, write_json
 
 RESULTS = Path("docs") / "results"
+IMAGES = Path("docs") / "images"
 _GO1_MODES = "naive,naive_rolling,naive_weighted,coclo,coclo_leg_scale,coclo_paper,inekf"
 _GO1 = Path("..") / "shared" / "data" / "go1_mocap"
 _NEXT = "measure again with `make results`"
@@ -41,6 +43,7 @@ def _demo(root: Path) -> str:
     with TemporaryDirectory() as scratch:
         printed = _run(root, "demo", "-o", scratch)
         metrics = ComparisonRecord.read(Path(scratch) / "compare.json")
+        shutil.copyfile(Path(scratch) / "figures" / "overview.png", root / IMAGES / "demo.png")
     lines = [line.rstrip() for line in printed.splitlines() if not line.startswith("report: ")]
     values = {"printed": "\n".join(lines).strip("\n"), "metrics": metrics.to_json()}
     write_json(root / RESULTS / "demo.json", values)
@@ -55,6 +58,7 @@ def _go1(root: Path) -> str:
     with TemporaryDirectory() as scratch:
         _run(root, "compare", str(recording), "--robot", "go1", "--modes", _GO1_MODES, "-o", scratch)
         metrics = ComparisonRecord.read(Path(scratch) / "compare.json")
+        shutil.copyfile(Path(scratch) / "figures" / "path.png", root / IMAGES / "go1_path.png")
     write_json(root / RESULTS / "go1.json", metrics.to_json())
     return f"coclo-vio compare RECORDING --robot go1 --modes {_GO1_MODES}"
 
