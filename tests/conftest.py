@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from short_recording import write_beginning
 
 # The same examples on every machine and in every run.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
@@ -20,6 +21,12 @@ def shared_data() -> Path:
     if _SHARED_DATA.is_dir():
         return _SHARED_DATA
     pytest.skip("the recordings in ../shared/data (beside the repository) are not on this machine")
+
+
+@pytest.fixture(scope="session")
+def short_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``walk.mcap``: the first six seconds of the bundled recording, with all sensors and ground truth."""
+    return write_beginning(tmp_path_factory.mktemp("short_recording") / "walk.mcap")
 
 
 @pytest.hookimpl(wrapper=True)
