@@ -2,8 +2,8 @@
 """The analytic test case: a leg log with known truth, for any robot whose legs have three joints or more.
 
 The body moves along closed forms (``body_motion``), feet step by a schedule (``gait``) and roll (``rolling``); sensors
-are read at a fixed rate, with noise and biases drawn from a seed. No physics engine, no slip: what an estimator gets
-wrong here is its own error. Stance feet end where exact rolling puts them to 1e-9 m; more ``substeps`` bring 1e-12.
+are read at a fixed rate, with noise and biases drawn from a seed. No physics engine, no slip: an estimator's error
+here is its own. Stance feet end where exact rolling puts them to 1e-9 m; more ``substeps`` bring 1e-12.
 """
 
 from dataclasses import dataclass
@@ -52,14 +52,14 @@ class SensorNoiseConfig(StageConfig):
         float | None,
         Field(
             gt=0,
-            description="reading of a foot sensor per newton; null: 1, or for a robot with raw counts so many that an "
-            "equal share of the weight reads 1.5 times contact.on_force",
+            description="reading of a foot sensor per newton; null: 1, or for a robot with raw counts the factor with "
+            "which an equal share of the weight reads 1.5 times contact.on_force",
         ),
     ] = None
 
 
 class AnalyticTrialConfig(StageConfig):
-    """An analytic trial: the motion, the gait, the sensors."""
+    """Configuration of an analytic trial: motion, gait, sensors."""
 
     rate_hz: Annotated[float, Field(ge=10, le=2000, description="rate of all sensors, Hz")] = 100.0
     substeps: Annotated[int, Field(ge=1, le=20, description="Runge-Kutta steps between samples")] = 2
@@ -82,7 +82,7 @@ class AnalyticTrial:
     Attributes:
         measurements: in time order; at one stamp foot force, IMU, joints.
         truth: the body, with velocity.
-        stance: which feet touch the ground, lift-off and touchdown included, (N, legs).
+        stance: whether a foot touches the ground, lift-off and touchdown included, (N, legs).
         feet_world: foot centres, m, world, (N, legs, 3).
         joint_position: without noise, rad, (N, J).
         joint_velocity: without noise, rad/s, (N, J).
@@ -154,17 +154,17 @@ def _standing(config: AnalyticTrialConfig, robot: RobotModel) -> Array:
     if angles is None:
         if name not in _STANDING_RAD:
             raise ConfigError(
-                f"no stand is known for the robot {name!r}, only for: {listing(_STANDING_RAD)}; give standing_rad, "
+                f"no stand is known for the robot {name!r}, only for: {listing(_STANDING_RAD)}; set standing_rad, "
                 f"{joints} joint angles"
             )
         angles = tuple(angle for leg in _STANDING_RAD[name] for angle in leg)
     if len(angles) != joints:
-        raise ConfigError(f"standing_rad has {len(angles)} angles, but {name!r} has {joints} joints; give each one")
+        raise ConfigError(f"standing_rad has {len(angles)} angles, but {name!r} has {joints} joints; set all of them")
     return np.array(angles)
 
 
 class _Sensors:
-    """Reads the truth through sensors with noise and biases from one seed."""
+    """Sensor models with noise and biases from one seed."""
 
     def __init__(
         self, config: AnalyticTrialConfig, robot: RobotModel, seed: np.random.SeedSequence, samples: int
@@ -229,25 +229,25 @@ class _Sensors:
     def _efforts(self, body: BodyStates, path: LegPath, acceleration: Array, load_n: Array) -> Array:
         """Torques that carry the legs' weight and motion and the loads: ``tau = h - J^T F``, Nm, (N, J).
 
-        ``RobotModel.foot_forces`` solves ``J^T F = h - tau``: its answer to tau = 0 gives h.
+        ``RobotModel.foot_forces`` solves ``J^T F = h - tau``: with tau = 0 its solution gives h.
         """
         robot, efforts = self._robot, np.empty_like(path.position)
         specific_force = body.specific_force_at(np.zeros(3))
-        nothing = np.zeros(path.position.shape[1])
+        no_torque = np.zeros(path.position.shape[1])
         for k, (position, velocity) in enumerate(zip(path.position, path.velocity, strict=True)):
-            own = robot.foot_forces(
+            inertial = robot.foot_forces(
                 position,
                 velocity,
-                nothing,
+                no_torque,
                 specific_force_body=specific_force[k],
                 angular_velocity_body=body.angular_velocity[k],
                 acceleration=acceleration[k],
             )
             ground = load_n[k][:, None] * body.rotation[k, 2]
             jacobian = robot.feet(position, velocity).jacobian[:, 3:]
-            efforts[k] = np.einsum("lij,li->j", jacobian, own - ground)
+            efforts[k] = np.einsum("lij,li->j", jacobian, inertial - ground)
         return efforts + self._white(efforts, self._config.effort_noise_nm)
 
 
-def _default(value: float | None, otherwise: float) -> float:
-    return otherwise if value is None else value
+def _default(value: float | None, default: float) -> float:
+    return default if value is None else value

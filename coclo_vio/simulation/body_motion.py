@@ -2,7 +2,7 @@
 """The motion of the body in an analytic trial: closed forms for pose, velocity and acceleration at any time.
 
 The body stands, walks along a circular arc with a smooth rise and fall of speed, and stands again; while it walks,
-height, roll and pitch sway. Every derivative that an IMU feels is exact.
+height, roll and pitch sway. Every derivative that an IMU measures is exact.
 """
 
 from dataclasses import dataclass
@@ -64,12 +64,12 @@ class BodyStates:
     angular_acceleration: Array
 
     def specific_force_at(self, point_body: Array) -> Array:
-        """What an accelerometer at ``point_body`` (3,) m feels, body axes, m/s^2, (M, 3).
+        """Specific force of an accelerometer at ``point_body`` (3,) m, body axes, m/s^2, (M, 3).
 
         ``R^T (a - g) + alpha x r + omega x (omega x r)``.
         """
-        felt = self.acceleration + np.array([0.0, 0.0, GRAVITY_MPS2])
-        force: Array = np.einsum("mji,mj->mi", self.rotation, felt)
+        specific_force_world = self.acceleration + np.array([0.0, 0.0, GRAVITY_MPS2])
+        force: Array = np.einsum("mji,mj->mi", self.rotation, specific_force_world)
         force = force + np.cross(self.angular_acceleration, point_body)
         return force + np.cross(self.angular_velocity, np.cross(self.angular_velocity, point_body))
 
@@ -87,16 +87,16 @@ class BodyMotion:
     def at(self, time_s: Array) -> BodyStates:
         """Pose and derivatives at times (M,) in seconds from the start; it stands still outside the walk."""
         config = self.config
-        arc, speed, push = self._progress(time_s)
+        arc, speed, speed_rate = self._progress(time_s)
         envelope = self._envelope(time_s)
-        position, velocity, acceleration = self._path(arc, speed, push)
+        position, velocity, acceleration = self._path(arc, speed, speed_rate)
         height = self._sway(time_s, envelope, config.sway_height_m, 0.5 * config.sway_period_s)
         position[:, 2] = self._height_m + height[0]
         velocity[:, 2], acceleration[:, 2] = height[1], height[2]
         roll = self._sway(time_s, envelope, config.sway_roll_rad, config.sway_period_s)
         pitch = self._sway(time_s, envelope, config.sway_pitch_rad, 0.5 * config.sway_period_s)
         turn = config.curvature_per_m
-        rotation, rate, rate_dot = _attitude(roll, pitch, (turn * arc, turn * speed, turn * push))
+        rotation, rate, rate_dot = _attitude(roll, pitch, (turn * arc, turn * speed, turn * speed_rate))
         return BodyStates(position, velocity, acceleration, rotation, rate, rate_dot)
 
     def _ramps(self, time_s: Array) -> tuple[Array, Array]:
@@ -121,7 +121,7 @@ class BodyMotion:
         value, first, second = (moves * (a - b) for a, b in zip(start, stop, strict=True))
         return value, first / ramp, second / ramp**2
 
-    def _path(self, arc: Array, speed: Array, push: Array) -> tuple[Array, Array, Array]:
+    def _path(self, arc: Array, speed: Array, speed_rate: Array) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration (M, 3) in the plane of a circular arc through the origin along x."""
         turn = self.config.curvature_per_m
         heading = turn * arc
@@ -130,7 +130,7 @@ class BodyMotion:
         across = np.stack((-np.sin(heading), np.cos(heading), zero), axis=1)
         chord = np.sinc(0.5 * heading / np.pi)  # NumPy's sinc is sin(pi x) / (pi x)
         position = np.stack((arc * np.sinc(heading / np.pi), 0.5 * heading * arc * chord**2, zero), axis=1)
-        acceleration = push[:, None] * along + (turn * speed**2)[:, None] * across
+        acceleration = speed_rate[:, None] * along + (turn * speed**2)[:, None] * across
         return position, speed[:, None] * along, acceleration
 
     def _sway(self, time_s: Array, envelope: Jet, amplitude: float, period_s: float) -> Jet:

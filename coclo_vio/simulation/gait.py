@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which feet stand when in an analytic trial, what each carries, and how a foot swings.
+"""The gait of an analytic trial: stance and swing of each foot, its load, and the path of a swing.
 
 Lift-off and touchdown happen exactly at samples: a foot stands over an interval if it stands at both of its ends.
 """
@@ -27,7 +27,8 @@ class GaitConfig(StageConfig):
     duty: Annotated[float, Field(gt=0.5, lt=0.99, description="share of the cycle in which a foot stands")] = 0.6
     lift_m: Annotated[float, Field(ge=0, le=0.5, description="height of a step, m")] = 0.05
     load_ramp_s: Annotated[
-        float, Field(gt=0, le=1, description="time in which a foot takes its load, and gives it up, s")
+        float,
+        Field(gt=0, le=1, description="time to load a foot after touch-down, and to unload it, s"),
     ] = 0.05
 
 
@@ -45,7 +46,7 @@ def plan_swings(config: GaitConfig, feet_xy: Array, rate_hz: float, first_s: flo
 
     Args:
         config: order and timing.
-        feet_xy: where the feet stand under the body, m, body frame, (legs, 2): says which leg is which.
+        feet_xy: where the feet stand under the body, m, body frame, (legs, 2): decides the order of the legs.
         rate_hz: samples per second.
         first_s: the walk starts, s.
         last_s: the walk ends, s.
@@ -67,12 +68,12 @@ def _offsets(order: str, feet_xy: Array) -> Array:
     legs = len(feet_xy)
     offsets = np.zeros(legs)
     sides = [np.flatnonzero(feet_xy[:, 1] > 0), np.flatnonzero(feet_xy[:, 1] <= 0)]
-    turn = 0
+    slot = 0
     for is_right, side in enumerate(sides):
         back_to_front = side[np.argsort(feet_xy[side, 0])]
         for rank, leg in enumerate(back_to_front):
-            offsets[leg] = 0.5 * ((rank + is_right) % 2) if order == "alternating" else turn / legs
-            turn += 1
+            offsets[leg] = 0.5 * ((rank + is_right) % 2) if order == "alternating" else slot / legs
+            slot += 1
     return offsets
 
 
@@ -88,7 +89,7 @@ def share_load(config: GaitConfig, swings: list[Swing], samples: int, legs: int,
     """The share of the weight on each foot, (samples, legs): zero outside of stance, small near its ends, sum 1.
 
     Raises:
-        ConfigError: at some sample no foot carries anything.
+        ConfigError: at some sample no foot is loaded.
     """
     index = np.arange(samples)
     weight = np.ones((samples, legs))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Variables of the environment for processes that are about to be started."""
+"""Environment variables for child processes."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def environment(values: Mapping[str, str]) -> Iterator[None]:
-    """The variables set for processes started inside, and put back as they were."""
+    """Set the variables for processes started inside the context, and restore them at its end."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

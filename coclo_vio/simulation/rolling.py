@@ -41,13 +41,13 @@ class LegPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootPlan:
-    """How far ahead a foot is set, and how high it swings.
+    """Where feet touch down, and how high they swing.
 
     Attributes:
         nominal_xy: foot centres under the body at mid-stance, m, body frame, (legs, 2).
         stance_s: time a foot stands after touchdown, s.
         lift_m: height of a step, m.
-        jitter_xy: what is added to the foothold of each swing, m, world, (swings, 2).
+        jitter_xy: added to the foothold of each swing, m, world, (swings, 2).
     """
 
     nominal_xy: Array
@@ -82,7 +82,7 @@ class RollingLegs:
         Newton step.
 
         Raises:
-            RobotModelError: a leg does not reach its foothold, or loses its path on the way.
+            RobotModelError: a leg does not reach its foothold, or leaves its path.
         """
         bodies = self._motion.at(time_s)
         starting: dict[int, list[int]] = {}
@@ -100,8 +100,8 @@ class RollingLegs:
             if sample + 1 == len(time_s):
                 break
             self._curves = [None if curve is None or curve.end_s <= now_s else curve for curve in self._curves]
-            begun = [(swings[number], plan.jitter_xy[number]) for number in starting.get(sample, [])]
-            for swing, jitter_xy in begun:
+            lift_offs = [(swings[number], plan.jitter_xy[number]) for number in starting.get(sample, [])]
+            for swing, jitter_xy in lift_offs:
                 ends_s = (now_s, float(time_s[swing.end]))
                 foothold = self._foothold(swing.leg, ends_s[1], plan, jitter_xy)
                 self._curves[swing.leg] = self._curve(swing.leg, ends_s, position, foothold, plan.lift_m)
@@ -110,7 +110,7 @@ class RollingLegs:
         return LegPath(np.array(positions), np.array(velocities), np.array(feet))
 
     def stand(self, posture: Array, targets_world: Array, body: BodyStates) -> Array:
-        """Joint positions (J,) near ``posture`` that put the foot centres at ``targets_world`` (legs, 3), m.
+        """Inverse kinematics: joints (J,) near ``posture`` with the foot centres at ``targets_world`` (legs, 3), m.
 
         Raises:
             RobotModelError: a leg does not reach its target.
@@ -126,7 +126,7 @@ class RollingLegs:
         leg = int(np.abs(error).max(axis=1).argmax())
         raise RobotModelError(
             f"leg {self._robot.leg_names[leg]!r} misses its foothold by {np.linalg.norm(error[leg]):.3g} m: the step "
-            "is too long for the leg; lower speed_mps or cycle_s, or give a standing_rad with room to move"
+            "is too long for the leg; lower speed_mps or cycle_s, or set standing_rad to a stand with bent legs"
         )
 
     def _rates(self, position: Array, body: BodyStates, time_s: float) -> Array:
@@ -136,19 +136,19 @@ class RollingLegs:
         velocity = rotation.T @ body.velocity[0]
         lever = self._robot.foot_radii_m[:, None] * rotation[2]  # r n in body axes, (legs, 3)
         matrix = feet.jacobian[:, 3:] + so3.hat(lever) @ feet.jacobian[:, :3]
-        wanted = (lever - feet.position_body) @ so3.hat(rate).T - velocity
+        rates = (lever - feet.position_body) @ so3.hat(rate).T - velocity
         for leg, curve in enumerate(self._curves):
             if curve is not None:
                 matrix[leg] = feet.jacobian[leg, 3:]
-                wanted[leg] += curve.at(time_s)[1] @ rotation - so3.hat(rate) @ lever[leg]
-        return self._solve(matrix, wanted)
+                rates[leg] += curve.at(time_s)[1] @ rotation - so3.hat(rate) @ lever[leg]
+        return self._solve(matrix, rates)
 
-    def _solve(self, matrix: Array, wanted: Array) -> Array:
-        """``matrix`` (legs, 3, J) ``@ x = wanted`` (legs, 3), of smallest norm where a leg has joints to spare."""
+    def _solve(self, matrix: Array, target: Array) -> Array:
+        """``matrix`` (legs, 3, J) ``@ x = target`` (legs, 3), of smallest norm where a leg has joints to spare."""
         rows = matrix.reshape(-1, matrix.shape[-1])
         if self._is_square:
-            return np.asarray(np.linalg.solve(rows, wanted.ravel()), dtype=np.float64)
-        return np.asarray(np.linalg.pinv(rows) @ wanted.ravel(), dtype=np.float64)
+            return np.asarray(np.linalg.solve(rows, target.ravel()), dtype=np.float64)
+        return np.asarray(np.linalg.pinv(rows) @ target.ravel(), dtype=np.float64)
 
     def _advance(self, position: Array, from_s: float, to_s: float, substeps: int) -> Array:
         step = (to_s - from_s) / substeps
@@ -187,7 +187,7 @@ class RollingLegs:
                 )
 
     def _foothold(self, leg: int, touchdown_s: float, plan: FootPlan, jitter_xy: Array) -> Array:
-        """Where the foot centre lands, m, world, (3,): under its place in the body at mid-stance."""
+        """Where the foot centre lands, m, world, (3,): under its nominal position in the body at mid-stance."""
         middle = self._body_at(touchdown_s + 0.5 * plan.stance_s)
         heading = so3.about_z(float(so3.yaw(middle.rotation)[0]))
         foothold: Array = middle.position[0] + heading @ np.append(plan.nominal_xy[leg], 0.0)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulated trial on the disk: the recording for everyone, and the truth in a folder that no reader opens.
+"""A simulated trial on the disk: the recording, and its truth in a folder that no reader opens.
 
-Both appear under their names only once they are whole. The importer of MuJoCo on top: import it only to simulate.
+Both appear under their names only when they are complete. Imports MuJoCo: import this module only to simulate.
 """
 
 import tempfile
@@ -17,14 +17,14 @@ import yaml
 from pydantic import Field
 
 from coclo_vio import __version__
-from coclo_vio.datasets.contents import RecordingContents
-from coclo_vio.datasets.rosbag.writing.recording import write_bag
+from coclo_vio.datasets.recording_contents import RecordingContents
+from coclo_vio.datasets.rosbag.writing.bag_writer import write_bag
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.robot.description import RobotDescription, load_robot
+from coclo_vio.simulation.trial.gait_controller import planned_path
 from coclo_vio.simulation.trial.imperfection import IDEAL
 from coclo_vio.simulation.trial.terrain import TerrainName, make_terrain
 from coclo_vio.simulation.trial.trial import Trial, TrialConfig, Truth, preset, simulate
-from coclo_vio.simulation.trial.walkway import Walkway
 from coclo_vio.simulation.visuals.cameras import add_cameras
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
 from coclo_vio.simulation.visuals.opengl import choose_backend
@@ -37,7 +37,7 @@ from coclo_vio.values.trajectory import Trajectory, write_tum
 from coclo_vio.values.units import NS_PER_S
 
 SIMULATED_ROBOT = "daisy"
-IDEAL_ROBOT: Mapping[str, Any] = {"trial": {"imperfection": IDEAL.model_dump()}}  # exactly as described
+IDEAL_ROBOT: Mapping[str, Any] = {"trial": {"imperfection": IDEAL.model_dump()}}  # equal to its description
 
 
 class RecordingFormat(Enum):
@@ -49,28 +49,26 @@ class RecordingFormat(Enum):
     ROS2 = "ros2"
 
     @classmethod
-    def of(cls, path: Path, wanted: "RecordingFormat | None" = None) -> "RecordingFormat":
-        """The wanted one if it may have such a path, or by the suffix: none is an EuRoC-style folder.
+    def of(cls, path: Path, choice: "RecordingFormat | None" = None) -> "RecordingFormat":
+        """The format of a path: the choice, or by the suffix; a path without suffix is an EuRoC-style folder.
 
         Raises:
-            DatasetError: no name, a suffix that no format has, or one that the wanted format does not have.
+            DatasetError: no name, a suffix that no format has, or one that the chosen format does not have.
         """
         if not path.name:
-            raise DatasetError(
-                f"{path} is no name for a recording; give that of a new file or folder, such as flat.mcap"
-            )
-        fitting = [kind for kind, suffixes in _SUFFIXES.items() if path.suffix in suffixes]
-        if not fitting:
+            raise DatasetError(f"{path} is no name for a recording; name a new file or folder, such as flat.mcap")
+        candidates = [kind for kind, suffixes in _SUFFIXES.items() if path.suffix in suffixes]
+        if not candidates:
             raise DatasetError(
                 f"{path} ends in {path.suffix}, which no format has; end it in .bag (ROS 1), .mcap or .db3 (ROS 2), or "
                 "in nothing for a folder (EuRoC-style, or a bag of ROS 2 with --format ros2)"
             )
-        if wanted is not None and wanted not in fitting:
-            endings = " or ".join(suffix or "nothing" for suffix in _SUFFIXES[wanted])
+        if choice is not None and choice not in candidates:
+            endings = " or ".join(suffix or "nothing" for suffix in _SUFFIXES[choice])
             raise DatasetError(
-                f"{path} cannot be written as {wanted.value}, which ends in {endings}; change one of them"
+                f"{path} cannot be written as {choice.value}, which ends in {endings}; change one of them"
             )
-        return wanted or fitting[0]
+        return choice or candidates[0]
 
 
 _SUFFIXES: Mapping[RecordingFormat, tuple[str, ...]] = {
@@ -82,7 +80,7 @@ _SUFFIXES: Mapping[RecordingFormat, tuple[str, ...]] = {
 
 
 class SimulationConfig(StageConfig):
-    """A whole simulated recording: the trial, what there is to see, and how the cameras see it."""
+    """Configuration of a simulated recording: the trial, the room, the cameras."""
 
     trial: Annotated[TrialConfig, Field(description="robot, gait, physics, sensors, motion capture")] = TrialConfig()
     scene: Annotated[SceneConfig, Field(description="the room")] = SceneConfig()
@@ -90,16 +88,18 @@ class SimulationConfig(StageConfig):
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
-    """Who is told how far a simulation has come.
+class Execution:
+    """How a simulation is carried out; no result depends on it.
 
     Attributes:
-        walked: called with the simulated time, and when it is planned to end, s.
-        drawn: called with the number of stereo frames drawn, and how many there are.
+        workers: number of rendering processes.
+        on_simulated: called with the simulated time and its planned end, s.
+        on_rendered: called with the number of rendered stereo frames and their total.
     """
 
-    walked: Callable[[float, float], None] = lambda time_s, planned_s: None
-    drawn: Callable[[int, int], None] = lambda done, total: None
+    workers: int = 2
+    on_simulated: Callable[[float, float], None] = lambda time_s, planned_s: None
+    on_rendered: Callable[[int, int], None] = lambda done, total: None
 
 
 def simulation_config(name: TerrainName, *changes: Mapping[str, Any]) -> SimulationConfig:
@@ -115,7 +115,7 @@ def simulation_config(name: TerrainName, *changes: Mapping[str, Any]) -> Simulat
 
 
 def at_gait_speed(config: SimulationConfig, factor: float) -> SimulationConfig:
-    """The same trial walked ``factor`` times as fast: further and more steps a second.
+    """The same trial with the speeds times ``factor`` and the gait's period divided by it.
 
     Raises:
         ConfigError: the gait's speeds leave their bounds.
@@ -135,86 +135,89 @@ def simulate_recording(
     config: SimulationConfig,
     seed: int,
     *,
-    kind: RecordingFormat | None = None,
+    recording_format: RecordingFormat | None = None,
     images: bool = True,
     until_s: float | None = None,
-    workers: int = 2,
-    progress: Progress | None = None,
+    execution: Execution | None = None,
 ) -> Trial:
-    """Simulate a trial and write it to ``path``; what is true of it goes to ``truth_folder(path)``.
+    """Simulate a trial and write it to ``path``, and its truth to ``truth_folder(path)``.
 
     Args:
         path: of the recording; must not exist, nor the folder of its truth.
         name: the terrain.
         config: the simulation.
         seed: decides everything random; on one machine the same seed makes the same bytes.
-        kind: how to store it; by the suffix of ``path`` if None.
+        recording_format: by the suffix of ``path`` if None.
         images: whether the cameras record.
-        until_s: cut the trial short after so many seconds.
-        workers: processes that draw.
-        progress: who is told.
+        until_s: end of the simulation if the trial is not over before, s.
+        execution: number of processes and callbacks of progress.
 
     Raises:
-        DatasetError: a path is taken, cannot be written, or does not fit the format.
-        SimulationError: the robot fell, or what draws off screen is missing.
+        DatasetError: a path exists, cannot be written, or does not fit the format.
+        SimulationError: the robot fell, or there is no OpenGL to render with.
     """
-    kind, told = RecordingFormat.of(path, kind), progress or Progress()
+    recording_format = RecordingFormat.of(path, recording_format)
+    execution = execution or Execution()
     robot = load_robot(SIMULATED_ROBOT)
-    planned_s = min(_planned_s(name, config.trial), until_s or np.inf)
-    with _whole_or_nothing(path, truth_folder(path)) as scratch:
+    planned_s = min(_planned_duration_s(name, config.trial), until_s or np.inf)
+    with _atomic_outputs(path, truth_folder(path)) as scratch:
         if images:
-            choose_backend()  # says what is missing before the long walk, not after it
+            choose_backend()  # fails before the simulation, not after it
         trial = simulate(
-            name, robot, config.trial, seed, until_s=until_s, progress=lambda time_s: told.walked(time_s, planned_s)
+            name,
+            robot,
+            config.trial,
+            seed,
+            until_s=until_s,
+            progress=lambda time_s: execution.on_simulated(time_s, planned_s),
         )
-        frames = _frames(trial, config, seed, workers, scratch / "model.mjb", told) if images else ()
-        _write(scratch / path.name, kind, _contents(trial, robot, frames, images=images))
+        frames = _frames(trial, config, seed, scratch / "model.mjb", execution) if images else ()
+        _write(scratch / path.name, recording_format, _contents(trial, robot, frames, images=images))
         _write_truth(scratch / truth_folder(path).name, trial, name, config, seed)
     return trial
 
 
 def truth_folder(path: Path) -> Path:
-    """Where the truth of the recording at ``path`` is kept: beside it, so that no reader comes across it."""
+    """The folder of the truth of the recording at ``path``: beside it, where no reader opens it."""
     return path.with_name(f"{path.stem}_truth")
 
 
 def walked_m(trajectory: Trajectory) -> float:
-    """Length of the way that the body came, by steps of a second, m: the swaying within a step is no way."""
+    """Path length of the body in steps of a second, m: sway within a second does not count."""
     seconds = np.arange(trajectory.stamps_ns[0], trajectory.stamps_ns[-1], NS_PER_S)
     steps = np.append(np.searchsorted(trajectory.stamps_ns, seconds), len(trajectory) - 1)
     return trajectory.select(np.unique(steps)).path_length_m()
 
 
-def _planned_s(name: TerrainName, config: TrialConfig) -> float:
-    """How long the trial takes if no foot is late, s."""
-    gait = config.gait
-    way = Walkway(make_terrain(name), gait.speed_mps, gait.turn_rate_radps, gait.height_m)
-    return config.stand_s + way.duration_s + config.end_s
+def _planned_duration_s(name: TerrainName, config: TrialConfig) -> float:
+    """Duration of the trial if no swing is late, s."""
+    path = planned_path(make_terrain(name), config.gait)
+    return config.stand_s + path.duration_s + config.end_s
 
 
 @contextmanager
-def _whole_or_nothing(*places: Path) -> Iterator[Path]:
-    """A folder to write in; what stands in it under the places' names is moved there at the end, and else removed."""
-    for place in places:
-        if place.exists():
-            raise DatasetError(f"{place} is there already; name another path, or remove it first")
-    first = places[0]
+def _atomic_outputs(*outputs: Path) -> Iterator[Path]:
+    """A scratch folder; its entries with the outputs' names are moved there at the end, or removed after an error."""
+    for output in outputs:
+        if output.exists():
+            raise DatasetError(f"{output} is there already; name another path, or remove it first")
+    first = outputs[0]
     try:
         first.parent.mkdir(parents=True, exist_ok=True)
-        beside = tempfile.TemporaryDirectory(prefix=f".{first.name}.", dir=first.parent)
+        scratch_folder = tempfile.TemporaryDirectory(prefix=f".{first.name}.", dir=first.parent)
     except OSError as error:
         raise DatasetError(f"cannot write {first}: {error.strerror}; choose another place") from error
-    with beside as scratch:
+    with scratch_folder as scratch:
         yield Path(scratch)
-        for place in reversed(places):
+        for output in reversed(outputs):
             try:
-                (Path(scratch) / place.name).rename(place)
+                (Path(scratch) / output.name).rename(output)
             except OSError as error:
-                raise DatasetError(f"cannot write {place}: {error.strerror}; choose another place") from error
+                raise DatasetError(f"cannot write {output}: {error.strerror}; choose another place") from error
 
 
 def _frames(
-    trial: Trial, config: SimulationConfig, seed: int, workers: int, model_path: Path, told: Progress
+    trial: Trial, config: SimulationConfig, seed: int, model_path: Path, execution: Execution
 ) -> Iterable[EncodedStereoFrame]:
     import mujoco  # noqa: PLC0415 -- an extra
 
@@ -229,8 +232,8 @@ def _frames(
         trial.frame_ns,
         config.camera,
         seed,
-        workers,
-        lambda done: told.drawn(done, total),
+        execution.workers,
+        lambda done: execution.on_rendered(done, total),
         trial.frame_qvel,
     )
 
@@ -242,8 +245,8 @@ def _contents(
     return RecordingContents(robot, trial.measurements, trial.vicon, trial.imu, trial.camera_imu, stereo, frames)
 
 
-def _write(path: Path, kind: RecordingFormat, contents: RecordingContents) -> None:
-    if kind is RecordingFormat.EUROC:
+def _write(path: Path, recording_format: RecordingFormat, contents: RecordingContents) -> None:
+    if recording_format is RecordingFormat.EUROC:
         write_euroc_folder(path, contents)
     else:
         write_bag(path, contents)
@@ -257,7 +260,7 @@ def _write_truth(folder: Path, trial: Trial, name: TerrainName, config: Simulati
         write_yaml(config, folder / "config.yaml")
         write_tum(truth.trajectory, folder / "groundtruth.tum")
         _write_contacts(folder / "contacts.csv", trial)
-        story = {
+        record = {
             "version": __version__,
             "trial": name,
             "seed": seed,
@@ -270,29 +273,29 @@ def _write_truth(folder: Path, trial: Trial, name: TerrainName, config: Simulati
             "gyroscope_bias_at_start_radps": truth.imu.gyroscope_bias[0].tolist(),
             "accelerometer_bias_at_start_mps2": truth.imu.accelerometer_bias[0].tolist(),
             "stereo": truth.stereo.model_dump(mode="json"),
-            "slippery_tile": _tile_story(truth),
+            "slippery_tile": _tile_record(truth),
             "robot": {key: np.asarray(value).tolist() for key, value in asdict(truth.imperfection).items()},
         }
-        (folder / "trial.yaml").write_text(yaml.safe_dump(story, sort_keys=False), encoding="utf-8")
+        (folder / "trial.yaml").write_text(yaml.safe_dump(record, sort_keys=False), encoding="utf-8")
     except OSError as error:
         raise DatasetError(f"cannot write {folder}: {error.strerror}; choose another place") from error
 
 
-def _tile_story(truth: Truth) -> dict[str, Any] | None:
-    """Where the slippery tile is, and from when to when feet stood on it."""
+def _tile_record(truth: Truth) -> dict[str, Any] | None:
+    """Friction and position of the slippery tile, and the first and last time of a foot on it."""
     tile = truth.tile
     if tile is None:
         return None
     return {
         "friction": tile.friction,
-        "place_m": tile.place.tolist(),
+        "place_m": tile.centre.tolist(),
         "heading_rad": tile.heading_rad,
         "feet_on_it_s": None if truth.on_tile_s is None else list(truth.on_tile_s),
     }
 
 
 def _write_contacts(path: Path, trial: Trial) -> None:
-    """Which feet touch the ground: a row at the beginning and at every change, exact to the physics' step."""
+    """True contacts of the feet: a row at the beginning and at every change, exact to the physics' step."""
     contact, stamps = trial.truth.contact, trial.truth.contact_ns
     changes = [0, *(np.flatnonzero((contact[1:] != contact[:-1]).any(axis=1)) + 1)]
     with path.open("w", encoding="ascii", newline="\n") as out:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trials of the analytic generator obey the physics they claim, and the sensors say what the truth implies."""
+"""Trials of the analytic generator obey rolling and rigid-body physics, and the sensors agree with the truth."""
 
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def test_joint_velocity_is_the_derivative_of_joint_position(robot: RobotModel) -
 
 
 def test_rolling_moves_the_foot_centre(robot: RobotModel, trial: AnalyticTrial) -> None:
-    """A foot that is taken for a point at rest would be wrong by millimetres in each stance."""
+    """A model of feet as points at rest would be wrong by millimetres in each stance."""
     both = trial.stance[1:] & trial.stance[:-1]
     steps = np.linalg.norm(np.diff(trial.feet_world, axis=0), axis=2) * both
     assert steps.sum(axis=0).min() > 2e-3
@@ -174,7 +174,7 @@ def test_a_seed_repeats_to_the_byte_and_another_differs(daisy: RobotModel) -> No
     assert raw(first) != raw(generate(config, daisy, seed=2))
 
 
-def test_noise_has_the_size_that_was_asked_for(daisy: RobotModel) -> None:
+def test_noise_has_the_configured_size(daisy: RobotModel) -> None:
     standing = BodyMotionConfig(rest_s=10.0, walk_s=0.0, stop_s=0.0)
     trial = generate(AnalyticTrialConfig(body=standing, substeps=1), daisy, seed=5)
     imu = [sample for sample in trial.measurements if isinstance(sample, ImuSample)]
@@ -218,11 +218,11 @@ def test_a_walk_of_ten_metres_keeps_rolling(daisy: RobotModel) -> None:
 
 
 def test_an_unknown_robot_needs_a_stand_and_a_long_step_is_refused(daisy: RobotModel) -> None:
-    stranger = RobotModel(load_robot("daisy").model_copy(update={"name": "stranger"}))
+    unknown_robot = RobotModel(load_robot("daisy").model_copy(update={"name": "unknown_robot"}))
     with pytest.raises(ConfigError, match="standing_rad, 18 joint angles"):
-        walk(stranger)
+        walk(unknown_robot)
     with pytest.raises(ConfigError, match="has 2 angles"):
-        walk(stranger, standing_rad=(0.0, 1.0))
+        walk(unknown_robot, standing_rad=(0.0, 1.0))
     with pytest.raises(RobotModelError, match="misses its foothold"):
         walk(daisy, body=SHORT.model_copy(update={"speed_mps": 2.0}))
     with pytest.raises(RobotModelError, match="leaves its path"):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a simulated robot differs from its description: drawn from the seed, never shown to an estimator.
+"""How a simulated robot differs from its description: drawn from the seed, never given to an estimator.
 
-A real robot's legs are not those of its drawing (a Go1's come out up to 17 % short), so an ideal one proves nothing.
+A real robot's legs are not those of its drawing (a Go1's are up to 17 % shorter), so an ideal robot tests little.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,12 @@ class ImperfectionConfig(StageConfig):
     leg_base_m: Annotated[float, Field(ge=0, le=0.05, description="of each leg's base, each axis, m")] = 0.002
     foot_radius_m: Annotated[float, Field(ge=0, le=0.01, description="of each foot's radius, m")] = 0.001
     foot_compliance_m: Annotated[
-        float, Field(ge=0, le=0.02, description="how far a leg gives along its lower link under its share of weight, m")
+        float,
+        Field(
+            ge=0,
+            le=0.02,
+            description="deflection of a leg along its lower link under its share of weight, m",
+        ),
     ] = 0.003
     foot_compliance_spread: Annotated[float, Field(ge=0, le=0.45, description="of that, leg by leg, relative")] = 0.2
     mass: Annotated[float, Field(ge=0, le=0.3, description="of each link's mass and inertia, relative")] = 0.03
@@ -64,10 +69,10 @@ class Imperfection:
 
     Attributes:
         link_scale: factor on the length of each joint's link, (joints,).
-        joint_zero_rad: what each encoder reads at a true angle of zero, rad, (joints,).
+        joint_zero_rad: reading of each encoder at a true angle of zero, rad, (joints,).
         leg_base_m: shift of each leg's first joint, m, body frame, (legs, 3).
         foot_radius_m: added to each foot's radius, m, (legs,).
-        foot_compliance_m: how far each leg gives under its share of weight, m, (legs,).
+        foot_compliance_m: deflection of each leg along its lower link under its share of weight, m, (legs,).
         body_mass_scale: factor on the trunk's mass.
         link_mass_scale: factor on the mass of each joint's link, (joints,).
         camera_move: twist [rotation rad, translation m] of the stereo camera, left camera's axes, (6,).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the stereo camera and the IMUs sit on the robot: as described, and as they truly are."""
+"""Extrinsics of the stereo camera and the IMUs: as described, and the true ones."""
 
 from typing import Annotated
 
@@ -61,8 +61,8 @@ class MountingConfig(StageConfig):
         )
 
 
-def disturbed(nominal: StereoCalibration, imperfection: Imperfection) -> StereoCalibration:
-    """The cameras where they truly are."""
+def perturbed(nominal: StereoCalibration, imperfection: Imperfection) -> StereoCalibration:
+    """The true extrinsics of the cameras."""
     left_right = se3.inverse(nominal.T_body_left_camera) @ nominal.T_body_right_camera
     left = nominal.T_body_left_camera @ se3.exp(imperfection.camera_move)
     right = left @ left_right @ se3.exp(imperfection.baseline_move)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The loop of controller and contact physics: a robot walks its way, and everything is written down at 1 kHz."""
+"""The loop of controller and contact physics: a robot walks its path, recorded at 1 kHz."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,22 +11,23 @@ from pydantic import Field
 
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.trial.tile import Tile
-from coclo_vio.simulation.trial.walker import Command, Walker
+from coclo_vio.simulation.trial.gait_controller import Command, GaitController
+from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import SimulationError
 from coclo_vio.values.measurements import JointSample
+from coclo_vio.values.units import NS_PER_S
 
-_SETTLING_S = 2.0  # on its springs, before the trial begins
+_SETTLING_S = 2.0  # settling on its springs, before the trial begins
 _CONTROL_EVERY = 5  # steps of the physics, 5 ms
-_FALLEN = 0.5  # cosine of the trunk's lean beyond the planned one (60 deg)
-_SUNK_M = 0.09  # the trunk this close to the ground line has fallen
-_LATE = 2.5  # times the planned duration
+_FALLEN_COSINE = 0.5  # of the trunk's tilt (60 deg)
+_FALLEN_HEIGHT_M = 0.09  # a trunk closer to the ground has fallen
+_MAX_DURATION_RATIO = 2.5  # of the walk's duration to the planned one
 
 
 class PushConfig(StageConfig):
-    """Random pushes on the trunk, as by hand."""
+    """Random pushes on the trunk."""
 
     force_n: Annotated[float, Field(ge=0, le=200, description="largest force, N")] = 0.0
     torque_nm: Annotated[float, Field(ge=0, le=50, description="largest torque, Nm")] = 0.0
@@ -36,7 +37,7 @@ class PushConfig(StageConfig):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What truly happened, sampled at the physics' step.
+    """The true motion, sampled at the physics' step.
 
     Attributes:
         time_s: since the beginning, (N,).
@@ -52,8 +53,8 @@ class Motion:
         angular_velocity_body: of the trunk, rad/s, (N, 3).
         self_contacts: control periods at whose end a leg touched another leg.
         ground_contacts: control periods at whose end a leg, not a foot, touched the ground; the trunk touches nothing.
-        deepest_m: the deepest that any body was in another then, m.
-        on_tile_s: when a foot first and last stood on the slippery tile, s; None if none did.
+        max_penetration_m: largest penetration of two bodies in contact then, m.
+        on_tile_s: first and last time of a foot on the slippery tile, s; None without.
     """
 
     time_s: Array
@@ -69,67 +70,67 @@ class Motion:
     angular_velocity_body: Array
     self_contacts: int
     ground_contacts: int
-    deepest_m: float
+    max_penetration_m: float
     on_tile_s: tuple[float, float] | None = None
 
 
 @dataclass(slots=True)
-class _Touches:
-    """Which contacts there should not be."""
+class _ContactCounts:
+    """Counts contacts that a sound gait does not have."""
 
     feet: frozenset[int]
     ground: frozenset[int]
     self_contacts: int = 0
     ground_contacts: int = 0
-    deepest_m: float = 0.0
+    max_penetration_m: float = 0.0
 
-    def look(self, data: mujoco.MjData) -> None:
+    def count(self, data: mujoco.MjData) -> None:
         if data.ncon == 0:
             return
-        self.deepest_m = max(self.deepest_m, -float(data.contact.dist.min()))
+        self.max_penetration_m = max(self.max_penetration_m, -float(data.contact.dist.min()))
         touches_self = touches_ground = False
-        for one, other in data.contact.geom:
-            on_ground = one in self.ground or other in self.ground
-            is_foot = one in self.feet or other in self.feet
+        for pair in data.contact.geom:
+            on_ground = any(geom in self.ground for geom in pair)
+            is_foot = any(geom in self.feet for geom in pair)
             touches_self |= not on_ground
             touches_ground |= on_ground and not is_foot
         self.self_contacts += touches_self
         self.ground_contacts += touches_ground
 
 
-class _Hold:
-    """The friction of each foot, by where it is.
+class _FootFriction:
+    """The friction of each foot, by its position.
 
-    MuJoCo takes the larger friction of two bodies unless one has priority; so the feet have it, with the ground's own.
+    MuJoCo takes the larger friction of two bodies unless one has priority; so the feet have it, with the ground's.
     """
 
-    def __init__(self, model: mujoco.MjModel, feet: list[int], sensors: Array, tile: Tile) -> None:
+    def __init__(self, model: mujoco.MjModel, feet: list[int], sensors: Array, tile: SlipperyTile) -> None:
         self._model, self._feet, self._sensors, self._tile = model, feet, sensors, tile
-        self._elsewhere: Array = model.geom_friction[feet, 0].copy()
+        self._nominal: Array = model.geom_friction[feet, 0].copy()
         self.on_tile_s: tuple[float, float] | None = None
         model.geom_priority[feet] = 1
 
-    def set(self, data: mujoco.MjData) -> None:
-        """For the steps to come, by where the feet are now."""
-        is_over = self._tile.carries(data.geom_xpos[self._feet])
-        self._model.geom_friction[self._feet, 0] = np.where(is_over, self._tile.friction, self._elsewhere)
+    def update(self, data: mujoco.MjData) -> None:
+        """Set the friction for the next steps, by the present positions of the feet."""
+        is_over = self._tile.contains(data.geom_xpos[self._feet])
+        self._model.geom_friction[self._feet, 0] = np.where(is_over, self._tile.friction, self._nominal)
         if (is_over & (data.sensordata[self._sensors] > 0.0)).any():
             first_s = data.time if self.on_tile_s is None else self.on_tile_s[0]
             self.on_tile_s = (first_s, data.time)
 
 
-class Laboratory:
-    """A compiled model with its robot, ready to walk.
+class Simulator:
+    """Simulates a robot in a compiled model.
 
     Args:
         model: made by ``robot_spec.make_spec``, with IMUs.
         robot: the described robot.
         imus: names of the IMUs in the model.
-        tile: where the ground is slippery, if anywhere.
+        tile: the slippery tile, if there is one.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, robot: RobotModel, imus: tuple[str, ...], tile: Tile | None = None
+        self, model: mujoco.MjModel, robot: RobotModel, imus: tuple[str, ...], tile: SlipperyTile | None = None
     ) -> None:
         self.model = model
         self._robot = robot
@@ -142,13 +143,13 @@ class Laboratory:
         self._feet = np.array([model.sensor(f"{foot}_touch").adr[0] for foot in feet])
         ground = [index for index in range(model.ngeom) if model.geom(index).name.startswith("ground")]
         soles = [int(model.geom(foot).id) for foot in feet]
-        self._touches = _Touches(frozenset(soles), frozenset(ground))
-        self._hold = None if tile is None else _Hold(model, soles, self._feet, tile)
+        self._contact_counts = _ContactCounts(frozenset(soles), frozenset(ground))
+        self._foot_friction = None if tile is None else _FootFriction(model, soles, self._feet, tile)
         self.spring: Array = model.actuator_gainprm[: len(joints), 0].copy()
 
     def walk(
         self,
-        walker: Walker,
+        controller: GaitController,
         end_s: float,
         pushes: PushConfig,
         generator: np.random.Generator,
@@ -156,57 +157,57 @@ class Laboratory:
         until_s: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Motion:
-        """Walk the whole way, stand for ``end_s`` and return what happened.
+        """Walk the whole path, stand for ``end_s`` and return the motion.
 
         Args:
-            walker: the controller, fresh.
+            controller: a new one.
             end_s: how long to stand at the end, s.
-            pushes: what disturbs the robot while it walks.
+            pushes: on the trunk while it walks.
             generator: of the pushes.
-            until_s: cut short after so many seconds.
+            until_s: end of the simulation if the walk is not over before, s.
             progress: called with the simulated time (s) now and then.
 
         Raises:
-            SimulationError: the robot fell, or stuck on its way.
+            SimulationError: the robot fell, or got stuck.
         """
-        self._place(walker)
+        self._place(controller)
         data, step_s = self._data, self.model.opt.timestep
-        limit_s = walker.start_s + _LATE * walker.walkway.duration_s
+        limit_s = controller.start_s + _MAX_DURATION_RATIO * controller.path.duration_s
         log: list[tuple[Array, ...]] = []
         push = _Pusher(pushes, generator)
         stop_s, cut_s = None, np.inf if until_s is None else until_s
         while data.time < cut_s and (stop_s is None or data.time < stop_s):
             pose = _pose(data.qpos)
-            command = walker.step(data.time, _CONTROL_EVERY * step_s, pose, self._joints())
+            command = controller.step(data.time, _CONTROL_EVERY * step_s, pose, self._joints())
             self._control(command)
-            if self._hold is not None:
-                self._hold.set(data)
-            data.xfrc_applied[1] = push.at(data.time) if walker.walked_s > 0.0 and stop_s is None else 0.0
+            if self._foot_friction is not None:
+                self._foot_friction.update(data)
+            data.xfrc_applied[1] = push.at(data.time) if controller.path_time_s > 0.0 and stop_s is None else 0.0
             for _ in range(_CONTROL_EVERY):
                 before = (data.qpos.copy(), data.qvel.copy(), self._spring_torque())
                 mujoco.mj_step(self.model, data)
-                log.append((*before, data.sensordata.copy()))  # sensors speak of the state before the step
-            self._touches.look(data)
-            self._check(walker, limit_s)
-            if stop_s is None and walker.is_done:
+                log.append((*before, data.sensordata.copy()))  # sensor data belong to the state before the step
+            self._contact_counts.count(data)
+            self._check(controller, limit_s)
+            if stop_s is None and controller.is_done:
                 stop_s = data.time + end_s
             if progress is not None and len(log) % 1000 < _CONTROL_EVERY:
                 progress(data.time)
         return self._motion(log)
 
-    def _place(self, walker: Walker) -> None:
-        """The robot on its feet at the beginning of the way, motors where they hold its weight."""
+    def _place(self, controller: GaitController) -> None:
+        """Put the robot on its feet at the beginning of the path, with motor angles that carry its weight."""
         data = self._data
         mujoco.mj_resetData(self.model, data)
-        start = walker.walkway.pose_at(0.0)
+        start = controller.path.pose_at(0.0)
         data.qpos[:3] = start[:3, 3]
         data.qpos[3:7] = so3.to_quat_xyzw(start[:3, :3])[[3, 0, 1, 2]]
-        data.qpos[self._q] = walker.standing_joints
-        data.act[:] = data.qpos[self._q]  # springs at ease
+        data.qpos[self._q] = controller.standing_joints
+        data.act[:] = data.qpos[self._q]  # springs without torque
         step_s = _CONTROL_EVERY * self.model.opt.timestep
-        data.act[:] = walker.step(0.0, step_s, start, self._joints()).position
+        data.act[:] = controller.step(0.0, step_s, start, self._joints()).position
         while data.time < _SETTLING_S:
-            self._control(walker.step(0.0, step_s, _pose(data.qpos), self._joints()))
+            self._control(controller.step(0.0, step_s, _pose(data.qpos), self._joints()))
             mujoco.mj_step(self.model, data, _CONTROL_EVERY)
         data.time = 0.0
 
@@ -215,27 +216,27 @@ class Laboratory:
         self._data.ctrl[:joints], self._data.ctrl[joints:] = command.position, command.velocity
 
     def _joints(self) -> JointSample:
-        """What the robot's own controller measures."""
+        """The joint measurements of the robot's own controller, without noise."""
         data = self._data
-        return JointSample(round(data.time * 1e9), data.qpos[self._q], data.qvel[self._v], self._spring_torque())
+        return JointSample(round(data.time * NS_PER_S), data.qpos[self._q], data.qvel[self._v], self._spring_torque())
 
     def _spring_torque(self) -> Array:
         data = self._data
         return np.asarray(self.spring * (data.act - data.qpos[self._q]))
 
-    def _check(self, walker: Walker, limit_s: float) -> None:
+    def _check(self, controller: GaitController, limit_s: float) -> None:
         data = self._data
-        place, lean = data.qpos[:3], _pose(data.qpos)[2, 2]
-        sunk = place[2] - walker.terrain.height(float(place[0])) < _SUNK_M
-        if lean < _FALLEN or sunk or not np.isfinite(place).all():
+        position, tilt_cosine = data.qpos[:3], _pose(data.qpos)[2, 2]
+        is_low = position[2] - controller.terrain.height(float(position[0])) < _FALLEN_HEIGHT_M
+        if tilt_cosine < _FALLEN_COSINE or is_low or not np.isfinite(position).all():
             raise SimulationError(
-                f"the robot fell after {data.time:.1f} s at x = {place[0]:.2f} m, y = {place[1]:.2f} m; "
-                "walk slower (trial.gait.speed_mps, trial.gait.period_s) or on rougher ground (trial.body.friction)"
+                f"the robot fell after {data.time:.1f} s at x = {position[0]:.2f} m, y = {position[1]:.2f} m; "
+                "lower trial.gait.speed_mps, or raise trial.gait.period_s or trial.body.friction"
             )
         if data.time > limit_s:
             raise SimulationError(
-                f"the robot stuck: {walker.walked_s:.1f} of {walker.walkway.duration_s:.1f} s walked after "
-                f"{data.time:.0f} s; look where a foot finds no ground"
+                f"the robot got stuck: {controller.path_time_s:.1f} of {controller.path.duration_s:.1f} s of its path "
+                f"walked after {data.time:.0f} s; a swing foot found no ground: raise trial.gait.period_s"
             )
 
     def _imu_columns(self, name: str) -> list[int]:
@@ -260,10 +261,10 @@ class Laboratory:
             T_world_body=poses,
             velocity_world=qvel[:, :3],
             angular_velocity_body=qvel[:, 3:6],
-            self_contacts=self._touches.self_contacts,
-            ground_contacts=self._touches.ground_contacts,
-            deepest_m=self._touches.deepest_m,
-            on_tile_s=None if self._hold is None else self._hold.on_tile_s,
+            self_contacts=self._contact_counts.self_contacts,
+            ground_contacts=self._contact_counts.ground_contacts,
+            max_penetration_m=self._contact_counts.max_penetration_m,
+            on_tile_s=None if self._foot_friction is None else self._foot_friction.on_tile_s,
         )
 
 

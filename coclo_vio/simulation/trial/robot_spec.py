@@ -19,13 +19,13 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.units import GRAVITY_MPS2
 
-COLLISION_GROUP = 3  # not drawn
+COLLISION_GROUP = 3  # not rendered
 _STANDING_LEGS = 5  # of six carry the weight in a wave gait
-_TRUNK, _LEG, _FOOT, _GROUND = 1, 2, 4, 8  # bits of contype; who may touch whom
+_TRUNK, _LEG, _FOOT, _GROUND = 1, 2, 4, 8  # bits of contype: which geoms collide
 
 
 class BodyConfig(StageConfig):
-    """What the URDF does not say of the robot's joints and feet, and how it touches the ground."""
+    """Joint springs and dampers, feet and contact: what the URDF does not hold."""
 
     spring_nm_per_rad: Annotated[
         tuple[float, float, float], Field(description="series springs of base, shoulder, elbow, Nm/rad")
@@ -33,7 +33,7 @@ class BodyConfig(StageConfig):
     spring_damping: Annotated[float, Field(gt=0, description="damping inside the spring, Nm/(rad/s)")] = 3.0
     motor_lag_s: Annotated[float, Field(gt=0, description="time constant of the motor's position loop, s")] = 0.01
     bearing_friction_nm: Annotated[
-        float, Field(ge=0, le=5, description="dry friction of a joint's output bearing, unseen by the spring, Nm")
+        float, Field(ge=0, le=5, description="dry friction of a joint's output bearing, not measured by the spring, Nm")
     ] = 0.05
     friction: Annotated[float, Field(gt=0, le=2, description="Coulomb coefficient between foot and ground")] = 0.7
     foot_radius_m: Annotated[
@@ -69,7 +69,7 @@ def make_spec(
 
 
 def _urdf_with_own_links(description: RobotDescription) -> str:
-    """The URDF's text with MuJoCo told to keep every link and every inertia as it stands."""
+    """The URDF's text with the options that make MuJoCo keep every link and every inertia unchanged."""
     root = ElementTree.parse(urdf_path(description)).getroot()
     extension = ElementTree.SubElement(root, "mujoco")
     ElementTree.SubElement(extension, "compiler", {"fusestatic": "false", "balanceinertia": "false"})
@@ -177,11 +177,11 @@ def _add_foot(
         objtype=mujoco.mjtObj.mjOBJ_SITE,
         objname=f"{leg.foot_frame}_sole",
     )
-    give = imperfection.foot_compliance_m[leg_index]
-    if give > 0.0:
-        stiffness = mass_kg * GRAVITY_MPS2 / _STANDING_LEGS / give
+    compliance_m = imperfection.foot_compliance_m[leg_index]
+    if compliance_m > 0.0:
+        stiffness = mass_kg * GRAVITY_MPS2 / _STANDING_LEGS / compliance_m
         foot.add_joint(
-            name=f"{leg.foot_frame}_give",
+            name=f"{leg.foot_frame}_compliance",
             type=mujoco.mjtJoint.mjJNT_SLIDE,
             axis=[1.0, 0.0, 0.0],
             stiffness=stiffness,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the robot's sensors make of the true motion: low-pass, sampling, bias, noise, range and resolution."""
+"""Sensor models: readings from the true motion by low-pass, sampling, bias, noise, range and resolution."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from coclo_vio.values.units import NS_PER_S
 
 Reading = TypeVar("Reading", bound=InertialReading)
 
-_SHOCK_HZ = 20.0  # above the robot's swaying and its ringing on its springs (2 to 10 Hz): what an impact excites
-EPOCH_NS = 1_700_000_000 * NS_PER_S  # the first stamp of every trial; players of bags dislike times about zero
+_SHOCK_HZ = 20.0  # above the robot's sway and its oscillation on its springs (2 to 10 Hz): excited by impacts
+EPOCH_NS = 1_700_000_000 * NS_PER_S  # the first stamp of every trial; tools for bags do not accept times near zero
 
 
 class ImuConfig(StageConfig):
@@ -52,7 +52,7 @@ class ImuConfig(StageConfig):
     gyroscope_step_radps: Annotated[float, Field(ge=0, description="resolution (1000 deg/s over 16 bits)")] = 5.33e-4
     shock_scale: Annotated[
         float,
-        Field(ge=0, le=100, description="factor on the shocks of the accelerometer: on what is quicker than 20 Hz"),
+        Field(ge=0, le=100, description="factor on the shocks of the accelerometer: its part above 20 Hz"),
     ] = 1.0
 
 
@@ -76,7 +76,7 @@ class JointSensorConfig(StageConfig):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuTruth:
-    """The biases behind an IMU's readings.
+    """The true biases of an IMU.
 
     Attributes:
         stamps_ns: (N,).
@@ -90,17 +90,17 @@ class ImuTruth:
 
 
 def sample_times(duration_s: float, rate_hz: float) -> tuple[IntArray, IntArray]:
-    """Stamps (ns) of a sensor over a trial, and how long (ns) after its beginning they are."""
+    """Stamps of a sensor over a trial, ns, and their offsets from its beginning, ns."""
     count = int(duration_s * rate_hz) + 1
     offsets_ns = np.round(np.arange(count) * (NS_PER_S / rate_hz)).astype(np.int64)
     return EPOCH_NS + offsets_ns, offsets_ns
 
 
-def at_times(time_s: Array, values: Array, offsets_ns: IntArray) -> Array:
-    """``values`` (N, ...) at times between the physics' steps, linearly."""
-    place = offsets_ns / NS_PER_S / (time_s[1] - time_s[0])
-    before = np.minimum(place.astype(np.int64), len(values) - 2)
-    share = (place - before).reshape(-1, *[1] * (values.ndim - 1))
+def interpolated_at(time_s: Array, values: Array, offsets_ns: IntArray) -> Array:
+    """``values`` (N, ...) interpolated linearly between the physics' steps, at offsets (M,) ns: (M, ...)."""
+    step = offsets_ns / NS_PER_S / (time_s[1] - time_s[0])
+    before = np.minimum(step.astype(np.int64), len(values) - 2)
+    share = (step - before).reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray((1.0 - share) * values[before] + share * values[before + 1])
 
 
@@ -109,13 +109,13 @@ def imu_readings(
 ) -> tuple[list[Reading], ImuTruth]:
     """The readings of the IMU ``name``, and its true biases."""
     step_s = float(motion.time_s[1] - motion.time_s[0])
-    truth = _shaken(motion.imus[name], config.shock_scale, step_s)
+    truth = _with_scaled_shocks(motion.imus[name], config.shock_scale, step_s)
     cutoff = config.low_pass_hz / (0.5 / step_s)
     numerator, denominator = signal.butter(2, cutoff)
     settled = signal.lfilter_zi(numerator, denominator)[:, None] * truth[0]
     smooth, _ = signal.lfilter(numerator, denominator, truth, axis=0, zi=settled)
     stamps, offsets = sample_times(float(motion.time_s[-1]), config.rate_hz)
-    sampled = at_times(motion.time_s, smooth, offsets)
+    sampled = interpolated_at(motion.time_s, smooth, offsets)
     root = np.sqrt(config.rate_hz)
     densities = (config.gyroscope_noise_density, config.accelerometer_noise_density)
     first = (config.gyroscope_bias, config.accelerometer_bias)
@@ -139,12 +139,16 @@ def imu_readings(
 def joint_samples(
     motion: Motion, config: JointSensorConfig, imperfection: Imperfection, generator: np.random.Generator
 ) -> Iterator[JointSample]:
-    """What the joints say: encoders with their zeros, filtered velocities, spring torques."""
+    """Readings of the joints: encoder angles with their zeros, filtered velocities, spring torques."""
     stamps, offsets = sample_times(float(motion.time_s[-1]), config.rate_hz)
     step_s = float(motion.time_s[1] - motion.time_s[0])
-    position = at_times(motion.time_s, motion.joint_position, offsets) + imperfection.joint_zero_rad
-    velocity = at_times(motion.time_s, _lagged(motion.joint_velocity, config.velocity_low_pass_hz, step_s), offsets)
-    effort = at_times(motion.time_s, _lagged(motion.spring_torque, config.effort_low_pass_hz, step_s), offsets)
+    position = interpolated_at(motion.time_s, motion.joint_position, offsets) + imperfection.joint_zero_rad
+    velocity = interpolated_at(
+        motion.time_s, _low_passed(motion.joint_velocity, config.velocity_low_pass_hz, step_s), offsets
+    )
+    effort = interpolated_at(
+        motion.time_s, _low_passed(motion.spring_torque, config.effort_low_pass_hz, step_s), offsets
+    )
     effort = effort + config.effort_offset_nm * generator.standard_normal(effort.shape[1])
     position += config.position_noise_rad * generator.standard_normal(position.shape)
     velocity += config.velocity_noise_radps * generator.standard_normal(velocity.shape)
@@ -153,10 +157,10 @@ def joint_samples(
         yield JointSample(int(stamp), *readings)
 
 
-def calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:
-    """What a user would know of the IMU: its mounting, and its noise by the data sheet."""
+def nominal_calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:
+    """The calibration that a user would have: the IMU's mounting, and its noise by the data sheet."""
     return ImuCalibration(
-        **se3_fields(T_body_imu),
+        **_mounting_fields(T_body_imu),
         gyroscope_noise_density=max(config.gyroscope_noise_density, 1e-9),
         gyroscope_bias_walk=config.gyroscope_bias_walk,
         accelerometer_noise_density=max(config.accelerometer_noise_density, 1e-9),
@@ -164,7 +168,7 @@ def calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:
     )
 
 
-def se3_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:
+def _mounting_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:
     """A mounting in the fields of ``ImuCalibration``."""
     R = T_body_imu[:3, :3]
     pitch = -float(np.arcsin(np.clip(R[2, 0], -1.0, 1.0)))
@@ -173,12 +177,12 @@ def se3_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:
     return {"position_body_m": (x, y, z), "rotation_body_imu_rpy_rad": (roll, pitch, yaw)}
 
 
-def _shaken(truth: Array, scale: float, step_s: float) -> Array:
-    """Rates and specific forces (N, 6) whose shocks are scaled.
+def _with_scaled_shocks(truth: Array, scale: float, step_s: float) -> Array:
+    """Rates and specific forces (N, 6) with scaled shocks.
 
     The high-pass s^2 a / (s^2 + 2 d w s + w^2) of an acceleration a is how a mass m on a spring of w = 20 Hz, with d =
     0.71 of critical damping, accelerates under a force m a. So what is added is a motion that ends where it began, as
-    that of a camera on a bracket that gives.
+    that of a camera on a compliant bracket.
     """
     if scale == 1.0:
         return truth
@@ -189,7 +193,7 @@ def _shaken(truth: Array, scale: float, step_s: float) -> Array:
     return np.hstack((truth[:, :3], force + (scale - 1.0) * shocks))
 
 
-def _lagged(values: Array, cutoff_hz: float, step_s: float) -> Array:
+def _low_passed(values: Array, cutoff_hz: float, step_s: float) -> Array:
     """First-order low-pass, started where the signal starts."""
     keep = float(np.exp(-2.0 * np.pi * cutoff_hz * step_s))
     filtered, _ = signal.lfilter([1.0 - keep], [1.0, -keep], values, axis=0, zi=keep * values[:1])

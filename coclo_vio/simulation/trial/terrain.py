@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the trials are walked on, and the way over it.
+"""The ground of the trials and the planned path over it.
 
-Solid boxes carry the feet, rectangles show them to the cameras, a height line tells the planner where to step.
+Solid boxes carry the feet, rectangles are rendered, a height profile is the planner's map.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ STEPS = 5  # paper, section V-A: 5 steps of 0.6 m x 0.15 m
 STEP_DEPTH_M = 0.6
 STEP_HEIGHT_M = 0.15
 SQUARE_SIDE_M = 1.5  # paper, section V-A: a square 6 m long
-_SHUTTLE_M = 0.5  # at the last turn the robot is driven back and forth
+_SHUTTLE_M = 0.5  # at the last turn the robot walks forth and back
 _FOOT_OF_SLOPE_M = 1.0  # from the start to where the terrain rises
 _THICKNESS_M = 0.5
 _WIDTH_M = 3.0
@@ -46,8 +46,8 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
-    """A piece of the way: a straight line, or a turn on the spot.
+class PathSegment:
+    """A segment of the path: a straight line, or a turn on the spot.
 
     Attributes:
         advance_m: along the heading; negative is backwards.
@@ -60,48 +60,48 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terrain:
-    """A trial's ground and the way over it; x is the way up, the robot starts at the origin heading along x.
+    """A trial's ground and the path over it; it rises along x, the robot starts at the origin heading along x.
 
     Attributes:
-        name: which trial it is.
-        boxes: what carries the feet.
-        surfaces: what is seen of it besides the floor.
+        name: of the trial.
+        boxes: the solid ground.
+        surfaces: its rendered faces besides the floor.
         bounds: the walked area, from which the room is built.
-        height_line: x (m) and z (m) of the ground's profile, (N, 2), x rising or equal at a riser.
-        body_line: the same for the body, which climbs stairs as if they were a slope, (N, 2).
-        risers_m: x of the vertical faces; feet keep away from them.
-        way: the pieces of the path.
+        height_profile: x (m) and z (m) of the ground's profile, (N, 2), x rising or equal at a riser.
+        body_profile: the same for the body, which climbs stairs as a slope, (N, 2).
+        risers_m: x of the vertical faces; footholds keep a distance from them.
+        path: the segments of the planned path.
     """
 
     name: TerrainName
     boxes: tuple[Box, ...]
     surfaces: tuple[Surface, ...]
     bounds: RoomBounds
-    height_line: Array
-    body_line: Array
+    height_profile: Array
+    body_profile: Array
     risers_m: tuple[float, ...]
-    way: tuple[Stretch, ...]
+    path: tuple[PathSegment, ...]
 
     @property
     def path_length_m(self) -> float:
-        """Length of the way as specified, along the slope where there is one."""
-        level = sum(abs(stretch.advance_m) for stretch in self.way)
-        steps = np.diff(self.body_line, axis=0)
+        """Length of the path as specified, along the slope where there is one."""
+        level = sum(abs(segment.advance_m) for segment in self.path)
+        steps = np.diff(self.body_profile, axis=0)
         return level + float(np.sum(np.hypot(steps[:, 0], steps[:, 1]) - steps[:, 0]))
 
     def height(self, x: float) -> float:
         """Ground at ``x``, m; at a riser that of the upper tread."""
-        line = self.height_line
+        line = self.height_profile
         index = int(np.searchsorted(line[:, 0], x, side="right"))
         if index in (0, len(line)):
             return float(line[min(index, len(line) - 1), 1])
         (x0, z0), (x1, z1) = line[index - 1], line[index]
         return float(z0 + (z1 - z0) * (x - x0) / (x1 - x0))
 
-    def highest(self, x_from: float, x_to: float) -> float:
-        """The highest ground between two places, m."""
+    def max_height(self, x_from: float, x_to: float) -> float:
+        """The highest ground between two values of x, m."""
         low, high = min(x_from, x_to), max(x_from, x_to)
-        between = self.height_line[(self.height_line[:, 0] >= low) & (self.height_line[:, 0] <= high), 1]
+        between = self.height_profile[(self.height_profile[:, 0] >= low) & (self.height_profile[:, 0] <= high), 1]
         return float(max(self.height(low), self.height(high), *between))
 
 
@@ -111,8 +111,8 @@ def make_terrain(name: TerrainName) -> Terrain:
 
 
 def _flat() -> Terrain:
-    side, turn, shuttle = Stretch(SQUARE_SIDE_M), Stretch(turn_rad=np.pi / 2.0), _SHUTTLE_M
-    back_and_forth = (Stretch(shuttle), Stretch(-shuttle), Stretch(shuttle), Stretch(-shuttle))
+    side, turn, shuttle = PathSegment(SQUARE_SIDE_M), PathSegment(turn_rad=np.pi / 2.0), _SHUTTLE_M
+    back_and_forth = (PathSegment(shuttle), PathSegment(-shuttle), PathSegment(shuttle), PathSegment(-shuttle))
     return Terrain(
         "flat",
         (_floor(),),
@@ -146,7 +146,7 @@ def _ramp() -> Terrain:
         profile,
         profile,
         (),
-        (Stretch(start + RAMP_RUN_M + 0.52),),
+        (PathSegment(start + RAMP_RUN_M + 0.52),),
     )
 
 
@@ -173,7 +173,7 @@ def _stairs() -> Terrain:
         np.array([*line, [end, top]]),
         np.array([[-8.0, 0.0], [foot, 0.0], [head, top], [end, top]]),
         tuple(risers),
-        (Stretch(_FOOT_OF_SLOPE_M + STEPS * STEP_DEPTH_M + 0.9),),
+        (PathSegment(_FOOT_OF_SLOPE_M + STEPS * STEP_DEPTH_M + 0.9),),
     )
 
 

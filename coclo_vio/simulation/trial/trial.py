@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A trial from a name, a configuration and a seed: what the sensors said, what Vicon saw, and what was true."""
+"""A trial from a name, a configuration and a seed: measurements, motion capture, and the truth."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,9 +11,10 @@ from pydantic import Field
 
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.trial.gait_controller import GaitController, WaveGaitConfig, planned_path
 from coclo_vio.simulation.trial.imperfection import Imperfection, ImperfectionConfig, draw_imperfection
-from coclo_vio.simulation.trial.mounting import MountingConfig, disturbed
-from coclo_vio.simulation.trial.physics import Laboratory, Motion, PushConfig
+from coclo_vio.simulation.trial.mounting import MountingConfig, perturbed
+from coclo_vio.simulation.trial.physics import Motion, PushConfig, Simulator
 from coclo_vio.simulation.trial.robot_spec import BodyConfig, add_imu, make_spec
 from coclo_vio.simulation.trial.sensors import (
     EPOCH_NS,
@@ -21,38 +22,37 @@ from coclo_vio.simulation.trial.sensors import (
     ImuConfig,
     ImuTruth,
     JointSensorConfig,
-    at_times,
-    calibration,
     imu_readings,
+    interpolated_at,
     joint_samples,
+    nominal_calibration,
     sample_times,
 )
+from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
 from coclo_vio.simulation.trial.terrain import Terrain, TerrainName, make_terrain
-from coclo_vio.simulation.trial.tile import Tile
-from coclo_vio.simulation.trial.vicon import ViconConfig, watch
-from coclo_vio.simulation.trial.walker import GaitConfig, Walker
-from coclo_vio.simulation.trial.walkway import Walkway
+from coclo_vio.simulation.trial.vicon import ViconConfig, vicon_poses
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.units import NS_PER_S
 
 BODY_IMU, CAMERA_IMU = "imu", "camera_imu"
-_TOUCHES_N = 1.0  # a foot with more force on it is in contact
+_CONTACT_FORCE_N = 1.0  # a foot with a larger normal force is in contact
 _STREAMS = ("imperfection", "gait", "push", "imu", "camera_imu", "joints", "vicon")
 
 
 class TrialConfig(StageConfig):
-    """Everything of a trial but its pictures."""
+    """Configuration of a trial, without its images."""
 
     stand_s: Annotated[float, Field(ge=1, le=60, description="standing at the beginning, s")] = 2.0
     end_s: Annotated[float, Field(ge=0, le=60, description="standing at the end, s")] = 1.0
-    gait: Annotated[GaitConfig, Field(description="how the robot walks")] = GaitConfig()
+    gait: Annotated[WaveGaitConfig, Field(description="how the robot walks")] = WaveGaitConfig()
     body: Annotated[BodyConfig, Field(description="joints, feet, friction")] = BodyConfig()
     slippery_tile: Annotated[
         float | None,
-        Field(gt=0, le=2, description="Coulomb coefficient of a tile, 1 m long, amid the way; null: as everywhere"),
+        Field(gt=0, le=2, description="Coulomb coefficient of a tile of 1 m beside the path; null: no tile"),
     ] = None
     push: Annotated[PushConfig, Field(description="pushes on the trunk")] = PushConfig()
     imperfection: Annotated[ImperfectionConfig, Field(description="how the robot differs from its description")] = (
@@ -62,7 +62,7 @@ class TrialConfig(StageConfig):
     camera_imu: Annotated[CameraImuConfig, Field(description="the IMU inside the camera")] = CameraImuConfig()
     joints: Annotated[JointSensorConfig, Field(description="encoders and torque")] = JointSensorConfig()
     vicon: Annotated[ViconConfig, Field(description="the motion capture")] = ViconConfig()
-    mounting: Annotated[MountingConfig, Field(description="where camera and IMUs sit")] = MountingConfig()
+    mounting: Annotated[MountingConfig, Field(description="extrinsics of camera and IMUs")] = MountingConfig()
     frame_rate_hz: Annotated[float, Field(gt=0.1, le=120, description="stereo frames a second, Hz")] = 15.0
 
 
@@ -84,7 +84,7 @@ _PRESETS: Mapping[TerrainName, Mapping[str, Mapping[str, float]]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What no estimator may read.
+    """The truth of a trial, which no estimator may read.
 
     Attributes:
         trajectory: the body at the joints' stamps, world of the terrain, with velocity.
@@ -92,14 +92,14 @@ class Truth:
         contact_ns: the stamps of those steps, (N,).
         imu: the true biases of the body's IMU.
         camera_imu: those of the camera's IMU.
-        stereo: the cameras where they truly are.
+        stereo: the true calibration of the cameras.
         imperfection: how this robot differs from its description.
-        vicon_offset_s: how far Vicon's clock is ahead of the robot's.
+        vicon_offset_s: time by which Vicon's clock is ahead of the robot's, s.
         self_contacts: control periods in which a leg touched another.
         ground_contacts: control periods in which a leg, not its foot, touched the ground.
-        deepest_m: the deepest that any body sank into another, m.
-        tile: where the ground is slippery, if anywhere.
-        on_tile_s: when a foot first and last stood there, s after the beginning.
+        max_penetration_m: largest penetration of two bodies in contact, m.
+        tile: the slippery tile, if there is one.
+        on_tile_s: first and last time of a foot on it, s after the beginning.
     """
 
     trajectory: Trajectory
@@ -112,28 +112,28 @@ class Truth:
     vicon_offset_s: float
     self_contacts: int
     ground_contacts: int
-    deepest_m: float
-    tile: Tile | None = None
+    max_penetration_m: float
+    tile: SlipperyTile | None = None
     on_tile_s: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A simulated trial but for its pictures, which are rendered from ``spec`` at ``frame_qpos``.
+    """A simulated trial without its images, which are rendered from ``spec`` at ``frame_qpos``.
 
     Attributes:
         terrain: the ground.
-        robot: the description that estimators get.
+        robot: the description that estimators use.
         measurements: both IMUs and the joints, in time order.
-        vicon: the body as the motion capture reports it.
-        imu: what is known of the body's IMU.
-        camera_imu: what is known of the camera's IMU.
-        stereo: what is known of the cameras.
+        vicon: the body as the motion capture measures it.
+        imu: nominal calibration of the body's IMU.
+        camera_imu: nominal calibration of the camera's IMU.
+        stereo: nominal calibration of the cameras.
         frame_ns: stamps of the stereo frames, (F,).
-        frame_qpos: the model's coordinates then, (F, nq).
+        frame_qpos: the model's coordinates at the frames, (F, nq).
         frame_qvel: its velocities, (F, nv).
-        spec: the robot on its terrain, without anything to see.
-        truth: what was true.
+        spec: the robot on its terrain, without textures and cameras.
+        truth: the truth.
     """
 
     terrain: Terrain
@@ -151,7 +151,7 @@ class Trial:
 
 
 def preset(name: TerrainName) -> dict[str, Any]:
-    """What a trial's configuration changes of the defaults."""
+    """How a trial's configuration differs from the defaults."""
     return dict(_PRESETS[name])
 
 
@@ -177,77 +177,122 @@ def simulate(
     Raises:
         SimulationError: the robot fell or stuck.
     """
-    streams = dict(zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True))
-    random = {stream: np.random.default_rng(sequence) for stream, sequence in streams.items()}
+    generators = _generators(seed)
     model, terrain = RobotModel(robot), make_terrain(name)
     imperfection = draw_imperfection(
-        config.imperfection, len(robot.legs), len(robot.joint_names), random["imperfection"]
+        config.imperfection, len(robot.legs), len(robot.joint_names), generators["imperfection"]
     )
+    stereo = perturbed(config.mounting.stereo(), imperfection)
     spec = make_spec(robot, config.body, imperfection, terrain)
-    nominal = config.mounting.stereo()
-    true_stereo = disturbed(nominal, imperfection)
-    T_body_imu, T_left_imu = config.mounting.T_body_imu, config.mounting.T_left_camera_imu
-    add_imu(spec, BODY_IMU, T_body_imu)
-    add_imu(spec, CAMERA_IMU, true_stereo.T_body_left_camera @ T_left_imu)
+    add_imu(spec, BODY_IMU, config.mounting.T_body_imu)
+    add_imu(spec, CAMERA_IMU, stereo.T_body_left_camera @ config.mounting.T_left_camera_imu)
     tile = _slippery_tile(terrain, config)
-    laboratory = Laboratory(spec.compile(), model, (BODY_IMU, CAMERA_IMU), tile)
-    walker = Walker(model, terrain, config.gait, laboratory.spring, random["gait"], config.stand_s)
-    motion = laboratory.walk(walker, config.end_s, config.push, random["push"], until_s=until_s, progress=progress)
+    simulator = Simulator(spec.compile(), model, (BODY_IMU, CAMERA_IMU), tile)
+    controller = GaitController(model, terrain, config.gait, simulator.spring, generators["gait"], config.stand_s)
+    motion = simulator.walk(
+        controller, config.end_s, config.push, generators["push"], until_s=until_s, progress=progress
+    )
+    readings = _read_sensors(motion, config, imperfection, generators)
+    truth = _truth(motion, readings, stereo, imperfection, tile)
+    return _trial(terrain, robot, config, motion, readings, spec, truth)
 
-    imu, imu_truth = imu_readings(ImuSample, motion, BODY_IMU, config.imu, random["imu"])
-    camera_imu, camera_imu_truth = imu_readings(
-        CameraImuSample, motion, CAMERA_IMU, config.camera_imu, random["camera_imu"]
-    )
-    joints = list(joint_samples(motion, config.joints, imperfection, random["joints"]))
-    watched, offset_s = watch(motion, config.vicon, random["vicon"])
-    frame_ns, offsets = sample_times(float(motion.time_s[-1]), config.frame_rate_hz)
-    truth = Truth(
-        trajectory=_trajectory(motion, np.array([sample.stamp_ns for sample in joints])),
-        contact=motion.foot_force > _TOUCHES_N,
-        contact_ns=EPOCH_NS + np.round(motion.time_s * 1e9).astype(np.int64),
-        imu=imu_truth,
-        camera_imu=camera_imu_truth,
-        stereo=true_stereo,
-        imperfection=imperfection,
-        vicon_offset_s=offset_s,
-        self_contacts=motion.self_contacts,
-        ground_contacts=motion.ground_contacts,
-        deepest_m=motion.deepest_m,
-        tile=tile,
-        on_tile_s=motion.on_tile_s,
-    )
+
+def _trial(
+    terrain: Terrain,
+    robot: RobotDescription,
+    config: TrialConfig,
+    motion: Motion,
+    readings: "_Readings",
+    spec: mujoco.MjSpec,
+    truth: Truth,
+) -> Trial:
+    """The readings with nominal calibrations and the states at the frames."""
+    mounting = config.mounting
+    nominal = mounting.stereo()
+    frame_ns, offsets_ns = sample_times(float(motion.time_s[-1]), config.frame_rate_hz)
     return Trial(
         terrain=terrain,
         robot=robot,
-        measurements=tuple(_in_time_order(imu, joints, camera_imu)),
-        vicon=watched,
-        imu=calibration(config.imu, T_body_imu),
-        camera_imu=calibration(config.camera_imu, nominal.T_body_left_camera @ T_left_imu),
+        measurements=readings.in_time_order(),
+        vicon=readings.vicon,
+        imu=nominal_calibration(config.imu, mounting.T_body_imu),
+        camera_imu=nominal_calibration(config.camera_imu, nominal.T_body_left_camera @ mounting.T_left_camera_imu),
         stereo=nominal,
         frame_ns=frame_ns,
-        frame_qpos=at_times(motion.time_s, motion.qpos, offsets),
-        frame_qvel=at_times(motion.time_s, motion.qvel, offsets),
+        frame_qpos=interpolated_at(motion.time_s, motion.qpos, offsets_ns),
+        frame_qvel=interpolated_at(motion.time_s, motion.qvel, offsets_ns),
         spec=spec,
         truth=truth,
     )
 
 
-def _slippery_tile(terrain: Terrain, config: TrialConfig) -> Tile | None:
+def _generators(seed: int) -> dict[str, np.random.Generator]:
+    """An independent random generator for each part of a trial."""
+    sequences = np.random.SeedSequence(seed).spawn(len(_STREAMS))
+    return {stream: np.random.default_rng(sequence) for stream, sequence in zip(_STREAMS, sequences, strict=True)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Readings:
+    """The readings of all sensors, and the truth behind them."""
+
+    imu: list[ImuSample]
+    imu_truth: ImuTruth
+    camera_imu: list[CameraImuSample]
+    camera_imu_truth: ImuTruth
+    joints: list[JointSample]
+    vicon: GroundTruth
+    vicon_offset_s: float
+
+    def in_time_order(self) -> tuple[Measurement, ...]:
+        """Merged by stamp; at one stamp IMU, joints, camera IMU."""
+        return tuple(sorted([*self.imu, *self.joints, *self.camera_imu], key=lambda sample: sample.stamp_ns))
+
+
+def _read_sensors(
+    motion: Motion, config: TrialConfig, imperfection: Imperfection, generators: Mapping[str, np.random.Generator]
+) -> _Readings:
+    imu, imu_truth = imu_readings(ImuSample, motion, BODY_IMU, config.imu, generators["imu"])
+    camera_imu, camera_imu_truth = imu_readings(
+        CameraImuSample, motion, CAMERA_IMU, config.camera_imu, generators["camera_imu"]
+    )
+    joints = list(joint_samples(motion, config.joints, imperfection, generators["joints"]))
+    vicon, vicon_offset_s = vicon_poses(motion, config.vicon, generators["vicon"])
+    return _Readings(imu, imu_truth, camera_imu, camera_imu_truth, joints, vicon, vicon_offset_s)
+
+
+def _truth(
+    motion: Motion,
+    readings: _Readings,
+    stereo: StereoCalibration,
+    imperfection: Imperfection,
+    tile: SlipperyTile | None,
+) -> Truth:
+    return Truth(
+        trajectory=_trajectory(motion, np.array([sample.stamp_ns for sample in readings.joints])),
+        contact=motion.foot_force > _CONTACT_FORCE_N,
+        contact_ns=EPOCH_NS + np.round(motion.time_s * NS_PER_S).astype(np.int64),
+        imu=readings.imu_truth,
+        camera_imu=readings.camera_imu_truth,
+        stereo=stereo,
+        imperfection=imperfection,
+        vicon_offset_s=readings.vicon_offset_s,
+        self_contacts=motion.self_contacts,
+        ground_contacts=motion.ground_contacts,
+        max_penetration_m=motion.max_penetration_m,
+        tile=tile,
+        on_tile_s=motion.on_tile_s,
+    )
+
+
+def _slippery_tile(terrain: Terrain, config: TrialConfig) -> SlipperyTile | None:
     if config.slippery_tile is None:
         return None
-    gait = config.gait
-    return Tile.amid(Walkway(terrain, gait.speed_mps, gait.turn_rate_radps, gait.height_m), config.slippery_tile)
-
-
-def _in_time_order(
-    imu: list[ImuSample], joints: list[JointSample], camera_imu: list[CameraImuSample]
-) -> list[Measurement]:
-    """Merged by stamp; at one stamp IMU, joints, camera IMU."""
-    return sorted([*imu, *joints, *camera_imu], key=lambda sample: sample.stamp_ns)
+    return SlipperyTile.on_path(planned_path(terrain, config.gait), config.slippery_tile)
 
 
 def _trajectory(motion: Motion, stamps_ns: IntArray) -> Trajectory:
     """The body at stamps that are steps of the physics."""
     step_s = motion.time_s[1] - motion.time_s[0]
-    steps = np.round((stamps_ns - EPOCH_NS) / 1e9 / step_s).astype(np.int64)
+    steps = np.round((stamps_ns - EPOCH_NS) / NS_PER_S / step_s).astype(np.int64)
     return Trajectory(stamps_ns, motion.T_world_body[steps], motion.velocity_world[steps])

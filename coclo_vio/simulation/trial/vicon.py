@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The motion capture that watches a trial: noisy, with a clock of its own, and blind now and then."""
+"""The motion capture of a trial: noise, a clock of its own, and dropouts."""
 
 from typing import Annotated
 
@@ -27,17 +27,17 @@ class ViconConfig(StageConfig):
     dropout_s: Annotated[float, Field(ge=0, le=10, description="mean length of a loss, s")] = 0.3
 
 
-def watch(motion: Motion, config: ViconConfig, generator: np.random.Generator) -> tuple[GroundTruth, float]:
-    """The body as the motion capture reports it, in its own world and by its own clock.
+def vicon_poses(motion: Motion, config: ViconConfig, generator: np.random.Generator) -> tuple[GroundTruth, float]:
+    """The poses of the body as the motion capture measures them, in its own world and on its own clock.
 
-    Its world is turned and shifted against that of the terrain, as no laboratory's are the same.
+    Its world is turned about z and shifted against that of the terrain, as that of any real motion capture.
 
     Returns:
-        The poses, and by how many seconds its clock is ahead of the robot's.
+        The poses, and the time by which its clock is ahead of the robot's, s.
     """
     offset_s = float(generator.uniform(-config.clock_offset_s, config.clock_offset_s))
-    yaw, place = float(generator.uniform(-np.pi, np.pi)), generator.uniform(-2.0, 2.0, 2)
-    T_vicon_world = se3.transform(so3.about_z(yaw), np.array([*place, 0.0]))
+    yaw, shift = float(generator.uniform(-np.pi, np.pi)), generator.uniform(-2.0, 2.0, 2)
+    T_vicon_world = se3.transform(so3.about_z(yaw), np.array([*shift, 0.0]))
     stamps, offsets = sample_times(float(motion.time_s[-1]), config.rate_hz)
     steps = np.round(offsets / NS_PER_S / (motion.time_s[1] - motion.time_s[0])).astype(np.int64)
     poses = T_vicon_world @ motion.T_world_body[steps]
@@ -45,15 +45,15 @@ def watch(motion: Motion, config: ViconConfig, generator: np.random.Generator) -
     poses[:, :3, :3] = poses[:, :3, :3] @ so3.exp(
         config.rotation_noise_rad * generator.standard_normal((len(poses), 3))
     )
-    seen = np.ones(len(poses), dtype=np.bool_)
-    time_s = 2.0  # while the robot stands at the beginning everything is in sight
+    is_tracked = np.ones(len(poses), dtype=np.bool_)
+    time_s = 2.0  # no dropout while the robot stands at the beginning
     while config.dropout_s > 0.0:
         time_s += float(generator.exponential(config.dropout_every_s))
         length_s = float(generator.exponential(config.dropout_s))
         first = int(time_s * config.rate_hz)
-        if first >= len(seen):
+        if first >= len(is_tracked):
             break
-        seen[first : first + max(1, round(length_s * config.rate_hz))] = False
+        is_tracked[first : first + max(1, round(length_s * config.rate_hz))] = False
         time_s += length_s
-    shifted = stamps[seen] + round(offset_s * NS_PER_S)
-    return GroundTruth(Trajectory(shifted, poses[seen]), has_stamps=True, source="simulated Vicon"), offset_s
+    shifted = stamps[is_tracked] + round(offset_s * NS_PER_S)
+    return GroundTruth(Trajectory(shifted, poses[is_tracked]), has_stamps=True, source="simulated Vicon"), offset_s

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulator's eyes: what a trial looks like (scene), how it is drawn (renderer) and what the imager makes of it."""
+"""The simulated stereo camera: the textured scene, its rendering, and the model of the imagers."""

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an imager makes of a perfect picture: blur, vignetting, exposure, shot and read noise, eight bits.
+"""The imager's model: blur, vignetting, exposure, shot and read noise, eight bits.
 
-Motion blur is the mean of the picture as seen from several instants of the exposure, each warped by the homography
-that the camera's rotation and translation induce in a plane facing it at the harmonic mean depth of the picture. So
-rotation blurs as it does in truth; translation does so for things at that depth, and too little for nearer, too much
-for farther ones; the robot's own legs blur as if they stood still in the world. The shutter is global.
+Motion blur is the mean of the image at several instants of the exposure, each warped by the homography that the
+camera's rotation and translation induce in a plane facing it at the harmonic mean depth of the image. So blur by
+rotation is exact; blur by translation is exact for points at that depth, too small for nearer and too large for farther
+ones; the robot's own legs blur as if they stood still in the world. The shutter is global.
 
 Signal and noise in grey levels, with k = 255 gain / full well: mean y, variance k y + (k read noise)^2, by a normal
 approximation of the Poisson distribution (the photon transfer of EMVA Standard 1288). Noise follows from (seed, frame,
@@ -31,7 +31,7 @@ _ENCODERS: Final[dict[str, str]] = {"png": ".png", "jpeg": ".jpg"}
 
 
 class CameraModel:
-    """One imager of the pair: turns pictures into what it would have recorded."""
+    """One imager of the pair: turns rendered images into recorded ones."""
 
     def __init__(
         self, config: CameraConfig, side: int, width_px: int, height_px: int, focal_px: float, seed: int
@@ -50,10 +50,10 @@ class CameraModel:
         """The recorded image (rows, columns).
 
         Args:
-            image: the perfect picture, reflected light times 255, (rows, columns).
+            image: the rendered image, reflected light times 255, (rows, columns).
             inverse_depth: one over depth, 1/m, (rows, columns).
             twist: angular and linear velocity of the camera, its own optical frame, rad/s and m/s, (6,).
-            exposure: how the frame is taken.
+            exposure: exposure time, gain and brightness of the frame.
             frame: number of the frame, which decides its noise.
         """
         light = self._blurred(image, inverse_depth, twist, exposure.duration_s)
@@ -64,7 +64,7 @@ class CameraModel:
         """The image as a file of the configured encoding."""
         config = self._config
         options = (
-            [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]  # noise does not repeat: nothing longer to find
+            [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]  # noise has no repeated patterns to compress
             if config.encoding == "png"
             else [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality]
         )
@@ -72,7 +72,7 @@ class CameraModel:
         return data.tobytes()
 
     def _pattern(self, width_px: int, height_px: int) -> FloatImage:
-        """Sensitivity of each pixel: vignetting, fixed pattern, and this camera against the other."""
+        """Sensitivity of each pixel: vignetting, fixed pattern, and mismatch of the two cameras."""
         imager = self._config.imager
         rng = np.random.default_rng([self._seed, 4, self._side])
         x = np.linspace(-1.0, 1.0, width_px) * width_px
@@ -83,11 +83,11 @@ class CameraModel:
         return (level * (1.0 - imager.vignetting * corner_share) * spread).astype(np.float32)
 
     def _blurred(self, image: ByteImage, inverse_depth: FloatImage, twist: Array, duration_s: float) -> FloatImage:
-        """The picture (rows, columns) with motion and lens blur, 0..255."""
+        """The image (rows, columns) with motion and lens blur, 0..255."""
         instants = self._instants(image.shape, inverse_depth, twist, duration_s)
         total: Any = np.zeros(image.shape, dtype=np.float32)
         for homography in instants:
-            total += _seen_through(image, homography)
+            total += _warped(image, homography)
         light = total / np.float32(len(instants)) if instants else image.astype(np.float32)
         sigma = self._config.imager.lens_blur_px
         return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma) if sigma > 0.0 else light, dtype=np.float32)
@@ -95,18 +95,18 @@ class CameraModel:
     def _instants(
         self, shape: tuple[int, ...], inverse_depth: FloatImage, twist: Array, duration_s: float
     ) -> list[Array]:
-        """Homographies (3, 3) from the picture to what the camera sees at evenly spread instants of the exposure.
+        """Homographies (3, 3) from the rendered image to evenly spread instants of the exposure.
 
-        A point p of the plane n.p = d, n = (0, 0, 1), is at ``exp(-w t) p - v t`` seen from the camera t later, so
+        A point p of the plane n.p = d, n = (0, 0, 1), is at ``exp(-w t) p - v t`` in the camera's frame t later, so
         ``H = K (exp(-w t) - v t n^T / d) K^-1`` (Hartley and Zisserman, "Multiple View Geometry", eq. 13.2).
-        None at all where the blur is too short to matter.
+        Empty where the blur is negligible.
         """
-        nearness = float(inverse_depth[::8, ::8].mean())
+        mean_inverse_depth = float(inverse_depth[::8, ::8].mean())
         inverse_matrix = np.linalg.inv(self._matrix)
 
         def homography(time_s: float) -> Array:
             motion = so3.exp(-twist[:3] * time_s)
-            motion[:, 2] -= twist[3:] * time_s * nearness
+            motion[:, 2] -= twist[3:] * time_s * mean_inverse_depth
             return np.asarray(self._matrix @ motion @ inverse_matrix)
 
         length_px = _greatest_shift_px(homography(duration_s), shape)
@@ -125,13 +125,13 @@ class CameraModel:
         return image
 
 
-def _seen_through(image: ByteImage, homography: Array) -> npt.NDArray[Any]:
+def _warped(image: ByteImage, homography: Array) -> npt.NDArray[Any]:
     size = (image.shape[1], image.shape[0])
     return np.asarray(cv2.warpPerspective(image, homography, size, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _greatest_shift_px(homography: Array, shape: tuple[int, ...]) -> float:
-    """How far the homography moves the corners of the image, px, at most."""
+    """Largest displacement of the image's corners by the homography, px."""
     right, bottom = shape[1] - 1.0, shape[0] - 1.0
     corners = np.array([[0.0, right, 0.0, right], [0.0, 0.0, bottom, bottom], [1.0, 1.0, 1.0, 1.0]])
     moved = homography @ corners

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stereo pair as cameras of the MuJoCo model: frames and lens converted here, and nowhere else.
+"""The stereo pair as cameras of the MuJoCo model: frames and lens are converted in this module only.
 
 A calibration's camera is x right, y down, z forward; MuJoCo's is x right, y up and looks along -z. Its image of W x H
 pixels has the principal point ((W - 1) / 2, (H - 1) / 2), measured with rendered points.
@@ -24,8 +24,8 @@ def add_cameras(spec: mujoco.MjSpec, stereo: StereoCalibration, body: str = "bas
     """Add the cameras ``left_camera`` and ``right_camera`` to a body, and make the off-screen image large enough.
 
     Raises:
-        ConfigError: there is no such body, or a lens is not the one that MuJoCo has: a pinhole of square pixels
-            without distortion whose axis meets the middle of the image.
+        ConfigError: there is no such body, or a lens is not the one that MuJoCo renders: a pinhole of square
+            pixels without distortion whose axis meets the middle of the image.
     """
     carrier = spec.body(body)
     if carrier is None:
@@ -48,7 +48,7 @@ def add_cameras(spec: mujoco.MjSpec, stereo: StereoCalibration, body: str = "bas
 
 
 def pinhole(width_px: int, height_px: int, focal_px: float) -> CameraCalibration:
-    """The lens that MuJoCo has, as a calibration."""
+    """The calibration of MuJoCo's lens."""
     centre = (0.5 * (width_px - 1), 0.5 * (height_px - 1))
     return CameraCalibration(
         width_px=width_px, height_px=height_px, focal_px=(focal_px, focal_px), principal_point_px=centre
@@ -80,7 +80,7 @@ def focal_px(model: mujoco.MjModel, side: int) -> float:
 
 
 def place(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array, qvel: Array) -> None:
-    """Put the robot where ``qpos`` (nq,) has it, moving with ``qvel`` (nv,), as far as cameras need it."""
+    """Set the model's state to ``qpos`` (nq,) and ``qvel`` (nv,), as far as the cameras need it."""
     data.qpos[:] = qpos
     data.qvel[:] = qvel
     mujoco.mj_kinematics(model, data)
@@ -90,20 +90,18 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, qpos: Array, qvel: Array) 
 
 
 def camera_twist(model: mujoco.MjModel, data: mujoco.MjData, side: int) -> Array:
-    """Angular (rad/s) and linear (m/s) velocity of a camera that was placed, in its own optical frame, (6,)."""
+    """Angular (rad/s) and linear (m/s) velocity of a camera in its own optical frame, after ``place``, (6,)."""
     twist = np.empty(6)
     mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_CAMERA, camera_id(model, side), twist, 1)
     return np.concatenate((OPTICAL_FROM_MUJOCO @ twist[:3], OPTICAL_FROM_MUJOCO @ twist[3:]))
 
 
 def _check_lens(name: str, lens: CameraCalibration) -> None:
-    wanted = pinhole(lens.width_px, lens.height_px, lens.focal_px[1])
-    same = np.allclose(
-        lens.focal_px + lens.principal_point_px, wanted.focal_px + wanted.principal_point_px, 0, _SAME_PX
-    )
+    ideal = pinhole(lens.width_px, lens.height_px, lens.focal_px[1])
+    same = np.allclose(lens.focal_px + lens.principal_point_px, ideal.focal_px + ideal.principal_point_px, 0, _SAME_PX)
     if lens.distortion != "none" or not same:
         raise ConfigError(
-            f"{name}: the renderer has a pinhole with fx = fy and the principal point {wanted.principal_point_px} px, "
+            f"{name}: the renderer has a pinhole with fx = fy and the principal point {ideal.principal_point_px} px, "
             f"got focal_px {lens.focal_px}, principal_point_px {lens.principal_point_px}, distortion {lens.distortion}"
         )
 

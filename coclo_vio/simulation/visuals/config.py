@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the room looks like, and what the imagers do to a picture: the parameters of the simulated cameras.
+"""The parameters of the room and of the simulated cameras.
 
 The defaults are those of the infrared imagers of a RealSense D435i (OmniVision OV9282, global shutter) with its dot
-projector switched off, as one has to for visual odometry.
+projector switched off, as visual odometry requires.
 """
 
 from typing import Annotated, Literal, Self
@@ -13,11 +13,11 @@ from coclo_vio.values.config import StageConfig
 
 
 class SceneConfig(StageConfig):
-    """The room around a trial: an indoor laboratory of plain walls with posters, and some clutter on its floor."""
+    """The room around a trial: plain walls with posters, and clutter on the floor."""
 
     texture: Annotated[
         Literal["rich", "normal", "poor"],
-        Field(description="how much there is to see: contrast, posters, clutter, share of plain faces"),
+        Field(description="amount of visual texture: contrast, posters, share of plain faces of the clutter"),
     ] = "normal"
     wall_distance_m: Annotated[
         tuple[float, float], Field(description="least and greatest distance of the walls from the walked area, m")
@@ -43,7 +43,7 @@ class ImagerConfig(StageConfig):
     """The sensor and its lens.
 
     Sources: OmniVision's data sheet of the OV9281/OV9282: greatest signal-to-noise ratio 38 dB, dynamic range 68 dB,
-    analogue gain up to 15.9. At full well the shot noise is the noise, so the well holds 10^(38/10) = 6300 electrons,
+    analogue gain up to 15.9. At full well shot noise dominates, so the well holds 10^(38/10) = 6300 electrons,
     and the noise floor is sqrt(6300^2 / 10^(68/10)) = 2.5 electrons. Lens, vignetting and pattern are typical values
     of such modules, chosen, not measured.
     """
@@ -63,24 +63,22 @@ class ImagerConfig(StageConfig):
 class ExposureConfig(StageConfig):
     """Exposure time and gain: automatic, as the D435i's, with a first-order lag.
 
-    The controller sees the light in the room, not the picture; what a real one does by the picture's content is the
-    slow drift, an Ornstein-Uhlenbeck process of the logarithm of the gain.
+    The controller measures the light in the room, not the image; the reaction of a real one to the image's content is
+    modelled by the slow drift, an Ornstein-Uhlenbeck process of the logarithm of the gain.
     """
 
     nominal_s: Annotated[
         float,
         Field(gt=0, le=0.05, description="exposure time in normal light, s (librealsense's long-standing default)"),
     ] = 0.0085
-    longest_s: Annotated[float, Field(gt=0, le=0.1, description="longest exposure time the controller takes, s")] = 0.02
+    longest_s: Annotated[float, Field(gt=0, le=0.1, description="longest exposure time, s")] = 0.02
     nominal_gain: Annotated[
         float, Field(ge=1, le=16, description="analogue gain in normal light; 1.5 gives 2.5 grey levels rms at 100")
     ] = 1.5
     largest_gain: Annotated[float, Field(ge=1, le=64, description="largest analogue gain (OV9282: 15.9)")] = 15.9
     white_level: Annotated[
         float,
-        Field(
-            gt=0, le=4, description="what nominal exposure makes of a white wall, share of full scale; > 1 saturates"
-        ),
+        Field(gt=0, le=4, description="white wall at nominal exposure, share of full scale; > 1 saturates"),
     ] = 1.25
     lag_s: Annotated[float, Field(gt=0, le=10, description="time constant of the controller, s")] = 0.12
     drift: Annotated[float, Field(ge=0, le=1, description="standard deviation of the gain's slow drift, share")] = 0.06
@@ -97,10 +95,10 @@ class ExposureConfig(StageConfig):
 
 
 class Blackout(StageConfig):
-    """The light goes out, and on again."""
+    """A time without light."""
 
-    start_s: Annotated[float, Field(ge=0, le=1e5, description="when it goes out, s after the first image")]
-    duration_s: Annotated[float, Field(gt=0, le=1e5, description="how long it stays out, s")]
+    start_s: Annotated[float, Field(ge=0, le=1e5, description="start, s after the first image")]
+    duration_s: Annotated[float, Field(gt=0, le=1e5, description="duration, s")]
 
 
 class LightingConfig(StageConfig):
@@ -110,11 +108,11 @@ class LightingConfig(StageConfig):
         "normal"
     )
     dark_share: Annotated[float, Field(gt=0, le=1, description="light of a dark room, share of normal light")] = 0.05
-    blackouts: Annotated[tuple[Blackout, ...], Field(description="when there is no light at all")] = ()
+    blackouts: Annotated[tuple[Blackout, ...], Field(description="times without light")] = ()
 
 
 class CameraConfig(StageConfig):
-    """Everything between the scene and the image file."""
+    """Sensor, exposure, light and encoding: from the scene to the image file."""
 
     imager: Annotated[ImagerConfig, Field(description="sensor and lens")] = ImagerConfig()
     exposure: Annotated[ExposureConfig, Field(description="exposure time and gain")] = ExposureConfig()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How bright each frame comes out: light in the room, exposure time and gain, for all frames in advance.
+"""Brightness of each frame: light in the room, exposure time and gain, for all frames in advance.
 
-Computed in one go because a controller remembers; the frames can then be drawn in any order, in any process.
+Computed at once because the controller has a state; the frames can then be rendered in any order, in any process.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ _NO_LIGHT = 1e-5  # light of a blackout, share of normal light
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """How one frame is taken.
+    """Exposure of one frame.
 
     Attributes:
         duration_s: exposure time, s.
         gain: analogue gain.
-        brightness: grey level of a perfectly white surface in the middle of the image over 255, saturation left out.
+        brightness: grey level of a white surface in the middle of the image over 255, without saturation.
     """
 
     duration_s: float
@@ -56,11 +56,11 @@ def _controlled(times_s: Array, light: Array, config: CameraConfig) -> Array:
     """Exposure time times gain (N,) over nominal: one over the light, within limits, with a lag in the logarithm."""
     setting = config.exposure
     most = setting.longest_s * setting.largest_gain / (setting.nominal_s * setting.nominal_gain)
-    wanted = np.log(np.clip(1.0 / light, 1.0 / setting.nominal_gain, most))
+    targets = np.log(np.clip(1.0 / light, 1.0 / setting.nominal_gain, most))
     control = np.empty(len(times_s))
-    for frame, target in enumerate(wanted):
+    for frame, target in enumerate(targets):
         lag = 0.0 if frame == 0 else float(np.exp(-(times_s[frame] - times_s[frame - 1]) / setting.lag_s))
-        control[frame] = wanted[0] if frame == 0 else target + lag * (control[frame - 1] - target)
+        control[frame] = targets[0] if frame == 0 else target + lag * (control[frame - 1] - target)
     return np.exp(control)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which OpenGL draws without a screen. MuJoCo decides when it is imported, so each choice is tried in a process."""
+"""The OpenGL backend that renders without a screen. MuJoCo selects it on import, so each is tried in a process."""
 
 import functools
 import os
@@ -16,25 +16,25 @@ _PROBE_TIMEOUT_S = 60.0
 
 
 class RenderingError(SimulationError):
-    """Images cannot be drawn on this machine, or of this model."""
+    """Images cannot be rendered on this machine, or of this model."""
 
 
 def choose_backend() -> str:
     """The value for ``MUJOCO_GL``: that of the environment, else the first of ``BACKENDS`` that works here.
 
     Raises:
-        ConfigError: the environment names a backend that draws to a screen or that MuJoCo does not have.
-        RenderingError: none works; names the Debian packages.
+        ConfigError: the environment names a backend that renders to a screen or that MuJoCo does not have.
+        RenderingError: none works; the message names the Debian packages.
     """
-    wanted = os.environ.get(VARIABLE, "").strip().lower()
-    if wanted and wanted not in BACKENDS:
-        raise ConfigError(f"{VARIABLE}={wanted} draws no images without a screen; set it to {' or '.join(BACKENDS)}")
-    for backend in (wanted,) if wanted else BACKENDS:
+    variable = os.environ.get(VARIABLE, "").strip().lower()
+    if variable and variable not in BACKENDS:
+        raise ConfigError(f"{VARIABLE}={variable} cannot render without a screen; set it to {' or '.join(BACKENDS)}")
+    for backend in (variable,) if variable else BACKENDS:
         if works(backend):
             return backend
-    asked = f" ({VARIABLE}={wanted} is set)" if wanted else ""
+    note = f" ({VARIABLE}={variable} is set)" if variable else ""
     raise RenderingError(
-        f"no OpenGL that draws without a screen was found{asked}: install the Debian packages libegl1 libgles2 "
+        f"no OpenGL that renders without a screen was found{note}: install the Debian packages libegl1 libgles2 "
         "libgl1-mesa-dri, or libosmesa6, or leave the images out with --no-images"
     )
 
@@ -57,9 +57,9 @@ def works(backend: str) -> bool:
 
 
 def settings(backend: str) -> dict[str, str]:
-    """Environment of a process that draws with this backend, alone on its core.
+    """Environment of a process that renders with this backend in one thread.
 
-    Mesa's software rasteriser otherwise takes a thread for each core, and so do NumPy's linear algebra and OpenCV.
+    Without it Mesa's software rasteriser starts a thread for each core, and so do NumPy's linear algebra and OpenCV.
     """
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
     return {VARIABLE: backend, "PYOPENGL_PLATFORM": backend, "LP_NUM_THREADS": "0", **threads}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What one rendering process does: some frames of the trial, drawn, degraded and encoded.
+"""One rendering process: renders, degrades and encodes some frames of the trial.
 
-A process keeps its renderer from job to job. Nothing that a frame becomes depends on which process draws it.
+A process keeps its renderer from call to call. A frame does not depend on the process that renders it.
 """
 
 import atexit
@@ -25,12 +25,12 @@ from coclo_vio.values.measurements import EncodedStereoFrame
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderJob:
-    """All frames that are to be drawn, the same for each process.
+    """All frames to render, the same for each process.
 
     Attributes:
         model_path: the MuJoCo model.
-        qpos: position of the robot at each frame, (N, nq).
-        qvel: its velocity, (N, nv), or None to take it from the neighbouring frames.
+        qpos: configuration of the robot at each frame, (N, nq).
+        qvel: its velocity, (N, nv), or None for differences of the neighbouring frames.
         stamps_ns: middle of each exposure, (N,), ascending.
         config: the camera.
         seed: decides noise and drift.
@@ -45,7 +45,7 @@ class RenderJob:
 
 
 class RenderWorker:
-    """Draws any frames of a job."""
+    """Renders any frames of a job."""
 
     def __init__(self, job: RenderJob) -> None:
         cv2.setNumThreads(1)
@@ -64,23 +64,23 @@ class RenderWorker:
         self._renderer = SceneRenderer(model)
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Free the OpenGL context."""
         self._renderer.close()
 
     def frame(self, number: int) -> EncodedStereoFrame:
-        """Draw, degrade and encode one frame."""
+        """Render, degrade and encode one frame."""
         self._renderer.place(self._job.qpos[number], self._qvel[number])
         left, right = (self._image(side, number) for side in (0, 1))
         return EncodedStereoFrame(int(self._job.stamps_ns[number]), left, right, self._job.config.encoding)
 
     def _image(self, side: int, number: int) -> bytes:
-        picture, camera = self._renderer.draw(side), self._cameras[side]
+        view, camera = self._renderer.draw(side), self._cameras[side]
         exposure = self._exposures[number]
-        return camera.encode(camera.record(picture.image, picture.inverse_depth, picture.twist, exposure, number))
+        return camera.encode(camera.record(view.image, view.inverse_depth, view.twist, exposure, number))
 
 
 def neighbour_velocities(model: mujoco.MjModel, qpos: Array, stamps_ns: IntArray) -> Array:
-    """Velocities (N, nv) by central differences of positions (N, nq), one-sided at the ends; zero of a lone frame."""
+    """Velocities (N, nv) by central differences of positions (N, nq), one-sided at the ends; zero for one frame."""
     last = len(qpos) - 1
     velocities = np.zeros((len(qpos), model.nv))
     for number in range(len(qpos) if last > 0 else 0):
@@ -91,7 +91,7 @@ def neighbour_velocities(model: mujoco.MjModel, qpos: Array, stamps_ns: IntArray
 
 
 def prepare(job: RenderJob) -> None:
-    """Tell this process its job; the worker itself is made with the first frame, where its errors are handed on."""
+    """Set the job of this process; the worker is made with the first frame, whose call raises its errors."""
     _JOB.clear()
     _JOB.append(job)
 
@@ -102,11 +102,11 @@ def draw(start: int, stop: int) -> list[EncodedStereoFrame]:
     return [worker.frame(number) for number in range(start, stop)]
 
 
-_JOB: list[RenderJob] = []  # at most one: what this process was prepared for
+_JOB: list[RenderJob] = []  # at most one: the job of this process
 
 
 @cache
 def _worker() -> RenderWorker:
     worker = RenderWorker(_JOB[0])
-    atexit.register(worker.close)  # before the interpreter takes OpenGL apart
+    atexit.register(worker.close)  # before the interpreter unloads OpenGL
     return worker

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of a MuJoCo model as its two cameras see it, in one process: the only module that draws.
+"""Renders a MuJoCo model from its two cameras in one process; the only module that renders.
 
-``MUJOCO_GL`` must be set before MuJoCo is first imported; ``stereo_renderer`` sees to that.
+``MUJOCO_GL`` must be set before MuJoCo is first imported; ``stereo_renderer`` sets it.
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ _MOST_GEOMS: Final = 5000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """What one camera sees, before any imager.
+class CameraView:
+    """The rendered view of one camera, before the imager's model.
 
     Attributes:
         image: light reflected by the scene times 255, (rows, columns).
@@ -39,7 +39,7 @@ class Picture:
 
 
 class SceneRenderer:
-    """Draws a model; holds one OpenGL context, so close it, or use it in a ``with``."""
+    """Renders a model; holds one OpenGL context: close it, or use it in a ``with``."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
@@ -64,7 +64,7 @@ class SceneRenderer:
         self.close()
 
     def close(self) -> None:
-        """Give the context back, in the order that OpenGL wants; drawing is over then."""
+        """Free the context, in the order that OpenGL requires; nothing can be rendered afterwards."""
         if self._gl is not None:
             self._gl.make_current()
             self._context.free()
@@ -72,11 +72,11 @@ class SceneRenderer:
             self._gl = None
 
     def place(self, qpos: Array, qvel: Array) -> None:
-        """Put the robot where ``qpos`` (nq,) has it, moving with ``qvel`` (nv,)."""
+        """Set the model's state to ``qpos`` (nq,) and ``qvel`` (nv,)."""
         place(self.model, self._data, qpos, qvel)
 
-    def draw(self, side: int) -> Picture:
-        """The picture of the left (0) or right (1) camera."""
+    def draw(self, side: int) -> CameraView:
+        """The view of the left (0) or right (1) camera."""
         camera = mujoco.MjvCamera()
         camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         camera.fixedcamid = camera_id(self.model, side)
@@ -90,7 +90,7 @@ class SceneRenderer:
         mujoco.mjr_render(area, self._scene, self._context)
         mujoco.mjr_readPixels(colour, depth, area, self._context)
         image = cv2.flip(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), 0)
-        return Picture(
+        return CameraView(
             np.asarray(image), self._inverse_depth(np.flipud(depth)), camera_twist(self.model, self._data, side)
         )
 
@@ -107,7 +107,7 @@ def load_model(path: Path) -> mujoco.MjModel:
     Raises:
         RenderingError: there is no such file, or MuJoCo cannot read it.
     """
-    if not path.is_file():  # MuJoCo would write a log file beside the user's work
+    if not path.is_file():  # MuJoCo would write a log file into the working directory
         raise RenderingError(f"there is no model file {path}")
     try:
         if path.suffix == ".mjb":

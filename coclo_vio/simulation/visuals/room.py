@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The room around a trial as textured rectangles: floor, walls with posters, ceiling, boxes and pillars.
 
-Only to be seen: nothing here is solid. Everything follows from the seed.
+For rendering only: nothing here is solid. Everything follows from the seed.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from coclo_vio.values.errors import ConfigError
 
 PLAIN_SHARE: Final = {"rich": 0.1, "normal": 0.3, "poor": 0.7}  # of the clutter's faces
 _POSTERS_PER_M: Final = {"rich": 0.7, "normal": 0.4, "poor": 0.12}  # of a wall
-_FLOOR_BELOW_M = 5e-4  # the floor lies a hair below what stands on it, or the two would flicker through each other
+_FLOOR_BELOW_M = 5e-4  # the floor lies a little below objects on it: equal depths would flicker
 _POSTER_OFF_WALL_M = 0.01
 _WALL_BELOW_FLOOR_M = 0.05  # so that no gap shows between them
 _UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # x along y, y up, normal along x
@@ -25,7 +25,7 @@ _UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # x al
 
 @dataclass(frozen=True, slots=True)
 class RoomBounds:
-    """The walked area: the walls stand beyond it, and no clutter stands on it.
+    """The walked area: walls are beyond it, and no clutter is on it.
 
     Attributes:
         xmin: least x, world, m.
@@ -45,14 +45,14 @@ class RoomBounds:
         if not (self.xmin <= self.xmax and self.ymin <= self.ymax and self.height > 0.0):
             raise ConfigError(f"{self} has a least bound above the greatest, or a ceiling that is not above the floor")
 
-    def holds(self, x: float, y: float, margin: float) -> bool:
+    def contains(self, x: float, y: float, margin: float) -> bool:
         """Whether a point is within ``margin`` (m) of the area, measured along the axes."""
         return self.xmin - margin < x < self.xmax + margin and self.ymin - margin < y < self.ymax + margin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
-    """A textured rectangle, seen from the side its normal points to.
+    """A textured rectangle, visible from the side its normal points to.
 
     Attributes:
         center: its middle, world, m, (3,).
@@ -72,13 +72,13 @@ class Face:
         frozen(self, "rotation", checked("Face.rotation", self.rotation, (3, 3)))
 
     def corners(self) -> Array:
-        """Its corners against the clock as seen from outside, world, m, (4, 3)."""
+        """Its corners counter-clockwise about the normal, world, m, (4, 3)."""
         signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         placed: Array = self.center + (signs * self.half_extent) @ self.rotation[:, :2].T
         return placed
 
 
-def furnish(walked: RoomBounds, config: SceneConfig, rng: np.random.Generator) -> list[Face]:
+def room_faces(walked: RoomBounds, config: SceneConfig, rng: np.random.Generator) -> list[Face]:
     """All faces of a room around the walked area."""
     room = _room_around(walked, config, rng)
     center_x, center_y = 0.5 * (room.xmin + room.xmax), 0.5 * (room.ymin + room.ymax)
@@ -116,7 +116,7 @@ def _room_around(walked: RoomBounds, config: SceneConfig, rng: np.random.Generat
 
 
 def _posters(wall: Face, config: SceneConfig, rng: np.random.Generator) -> Iterator[Face]:
-    """Rectangles hung on a wall; they may hide each other, so each hangs a little further out."""
+    """Rectangles hung on a wall; they may overlap, so each is a little further from the wall."""
     width = 2.0 * wall.half_extent[0]
     for number in range(round(_POSTERS_PER_M[config.texture] * width)):
         half = np.minimum(rng.uniform(0.2, 0.7, 2), 0.4 * wall.half_extent)
@@ -135,7 +135,7 @@ def _clutter(walked: RoomBounds, room: RoomBounds, config: SceneConfig, rng: np.
         x, y = rng.uniform(room.xmin, room.xmax), rng.uniform(room.ymin, room.ymax)
         yaw = rng.uniform(-np.pi, np.pi)
         textures = np.where(rng.uniform(size=5) < plain_share, "plain", "clutter")
-        if not walked.holds(x, y, config.clearance_m + float(np.hypot(half[0], half[1]))):
+        if not walked.contains(x, y, config.clearance_m + float(np.hypot(half[0], half[1]))):
             yield from _box(np.array([x, y, half[2]]), half, yaw, textures.tolist())
 
 

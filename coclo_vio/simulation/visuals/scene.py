@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is added to a MuJoCo model for the cameras' sake: textured faces and light. Nothing of it is solid.
+"""Textured faces and lights, added to a MuJoCo model for the cameras. None of them is solid.
 
 All faces of one texture make one mesh whose corners carry texture coordinates. MuJoCo's own two-dimensional mapping
-would smear a texture over the sides of a box, and show every step of a staircase the same piece of it.
+would stretch a texture over the sides of a box, and give every step of a staircase the same part of it.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from coclo_vio.simulation.visuals.config import SceneConfig
-from coclo_vio.simulation.visuals.room import Face, RoomBounds, furnish
+from coclo_vio.simulation.visuals.room import Face, RoomBounds, room_faces
 from coclo_vio.simulation.visuals.textures import CONTRAST_FACTOR, RECIPES, dead_leaves
 from coclo_vio.values.arrays import Array, checked, frozen
 from coclo_vio.values.errors import ConfigError
@@ -23,7 +23,7 @@ __all__ = ["RoomBounds", "Surface", "SurfaceKind", "add_visuals"]
 SurfaceKind = Literal["floor", "ramp", "tread", "riser", "side"]
 
 _VISUAL_GROUP = 1
-_NEAR_M = 0.02  # nothing nearer than this is drawn
+_NEAR_M = 0.02  # nothing nearer than this is rendered
 _HEADROOM_M = 2.8
 _AMBIENT = 0.4
 _LAMPS: Final = (((0.35, 0.2, -1.0), 0.5), ((-0.7, -0.6, -0.25), 0.25), ((0.3, -0.5, 0.8), 0.25))  # direction, light
@@ -37,7 +37,7 @@ class Surface:
         center: its middle, world, m, (3,).
         half_extent: half its sides along its own x and y, m, (2,).
         rotation: its axes as columns, world, (3, 3); z is the outward normal.
-        kind: what it is, which decides its texture.
+        kind: decides its texture.
 
     Raises:
         ValueError: a wrong shape, an extent that is not positive, axes that are no rotation, or an unknown kind.
@@ -67,32 +67,32 @@ def add_visuals(
     seed: int,
     walked: RoomBounds | None = None,
 ) -> None:
-    """Dress the terrain, build a room around it and light it. Same seed, same room.
+    """Add the terrain's textures, a room around it and lights. Same seed, same room.
 
     Args:
         spec: the model, changed in place: textures, materials, meshes, geoms of group 1 and lights are added.
         surfaces: faces of the terrain above the floor; the floor of the room itself, z = 0, is added.
-        config: what the room is like.
+        config: the room.
         seed: decides textures, walls, posters and clutter.
-        walked: where the robot walks, and the ceiling; by default the box around the surfaces and 2.8 m above it.
+        walked: the walked area and the ceiling; by default the box around the surfaces and 2.8 m above it.
 
     Raises:
-        ConfigError: neither surfaces nor ``walked`` say where the robot walks.
+        ConfigError: neither surfaces nor ``walked`` are given.
     """
     rng = np.random.default_rng([seed, 1])
     terrain = [Face(each.center, each.half_extent, each.rotation, each.kind) for each in surfaces]
-    faces = terrain + furnish(walked or _box_around(terrain), config, rng)
+    faces = terrain + room_faces(walked or _box_around(terrain), config, rng)
     for texture in dict.fromkeys(face.texture for face in faces):
         _add_material(spec, texture, config, seed)
         _add_mesh(spec, texture, [face for face in faces if face.texture == texture], config, rng)
-    spec.compiler.discardvisual = False  # set in what was read from a URDF: it drops all that is not solid
+    spec.compiler.discardvisual = False  # set by MuJoCo's URDF reader: it drops everything that is not solid
     _light(spec)
     _frame(spec, np.concatenate([face.corners() for face in faces]))
 
 
 def _box_around(faces: Sequence[Face]) -> RoomBounds:
     if not faces:
-        raise ConfigError("no surfaces and no walked area are given: the room has no place; give one of the two")
+        raise ConfigError("no surfaces and no walked area are given: the room has no position; pass one of the two")
     corners = np.concatenate([face.corners() for face in faces])
     low, high = corners.min(axis=0), corners.max(axis=0)
     return RoomBounds(low[0], high[0], low[1], high[1], max(0.0, high[2]) + _HEADROOM_M)
@@ -119,7 +119,7 @@ def _add_material(spec: mujoco.MjSpec, texture: str, config: SceneConfig, seed: 
 def _add_mesh(
     spec: mujoco.MjSpec, texture: str, faces: Sequence[Face], config: SceneConfig, rng: np.random.Generator
 ) -> None:
-    """All faces of a texture as one mesh, each face with its own piece of the tile."""
+    """All faces of a texture as one mesh, each face with its own part of the tile."""
     tile_m = _texel_m(texture, config) * config.texture_px
     local = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     corners = np.concatenate([face.corners() for face in faces])
@@ -151,7 +151,7 @@ def _texel_m(texture: str, config: SceneConfig) -> float:
 
 
 def _light(spec: mujoco.MjSpec) -> None:
-    """Lamps that stand still and cast no shadow; MuJoCo's own lamp on the camera is switched off."""
+    """Fixed lamps that cast no shadow; MuJoCo's own headlight is switched off."""
     spec.visual.headlight.active = 0
     for number, (direction, light) in enumerate(_LAMPS):
         spec.worldbody.add_light(
@@ -166,7 +166,7 @@ def _light(spec: mujoco.MjSpec) -> None:
 
 
 def _frame(spec: mujoco.MjSpec, corners: Array) -> None:
-    """Clipping distances that hold the whole room, and no costly extras."""
+    """Clipping distances for the whole room; multisampling and shadows off."""
     size = float(np.linalg.norm(corners.max(axis=0) - corners.min(axis=0)))
     spec.stat.extent = size
     spec.stat.center = 0.5 * (corners.max(axis=0) + corners.min(axis=0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All stereo frames of a trial: drawn in parallel processes, handed on in order, never many at a time."""
+"""All stereo frames of a trial: rendered in parallel processes, returned in order, few in memory at a time."""
 
 import multiprocessing
 from collections import deque
@@ -32,18 +32,18 @@ def render_stereo(
     progress: Callable[[int], None] | None = None,
     velocities: Array | None = None,
 ) -> Iterator[EncodedStereoFrame]:
-    """Draw the trial as its two cameras record it, in order of time. Same seed, same bytes, however many processes.
+    """Render the images of both cameras, in time order. Same seed, same bytes, with any number of processes.
 
     Args:
         model_path: a MuJoCo model (.mjb or XML) with the cameras of ``add_cameras``.
         frames: ``qpos`` of the model at the middle of each exposure, (N, nq).
         stamps_ns: the times of these, (N,), ascending.
-        config: what the imagers do.
+        config: of the imagers.
         seed: decides noise and exposure drift.
-        workers: how many processes draw.
-        progress: called with how many frames are done.
+        workers: number of rendering processes.
+        progress: called with the number of finished frames.
         velocities: ``qvel`` at the same times, (N, nv), for the motion blur; by default from the neighbouring frames,
-            which at 15 Hz misses the shocks of a step.
+            which at 15 Hz misses the shocks of a touch-down.
 
     Raises:
         RenderingError: no OpenGL without a screen, a model without cameras, rows that do not fit it, or a process died.
@@ -56,10 +56,10 @@ def render_stereo(
         raise ValueError("stamps_ns must ascend from frame to frame")
     if workers < 1:
         raise ValueError(f"workers = {workers} must be at least 1")
-    return _drawn(job, choose_backend(), workers, progress)
+    return _rendered(job, choose_backend(), workers, progress)
 
 
-def _drawn(
+def _rendered(
     job: RenderJob, backend: str, workers: int, progress: Callable[[int], None] | None
 ) -> Iterator[EncodedStereoFrame]:
     starts = deque(range(0, len(job.stamps_ns), _CHUNK_FRAMES))
@@ -69,7 +69,7 @@ def _drawn(
     done = 0
     try:
         while starts or pending:
-            with environment(settings(backend)):  # processes are started while jobs are handed in, and inherit it
+            with environment(settings(backend)):  # inherited by processes, which start when jobs are submitted
                 while starts and len(pending) < workers * _CHUNKS_AHEAD:
                     start = starts.popleft()
                     stop = min(start + _CHUNK_FRAMES, len(job.stamps_ns))
@@ -82,7 +82,7 @@ def _drawn(
     except BrokenProcessPool as error:
         raise RenderingError(
             f"a rendering process ({backend}) died after {done} of {len(job.stamps_ns)} frames; "
-            "if it says no reason of its own on standard error, it lacked memory: try fewer workers"
+            "if standard error shows no reason, it lacked memory: try fewer workers"
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)

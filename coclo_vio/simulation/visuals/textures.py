@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Textures of "dead leaves": opaque discs and polygons of all sizes that fell on each other.
+"""Textures of the "dead leaves" model: opaque discs and polygons of all sizes, each over the earlier ones.
 
 With radii distributed as r^-3 such images have the power spectrum of natural ones and corners at every scale (Lee,
-Mumford, Huang, "Occlusion models for natural images", IJCV 41, 2001). The tiles join at their edges without a seam.
+Mumford, Huang, "Occlusion models for natural images", IJCV 41, 2001). The tiles are periodic, without a seam.
 """
 
 from dataclasses import dataclass
@@ -19,15 +19,15 @@ _SUBPIXEL_BITS = 4
 
 @dataclass(frozen=True, slots=True)
 class TextureRecipe:
-    """What a kind of surface looks like.
+    """Appearance of a kind of surface.
 
     Attributes:
         mean: mean reflectance, 0..1.
         contrast: the leaves' reflectances are uniform within ``mean`` plus or minus this.
         smallest_m: radius of the smallest leaves, m.
         largest_m: radius of the largest leaves, m.
-        grain: standard deviation of the fine grain over everything, reflectance.
-        coarseness: how many times larger than usual its pixels are, and so its tile.
+        grain: standard deviation of white noise over the tile, reflectance.
+        coarseness: factor on the size of its pixels, and so of its tile.
     """
 
     mean: float
@@ -56,7 +56,7 @@ def dead_leaves(recipe: TextureRecipe, side_px: int, texel_m: float, contrast_fa
     """A square grey tile (side_px, side_px) of reflectance times 255.
 
     Args:
-        recipe: what it shows.
+        recipe: of the surface.
         side_px: its side, px.
         texel_m: side of a pixel on the surface, m.
         contrast_factor: multiplies the recipe's contrast.
@@ -98,7 +98,7 @@ def _outline(rng: np.random.Generator, radius: float) -> Array:
 
 
 def _drop_leaf(tile: ByteImage, outline: Array, centre: Array, grey: int) -> None:
-    """Draw the leaf, and again on the far side where it hangs over an edge."""
+    """Draw the leaf, and again on the opposite side where it crosses an edge."""
     side, reach = len(tile), float(np.abs(outline).max())
     shifts = [[0.0] + [step * side for step in (-1.0, 1.0) if -reach < c + step * side < side + reach] for c in centre]
     for dx in shifts[0]:

@@ -13,7 +13,7 @@ DAISY = load_robot("daisy")
 
 @pytest.fixture(scope="session")
 def walk() -> Callable[..., Trial]:
-    """Walks the first seconds of a trial; further arguments change its configuration. A walk is walked once."""
+    """Simulates the first seconds of a trial; further arguments change its configuration. Each is simulated once."""
     walked: dict[str, Trial] = {}
 
     def make(name: TerrainName, *changes, until_s: float, seed: int = 1) -> Trial:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motions whose readings are known by hand: what the physics would have written down."""
+"""Motions whose readings are known by hand, in the form that the physics records."""
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def motion(
         angular_velocity_body=np.zeros((count, 3)),
         self_contacts=0,
         ground_contacts=0,
-        deepest_m=0.0,
+        max_penetration_m=0.0,
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a robot differs from its description: drawn as configured, and really there in the physics."""
+"""How a robot differs from its description: drawn as configured, and applied in the physics."""
 
 from dataclasses import asdict, replace
 
@@ -11,7 +11,7 @@ from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.imperfection import IDEAL, Imperfection, ImperfectionConfig, draw_imperfection
-from coclo_vio.simulation.trial.mounting import MountingConfig, disturbed
+from coclo_vio.simulation.trial.mounting import MountingConfig, perturbed
 from coclo_vio.simulation.trial.robot_spec import BodyConfig, make_spec
 from coclo_vio.simulation.trial.terrain import make_terrain
 from coclo_vio.values.arrays import Array
@@ -19,8 +19,8 @@ from coclo_vio.values.arrays import Array
 DAISY = load_robot("daisy")
 LEGS, JOINTS = 6, 18
 NONE = draw_imperfection(IDEAL, LEGS, JOINTS, np.random.default_rng(0))
-ONE_FOOT = 2  # the leg that is changed, and its middle joint
-ONE_JOINT = 3 * ONE_FOOT + 1
+CHANGED_LEG = 2  # and its middle joint
+CHANGED_JOINT = 3 * CHANGED_LEG + 1
 CUT_AT_TWO_SIGMA = 0.959  # standard deviation of a unit Gaussian held to [-2, 2]
 
 
@@ -35,7 +35,7 @@ def feet_of(imperfection: Imperfection, angle: float = 0.3) -> Array:
 
 
 def changed(field: str, place: int, value: float | Array) -> Imperfection:
-    """No difference but one."""
+    """An imperfection with a single difference."""
     values = np.array(getattr(NONE, field))
     values[place] = value
     return replace(NONE, **{field: values})
@@ -64,10 +64,10 @@ def test_differences_are_spread_as_configured_and_cut_at_two_sigma() -> None:
 
 
 def test_a_stretched_link_moves_its_foot_and_no_other() -> None:
-    before, after = feet_of(NONE), feet_of(changed("link_scale", ONE_JOINT, 1.02))
+    before, after = feet_of(NONE), feet_of(changed("link_scale", CHANGED_JOINT, 1.02))
     moved = np.linalg.norm(after - before, axis=1)
-    assert 0.001 < moved[ONE_FOOT] < 0.02
-    np.testing.assert_allclose(np.delete(moved, ONE_FOOT), 0.0, atol=1e-12)
+    assert 0.001 < moved[CHANGED_LEG] < 0.02
+    np.testing.assert_allclose(np.delete(moved, CHANGED_LEG), 0.0, atol=1e-12)
 
 
 def test_a_leg_stretched_as_a_whole_is_larger_by_its_scale() -> None:
@@ -78,9 +78,9 @@ def test_a_leg_stretched_as_a_whole_is_larger_by_its_scale() -> None:
 
 def test_a_shifted_leg_base_shifts_its_foot() -> None:
     shift = np.array([0.002, -0.003, 0.001])
-    moved = feet_of(changed("leg_base_m", ONE_FOOT, shift)) - feet_of(NONE)
-    np.testing.assert_allclose(moved[ONE_FOOT], shift, atol=1e-12)
-    np.testing.assert_allclose(np.delete(moved, ONE_FOOT, axis=0), 0.0, atol=1e-12)
+    moved = feet_of(changed("leg_base_m", CHANGED_LEG, shift)) - feet_of(NONE)
+    np.testing.assert_allclose(moved[CHANGED_LEG], shift, atol=1e-12)
+    np.testing.assert_allclose(np.delete(moved, CHANGED_LEG, axis=0), 0.0, atol=1e-12)
 
 
 def test_masses_are_scaled_trunk_and_links() -> None:
@@ -95,14 +95,16 @@ def test_masses_are_scaled_trunk_and_links() -> None:
     np.testing.assert_allclose(scaled.body_inertia[links], 1.2 * plain.body_inertia[links])
 
 
-def test_a_foot_has_its_own_radius_and_gives_under_its_share_of_weight() -> None:
-    imperfection = replace(changed("foot_radius_m", ONE_FOOT, 0.001), foot_compliance_m=np.linspace(0.001, 0.004, LEGS))
+def test_a_foot_has_its_own_radius_and_compliance_under_its_share_of_weight() -> None:
+    imperfection = replace(
+        changed("foot_radius_m", CHANGED_LEG, 0.001), foot_compliance_m=np.linspace(0.001, 0.004, LEGS)
+    )
     model = make_spec(DAISY, BodyConfig(), imperfection, make_terrain("flat")).compile()
     radii = np.array([model.geom(leg.foot_frame).size[0] for leg in DAISY.legs])
     np.testing.assert_allclose(radii, 0.02 + imperfection.foot_radius_m)
     share_n = RobotModel(DAISY).mass_kg * 9.81 / 5.0  # five of six feet stand
-    for leg, give_m in zip(DAISY.legs, imperfection.foot_compliance_m, strict=True):
-        assert model.joint(f"{leg.foot_frame}_give").stiffness[0] * give_m == pytest.approx(share_n)
+    for leg, deflection_m in zip(DAISY.legs, imperfection.foot_compliance_m, strict=True):
+        assert model.joint(f"{leg.foot_frame}_compliance").stiffness[0] * deflection_m == pytest.approx(share_n)
     rigid = make_spec(DAISY, BodyConfig(), NONE, make_terrain("flat")).compile()
     assert rigid.njnt == 1 + JOINTS
 
@@ -110,8 +112,8 @@ def test_a_foot_has_its_own_radius_and_gives_under_its_share_of_weight() -> None
 def test_the_cameras_are_off_their_place_together_and_a_little_apart() -> None:
     nominal = MountingConfig().stereo()
     for side in ("T_body_left_camera", "T_body_right_camera"):
-        np.testing.assert_allclose(getattr(disturbed(nominal, NONE), side), getattr(nominal, side), atol=1e-12)
-    true = disturbed(nominal, draw_imperfection(ImperfectionConfig(), LEGS, JOINTS, np.random.default_rng(4)))
+        np.testing.assert_allclose(getattr(perturbed(nominal, NONE), side), getattr(nominal, side), atol=1e-12)
+    true = perturbed(nominal, draw_imperfection(ImperfectionConfig(), LEGS, JOINTS, np.random.default_rng(4)))
     moved = se3.log(se3.inverse(nominal.T_body_left_camera) @ true.T_body_left_camera)
     assert 0.0005 < np.linalg.norm(moved[3:]) < 2.0 * 0.002 * np.sqrt(3.0)
     assert 0.0005 < np.linalg.norm(moved[:3]) < 2.0 * 0.00349 * np.sqrt(3.0)

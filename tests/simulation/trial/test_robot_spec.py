@@ -94,8 +94,8 @@ def test_feet_and_legs_touch_what_they_should() -> None:
     legs = [geom for geom in geoms if geom.type[0] == mujoco.mjtGeom.mjGEOM_CAPSULE and geom.contype[0]]
     assert (len(ground), len(feet), len(legs)) == (6, 6, 12)
 
-    def meet(one, other) -> bool:
-        return bool(one.contype[0] & other.conaffinity[0] or other.contype[0] & one.conaffinity[0])
+    def meet(first, second) -> bool:
+        return bool(first.contype[0] & second.conaffinity[0] or second.contype[0] & first.conaffinity[0])
 
     assert all(meet(part, block) for part in (*feet, *legs) for block in ground)
     assert all(meet(foot, leg) for foot in feet for leg in legs)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sensors against what their configuration says of them: gains, densities, walks, ranges, steps."""
+"""Sensors against their configuration: gains, densities, bias walks, ranges, steps."""
 
 from dataclasses import replace
 
@@ -13,10 +13,10 @@ from coclo_vio.simulation.trial.sensors import (
     EPOCH_NS,
     ImuConfig,
     JointSensorConfig,
-    at_times,
-    calibration,
     imu_readings,
+    interpolated_at,
     joint_samples,
+    nominal_calibration,
     sample_times,
 )
 from coclo_vio.values.measurements import ImuSample
@@ -58,8 +58,8 @@ def test_the_low_pass_has_the_gain_of_a_butterworth_of_second_order(frequency_hz
     assert np.sqrt(2.0 * np.mean(rates[1000:] ** 2)) == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_shock_between_two_samples_is_seen() -> None:
-    """3 ms of 30 m/s^2 right between samples 10 ms apart: sampled as it is it would be missed."""
+def test_a_shock_between_two_samples_is_measured() -> None:
+    """3 ms of 30 m/s^2 right between samples 10 ms apart: sampling without the low-pass would miss it."""
     shock = np.zeros((len(times(1.0)), 3))
     shock[503:506, 2] = 30.0
     _, forces, _ = read(motion(1.0, specific_force=shock), ImuConfig(**SILENT))
@@ -67,7 +67,7 @@ def test_a_shock_between_two_samples_is_seen() -> None:
 
 
 def test_noise_is_white_with_its_density() -> None:
-    """Standard deviation of a sample is density * sqrt(rate); one sample tells nothing of the next."""
+    """Standard deviation of a sample is density * sqrt(rate); consecutive samples are independent."""
     config = ImuConfig(**{**SILENT, "gyroscope_noise_density": 3e-4, "accelerometer_noise_density": 2e-3}, rate_hz=200)
     rates, forces, _ = read(motion(60.0), config)
     for noise, density in ((rates, 3e-4), (forces, 2e-3)):
@@ -76,7 +76,7 @@ def test_noise_is_white_with_its_density() -> None:
 
 
 def test_biases_start_and_walk_as_configured() -> None:
-    """Increments over a time T have the standard deviation walk * sqrt(T); the readings carry the bias that is told."""
+    """Increments over a time T have the standard deviation walk * sqrt(T); the readings carry the true bias."""
     config = ImuConfig(**{**SILENT, "gyroscope_bias_walk": 1e-3, "accelerometer_bias_walk": 1e-2})
     rates, forces, truth = read(motion(100.0), config)
     np.testing.assert_allclose(rates, truth.gyroscope_bias, atol=1e-12)
@@ -98,19 +98,21 @@ def test_an_accelerometer_saturates_at_its_range() -> None:
 
 
 def test_scaled_shocks_leave_slow_motion_as_it_is_and_end_where_they_began() -> None:
-    """What is added is the acceleration of a mass on a damped spring: its velocity and its way come back to nothing."""
+    """What is added is the acceleration of a mass on a damped spring: its velocity and displacement return to zero."""
     time_s = times(4.0)
     slow = 2.0 * np.sin(2.0 * np.pi * 0.5 * time_s)
     shock = np.zeros_like(time_s)
     shock[2000:2005] = 30.0
 
-    def felt(force: np.ndarray, scale: float) -> np.ndarray:
+    def measured(force: np.ndarray, scale: float) -> np.ndarray:
         moved = motion(4.0, specific_force=UP + force[:, None] * [0.0, 0.0, 1.0])
         config = ImuConfig(**SILENT, rate_hz=1000.0, accelerometer_range_mps2=1e3, shock_scale=scale)
         return read(moved, config)[1]
 
-    np.testing.assert_allclose(felt(slow, 10.0), felt(slow, 1.0), atol=0.25)  # |H(0.5 Hz)| = (0.5 / 20)^2, nine times 2
-    plain, shaken = felt(shock, 1.0), felt(shock, 10.0)
+    np.testing.assert_allclose(
+        measured(slow, 10.0), measured(slow, 1.0), atol=0.25
+    )  # |H(0.5 Hz)| = (0.5 / 20)^2, nine times 2
+    plain, shaken = measured(shock, 1.0), measured(shock, 10.0)
     np.testing.assert_allclose(shaken[:2000], plain[:2000], atol=1e-11)
     added = (shaken - plain)[:, 2]
     assert added.max() > 5.0 * (plain[:, 2] - 9.81).max()
@@ -121,7 +123,7 @@ def test_scaled_shocks_leave_slow_motion_as_it_is_and_end_where_they_began() -> 
     assert abs(np.sum(velocity) * 1e-3) < 1e-4
 
 
-def test_shocks_of_their_own_size_are_the_recorded_bytes() -> None:
+def test_a_shock_scale_of_one_changes_no_byte() -> None:
     force = np.random.default_rng(3).standard_normal((len(times(1.0)), 3))
     plain = read(motion(1.0, specific_force=force), ImuConfig())
     once, thrice = (read(motion(1.0, specific_force=force), ImuConfig(shock_scale=scale)) for scale in (1.0, 3.0))
@@ -151,9 +153,9 @@ def test_values_between_steps_are_interpolated() -> None:
     time_s = times(0.01)
     line = np.stack((3.0 * time_s, 1.0 - time_s), axis=1)
     offsets = np.array([0, 300_000, 4_500_000, 10_000_000])
-    np.testing.assert_allclose(at_times(time_s, line, offsets)[:, 0], 3.0 * offsets / 1e9, atol=1e-12)
+    np.testing.assert_allclose(interpolated_at(time_s, line, offsets)[:, 0], 3.0 * offsets / 1e9, atol=1e-12)
     poses = np.tile(np.eye(4), (len(time_s), 1, 1))
-    np.testing.assert_array_equal(at_times(time_s, poses, offsets), poses[:4])
+    np.testing.assert_array_equal(interpolated_at(time_s, poses, offsets), poses[:4])
 
 
 def test_an_encoder_reads_its_zero_and_joints_their_rates_and_torques() -> None:
@@ -197,10 +199,10 @@ def test_joint_noise_is_as_configured_and_the_torque_offset_stays() -> None:
     assert offsets.std() == pytest.approx(config.effort_offset_nm, rel=0.4)
 
 
-def test_what_is_known_of_an_imu_is_where_it_sits_and_its_data_sheet() -> None:
+def test_the_nominal_calibration_of_an_imu_is_its_mounting_and_its_data_sheet() -> None:
     config = ImuConfig(rate_hz=200.0)
     T_body_imu = se3.exp(np.array([0.3, -0.7, 1.9, 0.1, -0.2, 0.05]))
-    known = calibration(config, T_body_imu)
+    known = nominal_calibration(config, T_body_imu)
     np.testing.assert_allclose(known.T_body_imu, T_body_imu, atol=1e-12)
     assert known.gyroscope_noise_density == config.gyroscope_noise_density
     assert known.accelerometer_bias_walk == config.accelerometer_bias_walk

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The ground of the paper's trials: what carries the feet, what is seen and what the planner knows are one ground."""
+"""The ground of the paper's trials: collision boxes, rendered surfaces and the planner's profile agree."""
 
 from typing import get_args
 
@@ -18,7 +18,7 @@ def terrain(request) -> Terrain:
 
 
 def top_of(box: Box, x: float) -> float:
-    """Height of the upper face of a box over the place (x, 0), m; minus infinity beside it."""
+    """Height of the upper face of a box over the position (x, 0), m; minus infinity beside it."""
     if abs(box.rotation[2, 2]) < 0.1:
         return -np.inf
     normal, face = box.rotation[:, 2], box.centre + box.half_size[2] * box.rotation[:, 2]
@@ -39,7 +39,7 @@ def test_feet_stand_where_the_planner_expects_the_ground(terrain) -> None:
         assert max(top_of(box, x) for box in terrain.boxes) == pytest.approx(terrain.height(x), abs=1e-9)
 
 
-def test_cameras_see_the_ground_that_carries(terrain) -> None:
+def test_the_rendered_surfaces_are_those_that_carry_the_feet(terrain) -> None:
     for surface in terrain.surfaces:
         x, _, z = surface.center
         if surface.kind == "riser":
@@ -66,33 +66,33 @@ def test_the_stairs_have_five_steps_of_the_papers_size() -> None:
     heights = [stairs.height(x) - stairs.height(x - 1e-9) for x in stairs.risers_m]
     np.testing.assert_allclose(heights, 0.15)
     middles = np.array(stairs.risers_m) + 0.3
-    on_line = np.interp(middles, stairs.body_line[:, 0], stairs.body_line[:, 1])
+    on_line = np.interp(middles, stairs.body_profile[:, 0], stairs.body_profile[:, 1])
     np.testing.assert_allclose(on_line, [stairs.height(x) for x in middles])  # the body climbs through the treads
 
 
-def test_the_highest_ground_between_two_places_is_that_of_the_step_between_them() -> None:
+def test_the_highest_ground_between_two_positions_is_that_of_the_step_between_them() -> None:
     stairs = make_terrain("stairs")
-    assert stairs.highest(0.9, 0.95) == 0.0
-    assert stairs.highest(0.9, 1.1) == stairs.highest(1.1, 0.9) == pytest.approx(0.15)
-    assert stairs.highest(0.9, 2.3) == pytest.approx(0.45)
+    assert stairs.max_height(0.9, 0.95) == 0.0
+    assert stairs.max_height(0.9, 1.1) == stairs.max_height(1.1, 0.9) == pytest.approx(0.15)
+    assert stairs.max_height(0.9, 2.3) == pytest.approx(0.45)
 
 
-def test_the_square_ends_where_it_began_heading_the_other_way_round() -> None:
-    place, heading = np.zeros(2), 0.0
-    for stretch in make_terrain("flat").way:
-        place += stretch.advance_m * np.array([np.cos(heading), np.sin(heading)])
-        heading += stretch.turn_rad
-    np.testing.assert_allclose(place, 0.0, atol=1e-12)
+def test_the_square_ends_at_its_start_with_another_heading() -> None:
+    position, heading = np.zeros(2), 0.0
+    for segment in make_terrain("flat").path:
+        position += segment.advance_m * np.array([np.cos(heading), np.sin(heading)])
+        heading += segment.turn_rad
+    np.testing.assert_allclose(position, 0.0, atol=1e-12)
     assert heading == pytest.approx(1.5 * np.pi)
-    backwards = [stretch for stretch in make_terrain("flat").way if stretch.advance_m < 0.0]
+    backwards = [segment for segment in make_terrain("flat").path if segment.advance_m < 0.0]
     assert len(backwards) == 2
 
 
-def test_the_way_stays_inside_the_room(terrain) -> None:
-    place, heading = np.zeros(2), 0.0
+def test_the_path_stays_inside_the_room(terrain) -> None:
+    position, heading = np.zeros(2), 0.0
     bounds = terrain.bounds
-    for stretch in terrain.way:
-        place += stretch.advance_m * np.array([np.cos(heading), np.sin(heading)])
-        heading += stretch.turn_rad
-        assert bounds.xmin < place[0] < bounds.xmax
-        assert bounds.ymin < place[1] < bounds.ymax
+    for segment in terrain.path:
+        position += segment.advance_m * np.array([np.cos(heading), np.sin(heading)])
+        heading += segment.turn_rad
+        assert bounds.xmin < position[0] < bounds.xmax
+        assert bounds.ymin < position[1] < bounds.ymax

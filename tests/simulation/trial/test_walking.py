@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The first steps of the three trials: who walks, stays upright, stands on its feet, and repeats itself exactly."""
+"""The first steps of the three trials: the robot walks, stays upright, stands on its feet, and repeats exactly."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ import pytest
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.simulated_recording import IDEAL_ROBOT, simulation_config
+from coclo_vio.simulation.trial.gait_controller import planned_path
 from coclo_vio.simulation.trial.imperfection import ImperfectionConfig
 from coclo_vio.simulation.trial.sensors import EPOCH_NS
 from coclo_vio.simulation.trial.terrain import TERRAINS
 from coclo_vio.simulation.trial.trial import Trial, simulate
-from coclo_vio.simulation.trial.walkway import Walkway
 from coclo_vio.values.errors import SimulationError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample
 
@@ -28,21 +28,23 @@ def readings(trial: Trial, kind: type, name: str) -> np.ndarray:
     return np.array([getattr(sample, name) for sample in trial.measurements if type(sample) is kind])
 
 
-def same_measurements(one: Trial, other: Trial) -> bool:
+def same_measurements(first: Trial, second: Trial) -> bool:
     kinds = {ImuSample: "specific_force", CameraImuSample: "angular_velocity", JointSample: "effort"}
-    return all(np.array_equal(readings(one, kind, name), readings(other, kind, name)) for kind, name in kinds.items())
+    return all(
+        np.array_equal(readings(first, kind, name), readings(second, kind, name)) for kind, name in kinds.items()
+    )
 
 
 @pytest.mark.parametrize("name", TERRAINS)
-def test_the_robot_walks_its_way_on_its_feet(name, walk) -> None:
+def test_the_robot_walks_its_path_on_its_feet(name, walk) -> None:
     trial = walk(name, until_s=FEW_S)
     gait = simulation_config(name).trial.gait
-    way = Walkway(trial.terrain, gait.speed_mps, gait.turn_rate_radps, gait.height_m)
-    wanted, end = way.pose_at(FEW_S - 2.0)[:3, 3], trial.truth.trajectory.positions[-1]
-    np.testing.assert_allclose(end, wanted, atol=0.06)
+    path = planned_path(trial.terrain, gait)
+    planned, end = path.pose_at(FEW_S - 2.0)[:3, 3], trial.truth.trajectory.positions[-1]
+    np.testing.assert_allclose(end, planned, atol=0.06)
     assert end[0] > 0.1
     assert trial.truth.self_contacts == trial.truth.ground_contacts == 0
-    assert trial.truth.deepest_m < 0.003
+    assert trial.truth.max_penetration_m < 0.003
     feet_down = trial.truth.contact.sum(axis=1)
     assert (feet_down[:2000] == 6).all()
     assert np.mean(feet_down[2000:] >= 5) > 0.95
@@ -50,7 +52,7 @@ def test_the_robot_walks_its_way_on_its_feet(name, walk) -> None:
 
 
 def test_standing_feet_carry_the_weight_and_springs_show_it(walk) -> None:
-    """Touch sensors are not kept; the springs' torques through the described kinematics are what estimators have."""
+    """Estimators have no touch sensors, but the springs' torques through the described kinematics."""
     trial = walk("flat", IDEAL_ROBOT, SOON, until_s=UNTIL_S)
     standing = [sample for sample in trial.measurements if type(sample) is JointSample][:95]
     for sample in standing[::10]:
@@ -59,7 +61,7 @@ def test_standing_feet_carry_the_weight_and_springs_show_it(walk) -> None:
         assert (forces[:, 2] > 0.05 * WEIGHT_N).all()
 
 
-def test_an_imu_on_a_standing_robot_reads_up_and_does_not_turn(walk) -> None:
+def test_an_imu_on_a_standing_robot_measures_gravity_and_no_rotation(walk) -> None:
     trial = walk("flat", until_s=FEW_S)
     force, rate = readings(trial, ImuSample, "specific_force"), readings(trial, ImuSample, "angular_velocity")
     bias = trial.truth.imu
@@ -67,7 +69,7 @@ def test_an_imu_on_a_standing_robot_reads_up_and_does_not_turn(walk) -> None:
     np.testing.assert_allclose((rate - bias.gyroscope_bias)[:190].mean(axis=0), 0.0, atol=2e-3)
 
 
-def test_the_gyroscope_turns_as_the_truth_does(walk) -> None:
+def test_the_gyroscope_measures_the_true_rotation(walk) -> None:
     trial = walk("ramp", until_s=FEW_S)
     rotations = trial.truth.trajectory.rotations
     rate = readings(trial, ImuSample, "angular_velocity") - trial.truth.imu.gyroscope_bias
@@ -95,26 +97,26 @@ def test_velocity_of_the_truth_is_that_of_its_positions(walk) -> None:
     np.testing.assert_allclose(truth.velocity_world[1:-1], by_differences, atol=0.03)
 
 
-def test_one_seed_makes_one_trial_and_another_makes_another(walk) -> None:
-    one = walk("flat", SOON, until_s=UNTIL_S)
-    again = simulate("flat", one.robot, simulation_config("flat", SOON).trial, 1, until_s=UNTIL_S)
+def test_a_seed_repeats_the_trial_and_another_seed_differs(walk) -> None:
+    first = walk("flat", SOON, until_s=UNTIL_S)
+    again = simulate("flat", first.robot, simulation_config("flat", SOON).trial, 1, until_s=UNTIL_S)
     other = walk("flat", SOON, until_s=UNTIL_S, seed=2)
-    assert same_measurements(one, again)
-    np.testing.assert_array_equal(one.truth.trajectory.T_world_body, again.truth.trajectory.T_world_body)
-    np.testing.assert_array_equal(one.vicon.trajectory.T_world_body, again.vicon.trajectory.T_world_body)
-    np.testing.assert_array_equal(one.frame_qpos, again.frame_qpos)
-    assert not same_measurements(one, other)
-    assert np.abs(one.truth.imperfection.link_scale - other.truth.imperfection.link_scale).max() > 1e-3
-    assert one.truth.vicon_offset_s != other.truth.vicon_offset_s
-    assert not np.array_equal(one.truth.contact, other.truth.contact)
+    assert same_measurements(first, again)
+    np.testing.assert_array_equal(first.truth.trajectory.T_world_body, again.truth.trajectory.T_world_body)
+    np.testing.assert_array_equal(first.vicon.trajectory.T_world_body, again.vicon.trajectory.T_world_body)
+    np.testing.assert_array_equal(first.frame_qpos, again.frame_qpos)
+    assert not same_measurements(first, other)
+    assert np.abs(first.truth.imperfection.link_scale - other.truth.imperfection.link_scale).max() > 1e-3
+    assert first.truth.vicon_offset_s != other.truth.vicon_offset_s
+    assert not np.array_equal(first.truth.contact, other.truth.contact)
 
 
-def test_each_part_has_its_own_chance(walk) -> None:
-    """Another Vicon changes nothing of what the robot does and feels."""
-    blind = {"trial": {"vicon": {"rate_hz": 50.0, "dropout_s": 0.0}}}
-    one, other = walk("flat", SOON, until_s=UNTIL_S), walk("flat", SOON, blind, until_s=UNTIL_S)
-    assert same_measurements(one, other)
-    assert len(other.vicon.trajectory) < 0.6 * len(one.vicon.trajectory)
+def test_each_part_has_its_own_random_stream(walk) -> None:
+    """Another Vicon changes neither the motion nor the measurements of the robot."""
+    slow_vicon = {"trial": {"vicon": {"rate_hz": 50.0, "dropout_s": 0.0}}}
+    first, other = walk("flat", SOON, until_s=UNTIL_S), walk("flat", SOON, slow_vicon, until_s=UNTIL_S)
+    assert same_measurements(first, other)
+    assert len(other.vicon.trajectory) < 0.6 * len(first.vicon.trajectory)
 
 
 def test_an_ideal_robot_is_the_described_one(walk) -> None:
@@ -131,7 +133,7 @@ def test_an_ideal_robot_is_the_described_one(walk) -> None:
 
 
 def test_an_imperfect_robots_encoders_and_legs_are_off(walk) -> None:
-    """Through the described kinematics its standing feet are millimetres off the ground or in it."""
+    """By the described kinematics its standing feet are millimetres above or below the ground."""
     trial = walk("flat", SOON, until_s=UNTIL_S)
     heights = feet_in_the_world(trial)[:95, :, 2].mean(axis=0)
     assert np.ptp(heights) > 0.003
@@ -150,22 +152,22 @@ def feet_in_the_world(trial: Trial) -> np.ndarray:
 
 def test_pushes_shake_the_trunk(walk) -> None:
     hard = {"trial": {"push": {"force_n": 60.0, "torque_nm": 5.0, "every_s": 0.2}}}
-    one, other = walk("flat", SOON, until_s=UNTIL_S), walk("flat", SOON, hard, until_s=UNTIL_S)
-    apart = np.linalg.norm(one.truth.trajectory.positions - other.truth.trajectory.positions, axis=1)
-    assert (apart[:100] == 0.0).all()  # nobody pushes a robot that stands
+    plain, pushed = walk("flat", SOON, until_s=UNTIL_S), walk("flat", SOON, hard, until_s=UNTIL_S)
+    apart = np.linalg.norm(plain.truth.trajectory.positions - pushed.truth.trajectory.positions, axis=1)
+    assert (apart[:100] == 0.0).all()  # no push while the robot stands
     assert 0.005 < apart.max() < 0.2
 
 
-def test_progress_is_told(walk) -> None:
-    told: list[float] = []
+def test_progress_is_reported(walk) -> None:
+    reports: list[float] = []
     config = simulation_config("flat", SOON).trial
-    simulate("flat", ROBOT.description, config, 1, until_s=UNTIL_S, progress=told.append)
-    assert told == sorted(told)
-    assert told[0] <= 1.01
-    assert told[-1] > 1.9
+    simulate("flat", ROBOT.description, config, 1, until_s=UNTIL_S, progress=reports.append)
+    assert reports == sorted(reports)
+    assert reports[0] <= 1.01
+    assert reports[-1] > 1.9
 
 
-def test_a_robot_with_limp_legs_falls_and_it_is_said() -> None:
-    limp = {"trial": {"body": {"spring_nm_per_rad": (1.0, 1.0, 1.0)}}}
+def test_a_robot_with_soft_joints_falls_and_the_error_gives_time_and_position() -> None:
+    soft = {"trial": {"body": {"spring_nm_per_rad": (1.0, 1.0, 1.0)}}}
     with pytest.raises(SimulationError, match=r"the robot fell after .* s at x = "):
-        simulate("flat", ROBOT.description, simulation_config("flat", limp).trial, 1, until_s=5.0)
+        simulate("flat", ROBOT.description, simulation_config("flat", soft).trial, 1, until_s=5.0)

@@ -3,14 +3,14 @@ from pathlib import Path
 
 import mujoco
 import pytest
-from floating_world import dressed
+from floating_world import with_visuals
 
 from coclo_vio.simulation.visuals.opengl import RenderingError, choose_backend
 
 
 @pytest.fixture(scope="session")
 def model() -> mujoco.MjModel:
-    return dressed(seed=3).compile()
+    return with_visuals(seed=3).compile()
 
 
 @pytest.fixture(scope="session")
@@ -22,7 +22,7 @@ def model_path(model: mujoco.MjModel, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture(scope="session")
 def opengl() -> str:
-    """The OpenGL that draws here; without one the test is skipped, but never in CI."""
+    """The OpenGL backend of this machine; without one the test is skipped."""
     try:
         return choose_backend()
     except RenderingError as error:

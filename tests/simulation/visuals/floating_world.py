@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small model that has all a trial has for the eyes: a floating body with a stereo pair, steps, and a room."""
+"""A small model with all that is rendered of a trial: a floating body with a stereo pair, steps, and a room."""
 
 import mujoco
 import numpy as np
@@ -42,7 +42,7 @@ def floating_body() -> mujoco.MjSpec:
     return spec
 
 
-def dressed(seed: int, config: SceneConfig | None = None) -> mujoco.MjSpec:
+def with_visuals(seed: int, config: SceneConfig | None = None) -> mujoco.MjSpec:
     spec = floating_body()
     add_visuals(spec, steps(), config or SceneConfig(), seed, WALKED)
     add_cameras(spec, stereo_pair())

@@ -30,8 +30,8 @@ def step_edge() -> np.ndarray:
 @pytest.mark.parametrize(("gain", "grey"), [(1.5, 60), (1.5, 120), (8.0, 60)])
 def test_noise_follows_the_photon_transfer_curve(gain: float, grey: int) -> None:
     imager = camera(pattern_noise=0, vignetting=0)
-    picture = np.full_like(FLAT, grey)
-    frames = [imager.record(picture, METRE, STILL, Exposure(0.0085, gain, 1.0), frame) for frame in (0, 1)]
+    image = np.full_like(FLAT, grey)
+    frames = [imager.record(image, METRE, STILL, Exposure(0.0085, gain, 1.0), frame) for frame in (0, 1)]
     difference = frames[0].astype(float) - frames[1]
     scale = 255.0 * gain / 6300.0
     expected = scale * grey + (2.5 * scale) ** 2 + 1.0 / 12.0  # shot, read, eight bits
@@ -94,7 +94,7 @@ def test_an_edge_is_smeared_by_the_way_it_moves_during_the_exposure(twist: list[
     assert edge_width_px(recorded) == pytest.approx(width_px, rel=0.12, abs=0.25)
 
 
-def test_blur_does_not_move_the_picture() -> None:
+def test_blur_does_not_move_the_image() -> None:
     """The stamp is the middle of the exposure: the smeared edge is where the sharp one was."""
     recorded = camera(**PERFECT).record(
         step_edge(), METRE, np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0]), Exposure(0.02, 1.0, 1.0), 0

@@ -25,7 +25,7 @@ def world_from_camera(data: mujoco.MjData, side: int) -> np.ndarray:
     return se3.transform(rotation, data.cam_xpos[side].copy())
 
 
-def test_cameras_stand_where_the_calibration_has_them(model: mujoco.MjModel) -> None:
+def test_cameras_are_placed_by_the_calibration(model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     place(model, data, POSE, np.zeros(6))
     T_world_body = se3.transform(so3.from_quat_wxyz(POSE[3:]), POSE[:3])
@@ -56,7 +56,7 @@ def test_twist_is_the_motion_of_the_optical_frame(model: mujoco.MjModel) -> None
         np.testing.assert_allclose(twist, motion, rtol=0, atol=1e-6)
 
 
-def test_a_lens_that_is_not_drawn_is_refused() -> None:
+def test_a_lens_that_cannot_be_rendered_is_refused() -> None:
     pair = stereo_pair()
     for lens in (
         LENS.model_copy(update={"principal_point_px": (310.0, 239.5)}),
@@ -67,7 +67,7 @@ def test_a_lens_that_is_not_drawn_is_refused() -> None:
             add_cameras(floating_body(), pair.model_copy(update={"right": lens}))
 
 
-def test_a_model_without_that_body_or_those_cameras_says_so() -> None:
+def test_a_model_without_that_body_or_those_cameras_is_refused() -> None:
     with pytest.raises(ConfigError, match="no body 'trunk' to carry the cameras; its bodies are: base, world"):
         add_cameras(floating_body(), stereo_pair(), body="trunk")
     with pytest.raises(RenderingError, match="no camera 'left_camera'"):

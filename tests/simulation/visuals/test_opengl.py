@@ -5,7 +5,7 @@ from coclo_vio.simulation.visuals import opengl
 from coclo_vio.values.errors import CocloError, ConfigError
 
 
-def test_the_environment_decides_when_it_names_a_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_backend_named_by_the_environment_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opengl, "works", lambda backend: True)
     for backend in opengl.BACKENDS:
         monkeypatch.setenv("MUJOCO_GL", backend)
@@ -20,7 +20,7 @@ def test_the_first_that_works_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     assert opengl.choose_backend() == "osmesa"
 
 
-def test_without_any_the_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_backend_the_error_names_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(opengl, "works", lambda backend: False)
     with pytest.raises(CocloError, match=r"libegl1 libgles2 libgl1-mesa-dri, or libosmesa6, .* --no-images"):

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is drawn, held against rays cast through the model: an oracle that knows no OpenGL."""
+"""Rendered images against rays cast through the model: a reference without OpenGL."""
 
 import itertools
+import multiprocessing
 from pathlib import Path
 
 import cv2
@@ -46,7 +47,7 @@ def frames(opengl: str, model_path: Path) -> list[EncodedStereoFrame]:
     return render(model_path)
 
 
-class Oracle:
+class RayCaster:
     """True depths and positions by casting rays from the left camera at one frame."""
 
     def __init__(self, model: mujoco.MjModel, frame: int) -> None:
@@ -58,7 +59,7 @@ class Oracle:
         return self._data.cam_xmat[side].reshape(3, 3) @ OPTICAL_FROM_MUJOCO, self._data.cam_xpos[side].copy()
 
     def points(self, pixels: np.ndarray) -> np.ndarray:
-        """Where in the world (n, 3) the left camera's pixels (n, 2) look."""
+        """World points (n, 3) on the rays of the left camera's pixels (n, 2)."""
         rotation, origin = self.pose(0)
         ahead = np.column_stack(((pixels - LENS.principal_point_px) / FOCAL_PX, np.ones(len(pixels)))) @ rotation.T
         hit, normal = np.zeros(1, dtype=np.int32), np.zeros(3)
@@ -68,10 +69,10 @@ class Oracle:
         return origin + np.array(lengths)[:, None] * ahead
 
     def pixels(self, points: np.ndarray, side: int) -> np.ndarray:
-        """Where the camera sees world points (n, 3)."""
+        """Projections (n, 2) of world points (n, 3), px."""
         rotation, origin = self.pose(side)
-        seen = (points - origin) @ rotation
-        return FOCAL_PX * seen[:, :2] / seen[:, 2:] + LENS.principal_point_px
+        in_camera = (points - origin) @ rotation
+        return FOCAL_PX * in_camera[:, :2] / in_camera[:, 2:] + LENS.principal_point_px
 
     def faces_camera(self, pixels: np.ndarray) -> np.ndarray:
         """Whether disparity is even (within 0.3 px) over the window about each pixel: a face seen from the front."""
@@ -110,7 +111,7 @@ def test_frames_come_in_order_with_their_stamps(frames: list[EncodedStereoFrame]
         assert decoded(frame.left).shape == decoded(frame.right).shape == (480, 640)
 
 
-def test_pictures_are_neither_black_nor_burnt(frames: list[EncodedStereoFrame]) -> None:
+def test_images_are_neither_black_nor_saturated(frames: list[EncodedStereoFrame]) -> None:
     for frame in frames:
         for image in (decoded(frame.left), decoded(frame.right)):
             assert 60.0 < image.mean() < 150.0
@@ -133,10 +134,10 @@ def test_disparity_is_true_to_depth(frames: list[EncodedStereoFrame], model: muj
     errors = []
     for number in (0, FRAMES - 1):
         left, right = decoded(frames[number].left), decoded(frames[number].right)
-        corners, oracle = corners_of(left), Oracle(model, number)
+        corners, caster = corners_of(left), RayCaster(model, number)
         matched, kept = track(left, right, corners)
-        good = kept & oracle.faces_camera(corners)
-        errors.append((matched - oracle.pixels(oracle.points(corners), 1))[good])
+        good = kept & caster.faces_camera(corners)
+        errors.append((matched - caster.pixels(caster.points(corners), 1))[good])
     error = np.concatenate(errors)
     assert len(error) > 50
     assert (np.linalg.norm(error, axis=1) < 0.5).mean() > 0.9
@@ -144,16 +145,16 @@ def test_disparity_is_true_to_depth(frames: list[EncodedStereoFrame], model: muj
 
 
 def test_depth_is_focal_length_times_baseline_over_disparity(model: mujoco.MjModel) -> None:
-    oracle = Oracle(model, 0)
+    caster = RayCaster(model, 0)
     pixels = np.array([[100.0, 300.0], [320.0, 240.0], [500.0, 400.0]])
-    points = oracle.points(pixels)
-    rotation, origin = oracle.pose(0)
-    disparity = (pixels - oracle.pixels(points, 1))[:, 0]
+    points = caster.points(pixels)
+    rotation, origin = caster.pose(0)
+    disparity = (pixels - caster.pixels(points, 1))[:, 0]
     np.testing.assert_allclose(disparity, FOCAL_PX * BASELINE_M / ((points - origin) @ rotation)[:, 2], rtol=1e-9)
 
 
-def test_a_point_is_drawn_where_the_pinhole_has_it(opengl: str, tmp_path: Path) -> None:
-    """Shining balls in the dark: half a pixel of error in the principal point would show."""
+def test_a_point_is_rendered_at_its_pinhole_projection(opengl: str, tmp_path: Path) -> None:
+    """Shining balls in the dark: an error of half a pixel in the principal point would fail the test."""
     spec = floating_body()
     add_cameras(spec, stereo_pair())
     spec.visual.headlight.active = 0
@@ -167,9 +168,9 @@ def test_a_point_is_drawn_where_the_pinhole_has_it(opengl: str, tmp_path: Path) 
     imager = {"full_well_e": 1e6, "read_noise_e": 0, "pattern_noise": 0, "vignetting": 0, "lens_blur_px": 0}
     frame = render(path, imager=imager, exposure={"white_level": 0.5, "nominal_s": 1e-5})[0]
     for side, data in enumerate((frame.left, frame.right)):
-        image, expected = decoded(data).astype(float), Oracle(model, 0).pixels(balls, side)
-        seen = np.array([centroid(image, pixel) for pixel in expected])
-        np.testing.assert_allclose(seen, expected, rtol=0, atol=0.1)
+        image, expected = decoded(data).astype(float), RayCaster(model, 0).pixels(balls, side)
+        rendered = np.array([centroid(image, pixel) for pixel in expected])
+        np.testing.assert_allclose(rendered, expected, rtol=0, atol=0.1)
 
 
 def test_features_survive_to_the_next_frame_but_not_all(
@@ -181,14 +182,14 @@ def test_features_survive_to_the_next_frame_but_not_all(
         corners = corners_of(before)
         tracked, kept = track(before, after, corners)
         kept_shares.append(kept.mean())
-        truth = Oracle(model, number + 1).pixels(Oracle(model, number).points(corners), 0)
+        truth = RayCaster(model, number + 1).pixels(RayCaster(model, number).points(corners), 0)
         errors.append(np.linalg.norm(tracked - truth, axis=1)[kept])
     assert 0.88 < np.mean(kept_shares) < 0.99
     assert np.median(np.concatenate(errors)) < 0.25
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_every_backend_there_is_draws_the_same_bytes(
+def test_every_available_backend_renders_the_same_bytes(
     backend: str, frames: list[EncodedStereoFrame], model_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MUJOCO_GL", backend)
@@ -199,7 +200,7 @@ def test_every_backend_there_is_draws_the_same_bytes(
             render(model_path)
 
 
-def test_light_comes_and_goes(opengl: str, model_path: Path) -> None:
+def test_a_blackout_darkens_its_frames_only(opengl: str, model_path: Path) -> None:
     blackouts = [{"start_s": 0.1, "duration_s": 0.1}]
     means = [decoded(frame.left).mean() for frame in render(model_path, lighting={"blackouts": blackouts})]
     assert np.array(means[2:3]).max() < 10.0
@@ -207,13 +208,14 @@ def test_light_comes_and_goes(opengl: str, model_path: Path) -> None:
     assert means[4] > 60.0
 
 
-def test_progress_counts_and_a_break_leaves_no_process(opengl: str, model_path: Path) -> None:
-    told: list[int] = []
-    drawing = render_stereo(model_path, walk(), STAMPS_NS, CameraConfig(), SEED, 1, told.append)
+def test_progress_counts_and_closing_leaves_no_process(opengl: str, model_path: Path) -> None:
+    reports: list[int] = []
+    rendering = render_stereo(model_path, walk(), STAMPS_NS, CameraConfig(), SEED, 1, reports.append)
     for _ in range(3):
-        next(drawing)
-    drawing.close()
-    assert told == [1, 2]  # the third is counted when the fourth is asked for
+        next(rendering)
+    rendering.close()
+    assert multiprocessing.active_children() == []
+    assert reports == [1, 2]  # the third is counted when the fourth is requested
 
 
 def test_a_model_without_cameras_is_refused_in_one_sentence(opengl: str, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ def test_a_tile_has_the_reflectance_of_its_recipe(name: str) -> None:
     assert tile.std() > 0.4 * recipe.contrast / np.sqrt(3.0)
 
 
-def test_a_tile_joins_itself_without_a_seam() -> None:
+def test_a_tile_is_periodic_without_a_seam() -> None:
     recipe = TextureRecipe(mean=0.5, contrast=0.3, smallest_m=0.02, largest_m=0.2, grain=0.0)
     for axis in (0, 1):
         tile = dead_leaves(recipe, 256, 0.004, 1.0, seed=2).astype(float)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A swing of a foot: up, over, down, and on down until it is stopped; whatever the ground between."""
+"""The trajectory of a swing foot: up, over, down, and further down until contact; on any ground."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coclo_vio.simulation.trial.swing import Swing
+from coclo_vio.simulation.trial.swing_trajectory import SwingTrajectory
 from coclo_vio.values.arrays import Array
 
 STEP_S = 0.004
@@ -14,16 +14,16 @@ START = np.array([0.1, 0.3, 0.02])
 
 
 @st.composite
-def swings(draw: st.DrawFn) -> Swing:
+def swings(draw: st.DrawFn) -> SwingTrajectory:
     """Steps of up to 0.3 m, up or down a stair, with any clearance and time."""
     level, rise = draw(st.floats(-0.3, 0.3)), draw(st.sampled_from([-0.15, 0.0, 0.01, 0.15]))
     goal = START + np.array([level, draw(st.floats(-0.05, 0.05)), rise])
     top = max(START[2], goal[2]) + draw(st.floats(0.03, 0.12))
     touch = draw(st.floats(0.05, 0.5))
-    return Swing(START, goal, top, draw(st.floats(0.1, 1.0)), touch, draw(st.floats(touch, 0.8)))
+    return SwingTrajectory(START, goal, top, draw(st.floats(0.1, 1.0)), touch, draw(st.floats(touch, 0.8)))
 
 
-def sampled(swing: Swing, until_s: float) -> tuple[Array, Array]:
+def sampled(swing: SwingTrajectory, until_s: float) -> tuple[Array, Array]:
     """Times (N,) s and positions (N, 3)."""
     times = np.arange(0.0, until_s, STEP_S)
     return times, np.array([swing.position(time_s) for time_s in times])
@@ -48,7 +48,7 @@ def test_it_never_jumps_and_keeps_its_speed(swing) -> None:
 
 
 @given(swings())
-def test_it_touches_down_at_its_speed_and_goes_on_looking_for_the_ground(swing) -> None:
+def test_it_touches_down_at_its_speed_and_continues_below_the_expected_ground(swing) -> None:
     before, after = (swing.position(swing.duration_s + offset)[2] for offset in (-1e-5, 1e-5))
     assert (before - after) / 2e-5 == pytest.approx(swing.touch_speed_mps, rel=1e-2)
     _, places = sampled(swing, swing.duration_s + 3.0)
@@ -68,7 +68,7 @@ def test_a_force_counts_as_the_ground_on_the_way_down_only(swing) -> None:
 def test_up_a_stair_it_rises_before_it_crosses() -> None:
     """A riser stands half way: the foot's centre is above its edge by the foot's radius when it comes there."""
     goal = START + np.array([0.3, 0.0, 0.15])
-    swing = Swing(START, goal, goal[2] + 0.06, 0.6, 0.3, 0.45)
+    swing = SwingTrajectory(START, goal, goal[2] + 0.06, 0.6, 0.3, 0.45)
     _, places = sampled(swing, swing.duration_s)
     crossing = int(np.argmax(places[:, 0] > START[0] + 0.15))
     assert places[crossing, 2] > goal[2] + 0.02
