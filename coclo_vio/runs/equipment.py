@@ -8,12 +8,13 @@ from coclo_vio.datasets.dataset import Dataset
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.robot.description import robot_names
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.runs.modes.mode import IMAGE_SENSORS, IMU_SENSORS
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.values.errors import CalibrationMissing, ConfigError, DatasetError, TopicNotFound, listing
 from coclo_vio.values.measurements import (
     ALL_SENSORS,
+    IMAGE_SENSORS,
+    IMU_SENSORS,
     VISION_SENSORS,
     BodyTwistSample,
     CameraImuSample,

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from coclo_vio.datasets.dataset import Dataset, open_dataset
 from coclo_vio.runs.equipment import Equipment, sensors_of
-from coclo_vio.runs.modes.mode import IMAGE_SENSORS, IMU_SENSORS, Compared, Mode, Need
+from coclo_vio.runs.modes.mode import Compared, Mode, Need
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import DatasetError
-from coclo_vio.values.measurements import VISION_SENSORS, BodyTwistSample, JointSample
+from coclo_vio.values.measurements import IMAGE_SENSORS, IMU_SENSORS, VISION_SENSORS, BodyTwistSample, JointSample
 
 
 def default_mode(path: Path, config: RunConfig) -> str:
@@ -19,7 +19,8 @@ def default_mode(path: Path, config: RunConfig) -> str:
     Raises:
         DatasetError: no such path, or no known format.
     """
-    enough = [modes()[name] for name in compared_modes(path, config)]
+    met, _ = _met_needs(path, config)
+    enough = [mode for mode in modes().values() if mode.needs <= met]
     ranked = [(mode.default_rank, mode.name) for mode in enough if mode.default_rank is not None]
     return min(ranked)[1]
 
@@ -27,21 +28,26 @@ def default_mode(path: Path, config: RunConfig) -> str:
 def compared_modes(path: Path, config: RunConfig) -> tuple[str, ...]:
     """The modes that ``compare`` runs: those of legs, of cameras whose calibration is known, and of both.
 
-    A recording without cameras is compared by the modes of legs, and one without legs by those of cameras, also where
-    the robot or a calibration is missing: running them says what to give.
-
     Raises:
         DatasetError: no such path, or no known format.
+    """
+    met, has_legs = _met_needs(path, config)
+    return tuple(mode.name for mode in modes().values() if mode.needs <= met and _is_compared(mode, has_legs=has_legs))
+
+
+def _met_needs(path: Path, config: RunConfig) -> tuple[set[Need], bool]:
+    """The needs that a recording meets, and whether it has legs.
+
+    A recording without cameras is taken to have legs, and one without legs to have calibrated cameras, also where
+    the robot or a calibration is missing: running a mode says what to give.
     """
     dataset = open_dataset(path, config.robot, config.dataset)
     sensors = sensors_of(dataset)
     has_legs = config.robot is not None and JointSample in sensors
     if not sensors & IMAGE_SENSORS:
-        met = {Need.LEGS}
-    else:
-        met = {Need.LEGS} if has_legs else set()
-        met |= set(_met_by_cameras(dataset, config, sensors, needs_calibration=has_legs))
-    return tuple(mode.name for mode in modes().values() if mode.needs <= met and _is_compared(mode, has_legs=has_legs))
+        return {Need.LEGS}, has_legs
+    met = {Need.LEGS} if has_legs else set()
+    return met | set(_met_by_cameras(dataset, config, sensors, needs_calibration=has_legs)), has_legs
 
 
 def _is_compared(mode: Mode, *, has_legs: bool) -> bool:

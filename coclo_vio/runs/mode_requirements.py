@@ -66,9 +66,8 @@ def missing_needs(mode: Mode, holdings: Holdings) -> tuple[str, ...]:
         if need in mode.needs:
             found += _MISSING[need](holdings)
             streams += _streams(need, holdings)
-    main, *others = streams
-    for other in others:
-        found += _never_together(holdings.report, main, other)
+    for other in streams[1:]:
+        found += _never_together(holdings.report, streams[0], other)
     return tuple(found)
 
 

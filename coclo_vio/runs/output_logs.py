@@ -13,7 +13,7 @@ import numpy as np
 from coclo_vio.datasets.images import encoded
 from coclo_vio.runs.run_record import KeyframeSummary
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.outputs import Calibration, KeyframeHealth, Picture
 from coclo_vio.values.units import MS_PER_S
 
@@ -86,16 +86,12 @@ def read_keyframes(folder: Path, estimator: str) -> Mapping[str, Array] | None:
     path = keyframes_path(folder, estimator)
     if not path.is_file():
         return None
+    rows = _read_rows(path, _COLUMNS)
     try:
-        with path.open(encoding="ascii", newline="") as lines:
-            header = next(csv.reader(lines), [])
-            table = np.array([[float(cell) for cell in row] for row in csv.reader(lines)])
-    except (OSError, ValueError, csv.Error) as error:
-        raise DatasetError(f"{path}: {error}; run again, or delete it to do without") from error
-    missing = [name for name in _COLUMNS if name not in header]
-    if missing or table.ndim != 2 or table.shape[1] != len(header):
-        raise DatasetError(f"{path} is malformed ({listing(missing)} missing); run again, or delete it to do without")
-    return dict(zip(header, table.T, strict=True))
+        table = np.array([[float(cell) for cell in row] for row in rows]).reshape(len(rows), len(_COLUMNS))
+    except ValueError as error:
+        raise _malformed(path, error) from error
+    return dict(zip(_COLUMNS, table.T, strict=True))
 
 
 def read_health(folder: Path, trajectory: str) -> tuple[KeyframeHealth, ...]:
@@ -104,25 +100,50 @@ def read_health(folder: Path, trajectory: str) -> tuple[KeyframeHealth, ...]:
     Raises:
         DatasetError: the file is malformed.
     """
-    columns = read_keyframes(folder, trajectory)
-    if columns is None:
+    path = keyframes_path(folder, trajectory)
+    if not path.is_file():
         return ()
-    rows = range(len(columns["stamp_ns"]))
-    return tuple(_health({name: float(values[row]) for name, values in columns.items()}) for row in rows)
+    try:
+        return tuple(_health(dict(zip(_COLUMNS, row, strict=True))) for row in _read_rows(path, _COLUMNS))
+    except ValueError as error:
+        raise _malformed(path, error) from error
 
 
-def _health(row: Mapping[str, float]) -> KeyframeHealth:
+def _health(row: Mapping[str, str]) -> KeyframeHealth:
     return KeyframeHealth(
         stamp_ns=int(row["stamp_ns"]),
         keyframes=int(row["keyframes"]),
         tracks=int(row["tracks"]),
         landmarks=int(row["landmarks"]),
         factors=int(row["factors"]),
-        reprojection_px=row["reprojection_px"],
+        reprojection_px=float(row["reprojection_px"]),
         iterations=int(row["iterations"]),
-        compute_s=row["compute_s"],
-        condition=row["condition"],
+        compute_s=float(row["compute_s"]),
+        condition=float(row["condition"]),
     )
+
+
+def _read_rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
+    """The rows of a file with these columns, as text.
+
+    Raises:
+        DatasetError: the file cannot be read, has other columns, or a row of another length.
+    """
+    try:
+        with path.open(encoding="ascii", newline="") as lines:
+            header, *rows = [*csv.reader(lines)] or [[]]
+    except (OSError, ValueError, csv.Error) as error:
+        raise _malformed(path, error) from error
+    if tuple(header) != columns:
+        raise _malformed(path, f"its columns are {','.join(header) or 'none'}, they must be {','.join(columns)}")
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(columns):
+            raise _malformed(path, f"line {number} has {len(row)} cells under a header of {len(columns)} columns")
+    return rows
+
+
+def _malformed(path: Path, problem: object) -> DatasetError:
+    return DatasetError(f"{path}: {problem}; run again, or delete it to do without")
 
 
 class CalibrationWriter:
@@ -162,13 +183,9 @@ def read_calibrations(folder: Path, trajectory: str) -> tuple[Calibration, ...]:
     if not path.is_file():
         return ()
     try:
-        with path.open(encoding="ascii", newline="") as lines:
-            rows = list(csv.reader(lines))
-        if tuple(rows[0]) != _CALIBRATION_COLUMNS:
-            raise ValueError(f"its columns are {','.join(rows[0])}")
-        return tuple(_calibration(row) for row in rows[1:])
-    except (OSError, ValueError, IndexError, csv.Error) as error:
-        raise DatasetError(f"{path}: {error}; run again, or delete it to do without") from error
+        return tuple(_calibration(row) for row in _read_rows(path, _CALIBRATION_COLUMNS))
+    except ValueError as error:
+        raise _malformed(path, error) from error
 
 
 def _calibration(row: list[str]) -> Calibration:

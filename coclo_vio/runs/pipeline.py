@@ -3,8 +3,9 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import Measurement
@@ -63,16 +64,10 @@ def run(
     try:
         for measurement in measurements:
             tally.count(measurement.stamp_ns)
-            began = time.perf_counter()
-            outputs = estimator.push(measurement)
-            tally.compute_s += time.perf_counter() - began
-            tally.take(outputs)
+            tally.take(partial(estimator.push, measurement))
             if progress is not None:
                 progress(measurement.stamp_ns)
-        began = time.perf_counter()
-        outputs = estimator.finish()
-        tally.compute_s += time.perf_counter() - began
-        tally.take(outputs)
+        tally.take(estimator.finish)
     except CocloError as error:
         failure = str(error)
     return tally.summary(dict(estimator.counts), failure)
@@ -82,8 +77,8 @@ class _Tally:
     """Counts what goes in and comes out, and keeps the events."""
 
     def __init__(self, take: Callable[[Output], None]) -> None:
-        self.compute_s = 0.0
         self._take = take
+        self._compute_s = 0.0
         self._measurements = 0
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -97,9 +92,9 @@ class _Tally:
         self._first_ns = stamp_ns if self._first_ns is None else min(self._first_ns, stamp_ns)
         self._measurements += 1
 
-    def take(self, outputs: Iterable[Output]) -> None:
-        """Outputs come out."""
-        for output in outputs:
+    def take(self, call: Callable[[], Iterable[Output]]) -> None:
+        """A call of the estimator, and the outputs that it gives."""
+        for output in self._timed(call):
             match output:
                 case Estimate():
                     self._estimates[output.name] += 1
@@ -109,13 +104,22 @@ class _Tally:
                     self._events.append(output)
             self._take(output)
 
+    def _timed(self, call: Callable[[], Iterable[Output]]) -> Iterator[Output]:
+        """The outputs of a call; it may compute each of them only when it is taken."""
+        began = time.perf_counter()
+        for output in call():
+            self._compute_s += time.perf_counter() - began
+            yield output
+            began = time.perf_counter()
+        self._compute_s += time.perf_counter() - began
+
     def summary(self, counts: Mapping[str, int], failure: str | None) -> RunSummary:
         """What it came to."""
         return RunSummary(
             self._measurements,
             dict(self._estimates),
             None if self._first_ns is None else (self._first_ns, self._last_ns),
-            self.compute_s,
+            self._compute_s,
             counts,
             failure,
             tuple(self._events),

@@ -10,32 +10,45 @@ import importlib
 import importlib.util
 import os
 import sys
-from collections.abc import Callable
-from functools import partial
-from importlib.metadata import entry_points
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from coclo_vio.values.errors import CocloError, ConfigError
+from coclo_vio.values.errors import ConfigError
 
 VARIABLE = "COCLO_VIO_PLUGINS"
 _GROUP = "coclo_vio.plugins"
-_loaded: set[str] = set()
+_loaded: dict[str, Exception | None] = {}  # by name, and why it cannot be imported
 
 
 def load_plugins() -> None:
     """Import every plugin that is not imported yet.
 
     Raises:
-        ConfigError: a plugin cannot be imported; names it and the reason.
+        ConfigError: a plugin cannot be imported; names it, the reason and the next step, at every call.
     """
-    for point in entry_points(group=_GROUP):
-        if point.value not in _loaded:
-            _loaded.add(point.value)
-            _import(point.value, point.load)
-    for name in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
+    for name, load, remedy in _named():
         if name not in _loaded:
-            _loaded.add(name)
-            _import(name, partial(_module, name))
+            _loaded[name] = None  # what is loaded here may ask for plugins itself
+            _loaded[name] = _error_of(load)
+        error = _loaded[name]
+        if error is not None:
+            reason = f"{type(error).__name__}: {error}"
+            raise ConfigError(f"the plugin {name!r} cannot be loaded ({reason}); mend it, or {remedy}") from error
+
+
+def _named() -> Iterator[tuple[str, Callable[[], object], str]]:
+    """Name, import and way to do without of each plugin."""
+    for point in _entry_points():
+        yield point.value, point.load, "uninstall the package that names it as an entry point"
+    for name in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
+        yield name, partial(_module, name), f"take it out of {VARIABLE}"
+
+
+@cache
+def _entry_points() -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=_GROUP))
 
 
 def _module(name: str) -> object:
@@ -51,13 +64,9 @@ def _module(name: str) -> object:
     return module
 
 
-def _import(name: str, load: Callable[[], object]) -> None:
+def _error_of(load: Callable[[], object]) -> Exception | None:
     try:
         load()
-    except CocloError:
-        raise
     except Exception as error:
-        raise ConfigError(
-            f"the plugin {name!r} cannot be imported ({type(error).__name__}: {error}); mend it, or take it out of "
-            f"{VARIABLE}"
-        ) from error
+        return error
+    return None

@@ -16,6 +16,7 @@ from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
 from coclo_vio.runs.faults import FaultsConfig
+from coclo_vio.runs.plugins import load_plugins
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.config import StageConfig, merged, parse_settings, read_yaml
 from coclo_vio.values.errors import ConfigError, listing
@@ -63,8 +64,10 @@ def resolve(
         guess: the robot to take where none is named.
 
     Raises:
-        ConfigError: an unknown robot or key, a value out of bounds, or changes to a robot that is not named.
+        ConfigError: an unknown robot or key, a value out of bounds, changes to a robot that is not named, or a plugin
+            that cannot be loaded.
     """
+    load_plugins()  # they register what a configuration can name
     given = read_yaml(file) if file else {}
     if file is not None and given.get("robot") is not None:
         given["robot"] = _robot_of_file(given["robot"], file, is_replaced=robot is not None)

@@ -33,19 +33,21 @@ class StateWriter:
     """Writes ``<estimator>.tum`` and ``<estimator>_state.csv``, a line for each estimate as it comes.
 
     The state file has, per stamp (ns): velocity (m/s, world), angular velocity (rad/s, body), gyroscope and
-    accelerometer bias (body), the upper triangle of the 6x6 pose covariance (right/local, rotation first), and each
-    leg's contact probability and stance.
+    accelerometer bias (body), the upper triangle of the 6x6 pose covariance (right/local, rotation first), and, where
+    the first estimate has feet, each leg's contact probability and stance.
     """
 
     def __init__(self, folder: Path, estimator: str, leg_names: tuple[str, ...]) -> None:
         self._tum: TextIOWrapper = (folder / f"{estimator}.tum").open("w", encoding="ascii", newline="\n")
         self._state: TextIOWrapper = (folder / f"{estimator}_state.csv").open("w", encoding="utf-8", newline="\n")
-        feet = (f"{leg}.{what}" for leg in leg_names for what in ("contact_probability", "is_stance"))
-        self._state.write(",".join([*_STATE_COLUMNS, *feet]) + "\n")
+        self._leg_names = leg_names
+        self._has_header = False
 
     def write(self, estimate: StateEstimate) -> None:
         """Append one estimate to both files."""
         nav = estimate.nav
+        if not self._has_header:
+            self._write_header(has_feet=estimate.feet is not None)
         self._tum.write(tum_line(estimate.stamp_ns, nav.T_world_body))
         values: list[float] = [value for name in _VECTORS for value in getattr(nav, name)]
         values += [estimate.covariance[row, column] for row, column in _UPPER]
@@ -56,8 +58,16 @@ class StateWriter:
 
     def close(self) -> None:
         """Close both files."""
+        if not self._has_header:
+            self._write_header(has_feet=False)
         self._tum.close()
         self._state.close()
+
+    def _write_header(self, *, has_feet: bool) -> None:
+        legs = self._leg_names if has_feet else ()
+        feet = (f"{leg}.{what}" for leg in legs for what in ("contact_probability", "is_stance"))
+        self._state.write(",".join([*_STATE_COLUMNS, *feet]) + "\n")
+        self._has_header = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,13 +11,14 @@ from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.runs import pipeline, run_folder
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
-from coclo_vio.runs.modes.mode import IMAGE_SENSORS, Mode
+from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
+from coclo_vio.values.measurements import IMAGE_SENSORS
 from coclo_vio.values.outputs import Estimator, Output
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)

@@ -220,6 +220,8 @@ class BodyTwistSample:
 
 Measurement = ImuSample | CameraImuSample | JointSample | FootForceSample | StereoFrame | StereoTracks | BodyTwistSample
 
+IMAGE_SENSORS: frozenset[type] = frozenset({StereoFrame, StereoTracks})
+IMU_SENSORS: frozenset[type] = frozenset({ImuSample, CameraImuSample})
 LEG_SENSORS: frozenset[type] = frozenset({ImuSample, JointSample, FootForceSample})
 VISION_SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame, StereoTracks, BodyTwistSample})
 ALL_SENSORS = LEG_SENSORS | VISION_SENSORS

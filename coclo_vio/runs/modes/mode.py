@@ -6,23 +6,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from coclo_vio.values.measurements import (
-    LEG_SENSORS,
-    BodyTwistSample,
-    CameraImuSample,
-    ImuSample,
-    StereoFrame,
-    StereoTracks,
-)
+from coclo_vio.values.measurements import IMAGE_SENSORS, IMU_SENSORS, LEG_SENSORS, BodyTwistSample
 from coclo_vio.values.outputs import Estimator
 from coclo_vio.values.trajectory_kind import TrajectoryKind
 
 if TYPE_CHECKING:
     from coclo_vio.runs.equipment import Equipment
     from coclo_vio.runs.run_config import RunConfig
-
-IMAGE_SENSORS: frozenset[type] = frozenset({StereoFrame, StereoTracks})
-IMU_SENSORS: frozenset[type] = frozenset({ImuSample, CameraImuSample})
 
 
 class Need(Enum):

@@ -7,6 +7,7 @@ A file in this folder declares its modes as ``MODES``; nothing else has to know 
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -17,12 +18,16 @@ from coclo_vio.values.trajectory_kind import register_trajectory_kind, unregiste
 
 _MODES: dict[str, Mode] = {}
 _NOT_MODES = ("mode", "registry")
-_is_loaded = False
 
 
 def modes() -> Mapping[str, Mode]:
-    """All modes by name, in the order of their ranks."""
-    _load()
+    """All modes by name, in the order of their ranks.
+
+    Raises:
+        ConfigError: a plugin cannot be imported.
+    """
+    _register_own()
+    load_plugins()
     return MappingProxyType({mode.name: mode for mode in sorted(_MODES.values(), key=lambda mode: mode.rank)})
 
 
@@ -44,11 +49,8 @@ def register_mode(mode: Mode) -> None:
     Raises:
         ConfigError: another mode has its name, or gives a trajectory of the same name.
     """
-    if mode.name in _MODES:
-        raise ConfigError(f"there is a mode {mode.name!r} already; register yours under another name")
-    for kind in mode.trajectories:
-        register_trajectory_kind(kind)
-    _MODES[mode.name] = mode
+    _register_own()
+    _register(mode)
 
 
 def unregister_mode(name: str) -> None:
@@ -58,17 +60,27 @@ def unregister_mode(name: str) -> None:
         unregister_trajectory_kind(kind.name)
 
 
-def _load() -> None:
-    """Register the modes of this folder, then those of plugins; once."""
-    global _is_loaded  # noqa: PLW0603 -- what is loaded is a fact of the process
-    if _is_loaded:
-        return
-    _is_loaded = True
-    names = sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)]))
+def _register(mode: Mode) -> None:
+    if mode.name in _MODES:
+        raise ConfigError(f"there is a mode {mode.name!r} already; register yours under another name")
+    for other in _MODES.values():
+        shared = set(mode.trajectory_names) & set(other.trajectory_names)
+        if shared:
+            raise ConfigError(
+                f"the modes {other.name!r} and {mode.name!r} both give a trajectory named {min(shared)!r}; give yours "
+                "another name"
+            )
+    for kind in mode.trajectories:
+        register_trajectory_kind(kind)
+    _MODES[mode.name] = mode
+
+
+@cache
+def _register_own() -> None:
+    """Register the modes of this folder; once."""
     found: list[Mode] = []
-    for name in names:
+    for name in sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])):
         if name not in _NOT_MODES:
             found += importlib.import_module(f"coclo_vio.runs.modes.{name}").MODES
     for mode in sorted(found, key=lambda mode: mode.rank):
-        register_mode(mode)
-    load_plugins()
+        _register(mode)
