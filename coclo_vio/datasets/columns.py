@@ -186,7 +186,7 @@ class Header:
         return indices
 
     def joint_names(self) -> tuple[str, ...]:
-        """The names of all joints whose angles have a column, of whichever robot."""
+        """The names of all joints whose angles have a column, of any robot."""
         patterns = [re.escape(pattern).replace(r"\{joint\}", "(.+)") for pattern in self._patterns.position]
         found = (re.fullmatch(pattern, name) for name in self._names for pattern in patterns)
         return tuple(dict.fromkeys(match[1] for match in found if match))

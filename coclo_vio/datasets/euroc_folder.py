@@ -30,7 +30,7 @@ from coclo_vio.datasets.euroc_sensor import SENSOR_YAML
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.image_pairs import CAMERAS, EurocImagePairs
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.datasets.recording import Recording
+from coclo_vio.datasets.recording_reader import RecordingReader
 from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
@@ -47,7 +47,7 @@ _POSITIONS_ONLY = "leica0"
 _GROUND_TRUTH_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
 
 
-class EurocFolder(Recording):
+class EurocFolder(RecordingReader):
     """A recording in the EuRoC layout."""
 
     format_name = "EuRoC folder"

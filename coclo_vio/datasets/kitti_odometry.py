@@ -25,7 +25,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import stamped_truth
 from coclo_vio.datasets.image_pairs import ImagePair, read_bytes
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.datasets.recording import Recording
+from coclo_vio.datasets.recording_reader import RecordingReader
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import BoolArray, IntArray
@@ -80,7 +80,7 @@ class FrameClock:
         return np.array([round(int(number) * NS_PER_S / self.rate_hz) for number in numbers], dtype=np.int64)
 
 
-class KittiOdometry(Recording):
+class KittiOdometry(RecordingReader):
     """A sequence in the layout of the KITTI odometry benchmark."""
 
     format_name = "KITTI odometry"
@@ -115,15 +115,15 @@ class KittiOdometry(Recording):
         pair = kitti_files.read_pair(path, read.left_projection, read.right_projection)
         height_px, width_px = self._image_shape()
         (fx, _, cx), (_, fy, cy), _ = pair.camera_matrix.tolist()
-        lens = CameraCalibration.parse(
+        intrinsics = CameraCalibration.parse(
             {"width_px": width_px, "height_px": height_px, "focal_px": (fx, fy), "principal_point_px": (cx, cy)},
             str(path),
         )
         T_body_left = _T_BODY_CAMERA @ se3.transform(np.eye(3), pair.left_in_first)
         T_left_right = se3.transform(np.eye(3), np.array([pair.baseline_m, 0.0, 0.0]))
         return StereoCalibration(
-            left=lens,
-            right=lens,
+            left=intrinsics,
+            right=intrinsics,
             body_left_camera=matrix4(T_body_left),
             body_right_camera=matrix4(T_body_left @ T_left_right),
         )

@@ -42,11 +42,6 @@ class LandmarkObservations:
         begins = np.searchsorted(frames, np.arange(table.shape[1] + 1))
         return cls(begins.astype(np.int64), ids.astype(np.int64), pixels, table.shape[2])
 
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        return len(self.begins) - 1
-
     def tracks(self, order: IntArray, stamps_ns: IntArray) -> Iterator[StereoTracks]:
         """The frames in an order, one at a time; a landmark's age counts the consecutive frames that observe it.
 

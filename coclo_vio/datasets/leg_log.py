@@ -23,7 +23,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.ground_truth import read_ground_truth
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.datasets.recording import Recording
+from coclo_vio.datasets.recording_reader import RecordingReader
 from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.errors import DatasetError, listing
@@ -33,7 +33,7 @@ GROUND_TRUTH_NAMES = ("groundtruth.tum", "groundtruth.csv", "mocap.csv")
 LAYOUT = "a .csv file, or a folder with one (columns stamp_ns or time_s, gyro_x_radps, <joint>.position)"
 
 
-class LegLog(Recording):
+class LegLog(RecordingReader):
     """A leg log, alone or in its folder."""
 
     format_name = "leg log"

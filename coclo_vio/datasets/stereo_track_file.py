@@ -29,7 +29,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.ground_truth import stamped_truth
 from coclo_vio.datasets.landmark_observations import LandmarkObservations
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.datasets.recording import Recording
+from coclo_vio.datasets.recording_reader import RecordingReader
 from coclo_vio.datasets.sequencer import merge_streams
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import RobotDescription
@@ -52,7 +52,7 @@ _ROTATION_TOLERANCE = 1e-3
 _MAX_STAMP_S = 9.2e9  # 64-bit nanoseconds
 
 
-class StereoTrackFile(Recording):
+class StereoTrackFile(RecordingReader):
     """A recording of stereo tracks."""
 
     format_name = "stereo tracks"
@@ -97,21 +97,23 @@ class StereoTrackFile(Recording):
             if value <= 0.0:
                 raise DatasetError(f"{self._path}: {name} = {value} must be positive; correct it in the file")
         width_px, height_px = self._image_size(cu, cv)
-        lens = CameraCalibration.parse(
+        intrinsics = CameraCalibration.parse(
             {"width_px": width_px, "height_px": height_px, "focal_px": (fu, fv), "principal_point_px": (cu, cv)},
             str(self._path),
         )
-        R_body_vehicle = self._R_vehicle_body().T
+        R_body_vehicle = self._rotation_vehicle_body().T
         camera_in_vehicle = self._arrays["rho_v_c_v"].ravel()
         if len(camera_in_vehicle) != 3 or not np.isfinite(camera_in_vehicle).all():
             raise DatasetError(
                 f"{self._path}: rho_v_c_v must be three finite numbers, it is {camera_in_vehicle.tolist()}"
             )
-        T_body_left = se3.transform(R_body_vehicle @ self._R_vehicle_camera(), R_body_vehicle @ camera_in_vehicle)
+        T_body_left = se3.transform(
+            R_body_vehicle @ self._rotation_vehicle_camera(), R_body_vehicle @ camera_in_vehicle
+        )
         T_left_right = se3.transform(np.eye(3), np.array([baseline_m, 0.0, 0.0]))
         return StereoCalibration(
-            left=lens,
-            right=lens,
+            left=intrinsics,
+            right=intrinsics,
             body_left_camera=matrix4(T_body_left),
             body_right_camera=matrix4(T_body_left @ T_left_right),
         )
@@ -124,7 +126,7 @@ class StereoTrackFile(Recording):
     def _twists(self, tally: ReadTally) -> Iterator[BodyTwistSample]:
         if self._missing(_TWIST):
             return
-        R_vehicle_body = self._R_vehicle_body()
+        R_vehicle_body = self._rotation_vehicle_body()
         velocity, rate = (self._columns(name) @ R_vehicle_body for name in _TWIST)
         for frame in self._order[self._order < min(len(velocity), len(rate))]:
             if np.isfinite(velocity[frame]).all() and np.isfinite(rate[frame]).all():
@@ -139,7 +141,7 @@ class StereoTrackFile(Recording):
         frames = self._order[self._order < min(len(position), len(rotation))]
         if len(frames) < len(self._order):
             tally.note(f"ground truth ends before the tracks: {len(frames)} poses for {len(self._order)} frames")
-        R_world_body = so3.exp(rotation[frames]) @ self._R_vehicle_body()
+        R_world_body = so3.exp(rotation[frames]) @ self._rotation_vehicle_body()
         poses = se3.transform(R_world_body, position[frames])
         starts_at_body = len(frames) and np.allclose(poses[0], np.eye(4), atol=1e-6)
         world = "the first pose of the body, whose tilt is unknown" if starts_at_body else "the file's inertial frame"
@@ -158,7 +160,7 @@ class StereoTrackFile(Recording):
         longer = [name for name in per_frame if len(self._columns(name)) > frames]
         if longer:
             tally.note(f"{listing(longer)} continue after the last of the {frames} frames: left out, without stamps")
-        if np.array_equal(self._R_vehicle_body(), np.eye(3)):
+        if np.array_equal(self._rotation_vehicle_body(), np.eye(3)):
             tally.note("the body is the vehicle of the file")
         else:
             tally.note(
@@ -194,7 +196,7 @@ class StereoTrackFile(Recording):
         across, down = left_right.max(axis=0, initial=0.0)
         return int(np.ceil(max(across + 1.0, 2.0 * cu))), int(np.ceil(max(down + 1.0, 2.0 * cv)))
 
-    def _R_vehicle_camera(self) -> Array:  # noqa: N802
+    def _rotation_vehicle_camera(self) -> Array:
         C_c_v = self._arrays["C_c_v"]
         if C_c_v.shape != (3, 3) or not np.allclose(C_c_v @ C_c_v.T, np.eye(3), atol=_ROTATION_TOLERANCE):
             raise DatasetError(f"{self._path}: C_c_v must be a rotation (3 x 3), it is {C_c_v.tolist()}")
@@ -202,8 +204,8 @@ class StereoTrackFile(Recording):
             raise DatasetError(f"{self._path}: C_c_v is a reflection; its determinant must be 1")
         return so3.exp(so3.log(C_c_v.T))
 
-    def _R_vehicle_body(self) -> Array:  # noqa: N802
-        return np.eye(3) if "C_c_v" not in self._names else nearest_body_axes(self._R_vehicle_camera())
+    def _rotation_vehicle_body(self) -> Array:
+        return np.eye(3) if "C_c_v" not in self._names else nearest_body_axes(self._rotation_vehicle_camera())
 
     def _columns(self, name: str) -> Array:
         """The columns of a (3, N) array as rows (N, 3)."""

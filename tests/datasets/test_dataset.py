@@ -8,8 +8,8 @@ import pytest
 
 from coclo_vio.datasets import dataset
 from coclo_vio.datasets.dataset import DatasetConfig, guess_robot, open_dataset, register_format
-from coclo_vio.datasets.recording import Recording
 from coclo_vio.datasets.recording_contents import RecordingContents
+from coclo_vio.datasets.recording_reader import RecordingReader
 from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
 from coclo_vio.robot.description import load_robot
 from coclo_vio.values.config import parse_settings
@@ -82,7 +82,7 @@ def test_a_wrong_setting_is_refused(setting, message):
         DatasetConfig.parse(parse_settings([setting]), "--set")
 
 
-class GyroText(Recording):
+class GyroText(RecordingReader):
     """A format that the package does not know: a text file with a line `stamp_ns wx wy wz` for each IMU sample."""
 
     format_name = "gyro text"

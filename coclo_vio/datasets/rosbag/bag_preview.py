@@ -56,7 +56,7 @@ class BagPreview:
 
 
 def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[str] = ()) -> BagPreview:
-    """Read a bag until it has given the first messages of each topic.
+    """Read a bag until the first messages of each topic have been found.
 
     Args:
         bag: the bag.

@@ -54,7 +54,7 @@ def baseline_m(right: Any) -> float | None:
     return float(-P[0, 3] / P[0, 0]) if P[0, 0] > 0 and P[0, 3] != 0 else None
 
 
-def T_camera_rectified(info: Any) -> Array:  # noqa: N802
+def T_camera_rectified(info: Any) -> Array:
     """Maps coordinates of the rectified camera to the real one, (4, 4): the inverse of R of the message."""
     T = np.eye(4)
     R = _matrix(info, "r", (3, 3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which files form a bag, and their readers: those of ``rosbags`` for sound files, ours for damaged ones."""
+"""Which files form a bag, and their readers: of ``rosbags`` for sound files, of this package for damaged ones."""
 
 import re
 from collections.abc import Collection, Iterator

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A rosbag being written: ROS 1, or ROS 2 as MCAP, SQLite file or folder. The only importer of rosbags' writers.
 
-The same messages give the same bytes: no wall clock, no random number goes into the file. The bag gets
+The same messages make the same bytes: no wall clock, no random number goes into the file. The bag gets
 its own name only when it is complete.
 """
 
@@ -153,7 +153,6 @@ _KINDS: dict[str, Callable[[Path, Path], tuple[Ros1Writer | Ros2Writer, Path]]] 
     ".db3": _sqlite_file,
     "": _sqlite_folder,
 }
-BAG_SUFFIXES = tuple(_KINDS)
 
 
 def _typestore(ros: Literal[1, 2]) -> Typestore:

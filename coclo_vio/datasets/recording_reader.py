@@ -20,7 +20,7 @@ from coclo_vio.values.trajectory import GroundTruth
 _UNDECODED = "stereo: image pair cannot be decoded"
 
 
-class Recording:
+class RecordingReader:
     """A recording of tables or other samples, and of images. Fulfils ``Dataset``.
 
     A format derives from it and overrides ``_tables`` (tables of samples) or ``_samples`` (any other source), and where
