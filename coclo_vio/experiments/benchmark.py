@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How fast all is, in figures: the filter of six legs on an analytic trial beside filterpy's, and the eyes.
+"""Speed of the filter of six legs on an analytic trial beside filterpy's, and of vision.
 
 Sees the filter, the robot and the simulation, as the pipeline does; prints nothing. Rates are in cycles per second of
 processor time: that of one core if ``OPENBLAS_NUM_THREADS=1`` is set before Python starts.
@@ -37,8 +37,8 @@ ProfileName = Literal["robust", "paper"]
 _FILTERPY_READINGS = 120
 
 
-def run_benchmark(walk_s: float = 8.0, rounds: int = 3, sight_s: float = 15.0) -> dict[str, float | None]:
-    """The figures of the filter and of the eyes, by name; None where filterpy is not installed or nothing was seen.
+def run_benchmark(walk_s: float = 8.0, rounds: int = 3, vision_s: float = 15.0) -> dict[str, float | None]:
+    """The figures of the filter and of vision, by name; None without filterpy, or without keyframes.
 
     ``filter_cycles_per_s`` and ``paper_cycles_per_s`` count predict and update alone, from a reading of the joints to
     the new state; ``filter_pushes_per_s`` counts whole joint samples, kinematics, contact and the estimate included;
@@ -47,14 +47,14 @@ def run_benchmark(walk_s: float = 8.0, rounds: int = 3, sight_s: float = 15.0) -
 
     Args:
         walk_s: length of the trial's walk, s.
-        rounds: how often each is timed; the best counts.
-        sight_s: how much of the bundled sample is looked at, s; see ``vision_figures``.
+        rounds: repetitions; the best of each figure counts.
+        vision_s: how much of the bundled sample is used, s; see ``vision_figures``.
     """
     robot = RobotModel(load_robot("daisy"))
     trial = benchmark_trial(robot, walk_s)
     readings = moving_readings(robot, trial.measurements)
     best: dict[str, float] = {}
-    for _ in range(rounds):  # in turns, the best of each: other work on the machine only ever slows down
+    for _ in range(rounds):  # in turns, the best of each: other work on the machine can only slow it down
         rates = {
             "filter_cycles_per_s": filter_cycles_per_s(robot, readings, "robust"),
             "paper_cycles_per_s": filter_cycles_per_s(robot, readings, "paper"),
@@ -67,7 +67,7 @@ def run_benchmark(walk_s: float = 8.0, rounds: int = 3, sight_s: float = 15.0) -
         **best,
         "filterpy_cycles_per_s": theirs,
         "filter_vs_filterpy": None if theirs is None else best["filter_cycles_per_s"] / theirs,
-        **vision_figures(sight_s, rounds),
+        **vision_figures(vision_s, rounds),
         "peak_rss_mb": peak_rss_mb(),
     }
 
@@ -155,7 +155,7 @@ def filter_resident_mb(cycles: int, samples: int = 10) -> tuple[float, ...]:
     A short noisy walk is pushed over and over with stamps that go on, a pause of a second between two.
 
     Raises:
-        CocloError: the system does not say how much memory a process holds (Linux does, in /proc).
+        CocloError: the system does not report the memory of a process (Linux does, in /proc).
     """
     robot = RobotModel(load_robot("daisy"))
     measurements = benchmark_trial(robot, walk_s=4.0).measurements

@@ -2,9 +2,9 @@
 """The robust profile's models on filterpy's ``UnscentedKalmanFilter``, for comparing speeds.
 
 The state is a plain vector of the same length in the same order, rotation as a rotation vector of ``R_world_body``;
-process and measurement take one sigma point at a time, as filterpy wants it, in as few NumPy calls as they allow. What
+process and measurement take one sigma point at a time, as filterpy requires, in as few NumPy calls as they allow. What
 does not depend on the state is worked out beforehand and not timed. A window of gravity is an update of its own, as it
-is in ours. No gate, no standstill. filterpy is a development tool, imported here only and only when asked for.
+is in ours. No gate, no standstill. filterpy is a development tool, imported here only, inside the functions.
 """
 
 import math
@@ -158,7 +158,7 @@ class FilterpyRival:
         velocity_variance = float(np.diag(self.ukf.P)[VELOCITY].mean())
         variance = self._config.gravity_noise_mps2**2 + 2.0 * velocity_variance / gravity.duration_s**2
         self.ukf.sigmas_f = self.ukf.points_fn.sigma_points(x, self.ukf.P)
-        self.ukf.update(_rotation(x[ROTATION]).T @ gravity.force_world, R=variance * np.eye(3), hx=_gravity_seen)
+        self.ukf.update(_rotation(x[ROTATION]).T @ gravity.force_world, R=variance * np.eye(3), hx=_expected_force)
 
     def _inputs(self, reading: Reading, footholds: Footholds, dt_s: float, gyroscope_noise: float) -> _Inputs:
         config, robot = self._config, self._robot.description
@@ -219,7 +219,7 @@ def _plain(mean: State, rows: Array) -> Array:
     return rows
 
 
-def _gravity_seen(x: Array) -> Array:
+def _expected_force(x: Array) -> Array:
     """``measurement_model.specific_force_at_rest`` for one state."""
     force: Array = GRAVITY_MPS2 * _rotation(x[ROTATION])[2] + x[ACCELEROMETER_BIAS]
     return force

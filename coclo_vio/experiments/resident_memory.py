@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much memory this process holds, as the system says."""
+"""Memory of this process, as reported by the system."""
 
 import resource
 import sys
@@ -11,16 +11,16 @@ _MEBIBYTE = 2.0**20
 
 
 def peak_rss_mb() -> float:
-    """The most memory that this process ever held, MiB."""
+    """The largest memory of this process so far, MiB."""
     unit = 1.0 if sys.platform == "darwin" else 1024.0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEBIBYTE
 
 
 def resident_mb() -> float:
-    """The memory that this process holds now, MiB.
+    """The present memory of this process, MiB.
 
     Raises:
-        CocloError: the system does not say (Linux does, in /proc).
+        CocloError: the system does not report it (Linux does, in /proc).
     """
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How fast vision is, in figures: front end and smoother on the bundled sample, frame by frame, and their memory.
+"""Speed of vision: front end and smoother on the bundled sample, frame by frame; and their memory.
 
 Milliseconds are of processor time: those of one core if ``OPENBLAS_NUM_THREADS=1`` is set before Python starts.
 """
@@ -37,7 +37,7 @@ class Stopwatch:
         self.taken_s = 0.0
 
     def time(self, run: Callable[[], _T]) -> _T:
-        """What ``run`` gives."""
+        """The result of ``run``."""
         began_s = process_time()
         try:
             return run()
@@ -109,7 +109,7 @@ class TimedSmoother:
     def push_tracks(
         self, tracks: StereoTracks, odometry: OdometryDelta | None = None, evidence: PoseEvidence | None = None
     ) -> FrameResult:
-        """What a frame comes to."""
+        """The result of a frame."""
         return self.watch.time(lambda: self._smoother.push_tracks(tracks, odometry, evidence))
 
 
@@ -117,15 +117,15 @@ def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | 
     """The figures of ``vins`` on the bundled sample (stereo 640 x 480 at 15 Hz), by name.
 
     ``frontend_ms_*`` are per frame, ``smoother_ms_*`` per keyframe with all readings since the frame before,
-    ``vision_ms_per_frame`` is the mean of both together, ``vision_ms_p95`` their 95th percentile; what a keyframe has
-    (tracks, factors, landmarks, iterations of the solver) is the median. None where there was no keyframe.
+    ``vision_ms_per_frame`` is the mean of both together, ``vision_ms_p95`` their 95th percentile; figures of a keyframe
+    (tracks, factors, landmarks, iterations of the solver) are medians. None where there was no keyframe.
 
     Args:
         until_s: seconds of the sample.
-        rounds: how often it is timed; the fastest of each figure counts.
+        rounds: repetitions; the fastest of each figure counts.
     """
     figures = [_timed(until_s) for _ in range(rounds)]
-    return {name: _least(one[name] for one in figures) for name in figures[0]}
+    return {name: _least(of_round[name] for of_round in figures) for name in figures[0]}
 
 
 def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
@@ -135,7 +135,7 @@ def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
     change their sign and specific forces do not.
 
     Raises:
-        DatasetError: the system does not say how much memory a process holds (Linux does, in /proc).
+        DatasetError: the system does not report the memory of a process (Linux does, in /proc).
     """
     dataset, odometry, _, _ = _stages()
     recorded = tuple(dataset.measurements(_SENSORS))

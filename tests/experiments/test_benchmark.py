@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The benchmark measures what it says: our filter and filterpy's on the same readings, with the same answer."""
+"""The benchmark runs our filter and filterpy's on the same readings, with the same result."""
 
 from collections import Counter
 from itertools import pairwise
@@ -18,7 +18,7 @@ from coclo_vio.robot.model import RobotModel
 
 
 def test_figures_have_the_names_that_the_command_line_promises() -> None:
-    figures = benchmark.run_benchmark(walk_s=2.0, rounds=1, sight_s=1.0)
+    figures = benchmark.run_benchmark(walk_s=2.0, rounds=1, vision_s=1.0)
     assert {"filter_cycles_per_s", "filter_vs_filterpy", "realtime_factor", "peak_rss_mb"} <= set(figures)
     assert {"frontend_ms_median", "smoother_ms_p95", "vision_ms_per_frame"} <= set(figures)
     ours, ratio = figures["filter_cycles_per_s"], figures["filter_vs_filterpy"]
@@ -28,7 +28,7 @@ def test_figures_have_the_names_that_the_command_line_promises() -> None:
 
 
 def test_filterpy_runs_the_same_models() -> None:
-    """Both filters end in the same place, as sure of it, where the start is sure enough for a plain state."""
+    """Both filters end with the same pose and sigmas, where the start is certain enough for a plain state."""
     pytest.importorskip("filterpy")
     robot = RobotModel(load_robot("daisy"))
     readings = benchmark.moving_readings(robot, benchmark.benchmark_trial(robot, walk_s=2.0).measurements)
@@ -51,11 +51,11 @@ def test_filterpy_runs_the_same_models() -> None:
         profile.step(core, reading, dt_s, density / np.sqrt(dt_s), is_gap=False)
     assert np.linalg.norm(core.mean.vector[POSITION]) > 0.1
     ours, theirs = np.linalg.norm(core.factor, axis=1), np.sqrt(np.diag(rival.ukf.P))
-    assert ours[LEG_COMPLIANCE] < 0.1 * RobustConfig().leg_compliance_sigma_m, "the walk shows how far legs give"
-    assert (ours[ACCELEROMETER_BIAS] < 0.999 * InitialConfig().accelerometer_bias_mps2).all(), "gravity was seen"
-    seen = slice(RATE.start, POSITION.stop)
-    np.testing.assert_allclose((rival.ukf.x - core.mean.vector)[seen] / ours[seen], 0.0, atol=0.1)
-    level = np.r_[ROTATION, seen.start : seen.stop - 1]  # of the height a plain state is less sure
+    assert ours[LEG_COMPLIANCE] < 0.1 * RobustConfig().leg_compliance_sigma_m, "leg compliance is observable in a walk"
+    assert (ours[ACCELEROMETER_BIAS] < 0.999 * InitialConfig().accelerometer_bias_mps2).all(), "gravity was observed"
+    observed = slice(RATE.start, POSITION.stop)
+    np.testing.assert_allclose((rival.ukf.x - core.mean.vector)[observed] / ours[observed], 0.0, atol=0.1)
+    level = np.r_[ROTATION, observed.start : observed.stop - 1]  # a plain state is less certain of the height
     np.testing.assert_allclose(theirs[level], ours[level], rtol=0.02)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The benchmark of the eyes times the real stages, on frames that they follow."""
+"""The benchmark of vision times the real stages, on frames in which they track points."""
 
 import numpy as np
 
@@ -36,11 +36,11 @@ def test_backwards_the_body_turns_the_other_way_and_weighs_the_same() -> None:
         CameraImuSample(1000 + 10 * n, np.array([0.1, -0.2, 0.3]) * n, np.array([0.0, n, 9.81])) for n in range(3)
     ]
     stream = vision_benchmark._to_and_fro(tuple(readings))
-    seen = [next(stream) for _ in range(6)]
-    assert [sample.stamp_ns for sample in seen] == [1010, 1020, 1030, 1040, 1050, 1060]
+    samples = [next(stream) for _ in range(6)]
+    assert [sample.stamp_ns for sample in samples] == [1010, 1020, 1030, 1040, 1050, 1060]
     numbers = [1, 2, 1, 0, 1, 2]
     signs = [1, 1, -1, -1, 1, 1]
-    for sample, number, sign in zip(seen, numbers, signs, strict=True):
+    for sample, number, sign in zip(samples, numbers, signs, strict=True):
         assert isinstance(sample, CameraImuSample)
         np.testing.assert_array_equal(sample.angular_velocity, sign * readings[number].angular_velocity)
         np.testing.assert_array_equal(sample.specific_force, readings[number].specific_force)
