@@ -18,7 +18,7 @@ class FootholdNoiseConfig(StageConfig):
 
     gyroscope_noise_density: Annotated[float, Field(gt=0, description="white noise, rad/s/sqrt(Hz)")] = 0.01
     accelerometer_noise_density: Annotated[float, Field(gt=0, description="white noise, m/s^2/sqrt(Hz)")] = 0.1
-    foothold_walk: Annotated[float, Field(gt=0, description="random walk of a standing foot, m/s/sqrt(Hz)")] = 0.01
+    foothold_walk: Annotated[float, Field(gt=0, description="random walk of a foot in stance, m/s/sqrt(Hz)")] = 0.01
     foot_position_noise_m: Annotated[
         float, Field(gt=0, description="one sigma of a foot position from the joints, m")
     ] = 0.01
@@ -33,17 +33,21 @@ class InvariantConfig(StageConfig):
     ] = False
     initial_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of roll and pitch from rest, rad")] = 0.02
     initial_velocity_mps: Annotated[float, Field(gt=0, description="one sigma at rest, m/s")] = 0.02
-    moving_tilt_rad: Annotated[float, Field(gt=0, description="one sigma of a start on the move, rad")] = 0.2
-    moving_velocity_mps: Annotated[float, Field(gt=0, description="one sigma of a start on the move, m/s")] = 1.0
-    standstill: Annotated[StandstillConfig, Field(description="how still is still")] = StandstillConfig()
+    moving_tilt_rad: Annotated[
+        float, Field(gt=0, description="one sigma of roll and pitch of a start in motion, rad")
+    ] = 0.2
+    moving_velocity_mps: Annotated[
+        float, Field(gt=0, description="one sigma of the velocity of a start in motion, m/s")
+    ] = 1.0
+    standstill: Annotated[StandstillConfig, Field(description="detection of a standstill")] = StandstillConfig()
     rest_timeout_s: Annotated[
-        float, Field(ge=0, description="wait this long for the robot to stand still, then start on the move, s")
+        float, Field(ge=0, description="wait this long for the robot to stand still, then start in motion, s")
     ] = 3.0
     max_gap_s: Annotated[
-        float, Field(gt=0, description="longest silence of the IMU that is bridged as if nothing happened, s")
+        float, Field(gt=0, description="longest gap between IMU samples that is integrated over without inflation, s")
     ] = 0.1
-    gap_rate_radps: Annotated[float, Field(ge=0, description="one sigma of the unseen rate in a gap, rad/s")] = 0.3
+    gap_rate_radps: Annotated[float, Field(ge=0, description="one sigma of the angular velocity in a gap, rad/s")] = 0.3
     gap_acceleration_mps2: Annotated[
-        float, Field(ge=0, description="one sigma of the unseen acceleration in a gap, m/s^2")
+        float, Field(ge=0, description="one sigma of the acceleration in a gap, m/s^2")
     ] = 1.0
     force_timeout_s: Annotated[float, Field(gt=0, description="foot forces older than this count as missing, s")] = 0.1

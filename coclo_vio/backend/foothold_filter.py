@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""GTSAM's contact-aided invariant filter, ``LeggedInvariantEKF``, with body-frame answers; its quirks stay here.
+"""GTSAM's contact-aided invariant filter, ``LeggedInvariantEKF``, for the body frame; its peculiarities stay here.
 
 The IMU drives the prediction, the positions of stance feet correct it (Hartley, Ghaffari, Eustice, Grizzle,
-"Contact-aided invariant extended Kalman filtering for robot state estimation", IJRR 2020). Found out about the class
+"Contact-aided invariant extended Kalman filtering for robot state estimation", IJRR 2020). Observed of the class
 in GTSAM 4.3:
 
 * Left to its defaults it stops with "indeterminate linear system near x0" when all feet first stand together. Its
-  start from full contact, ``useFullContactInitialization``, ties yaw, x, y and velocity by priors of 1e-6 beside
+  start from full contact, ``useFullContactInitialization``, fixes yaw, x, y and velocity by priors of 1e-6 beside
   priors of 1 and factorises that by Cholesky: on one fifth of the postures of a real Go1 log rounding makes it fail.
   Initial covariance and process noise change nothing; filtering itself solves no such system. So that start is
   switched off here: gravity and gyroscope bias come from rest, as in our filter.
@@ -26,14 +26,14 @@ from coclo_vio.values.errors import SmootherError
 from coclo_vio.values.estimates import NavState
 from coclo_vio.values.units import GRAVITY_MPS2
 
-_TIED = 1e-6  # sigma of what is zero by definition at the start: yaw (rad) and position (m)
+_FIXED = 1e-6  # sigma of what is zero by definition at the start: yaw (rad) and position (m)
 _UNCERTAIN_M = 0.5  # sigma of a foothold before its first measurement
 
 
 class FootholdFilter:
     """Pose, velocity and footholds from IMU and stance feet.
 
-    GTSAM's state is that of the imu frame; what comes out is the body's.
+    GTSAM's state is that of the imu frame; the results are of the body.
     """
 
     def __init__(
@@ -64,20 +64,20 @@ class FootholdFilter:
         turn = T_world_imu[:3, :3]
         legs = len(leg_names)
         covariance = np.eye(9 + 3 * legs) * _UNCERTAIN_M**2
-        covariance[:3, :3] = turn.T @ np.diag([tilt_rad**2, tilt_rad**2, _TIED**2]) @ turn
-        covariance[3:6, 3:6] = np.eye(3) * _TIED**2
+        covariance[:3, :3] = turn.T @ np.diag([tilt_rad**2, tilt_rad**2, _FIXED**2]) @ turn
+        covariance[3:6, 3:6] = np.eye(3) * _FIXED**2
         covariance[6:9, 6:9] = np.eye(3) * velocity_mps**2
         start = gtsam.NavState(gtsam.Rot3(turn), T_world_imu[:3, 3], np.zeros(3))
-        self._is_held: BoolArray = np.zeros(legs, dtype=np.bool_)
-        self._filter = self._made(start, np.zeros((3, legs)), covariance)
+        self._is_stance: BoolArray = np.zeros(legs, dtype=np.bool_)
+        self._filter = self._gtsam_filter(start, np.zeros((3, legs)), covariance)
 
     @property
-    def is_held(self) -> BoolArray:
-        """The feet of the last correction, (legs,)."""
-        return self._is_held
+    def is_stance(self) -> BoolArray:
+        """The feet in stance at the last correction, (legs,)."""
+        return self._is_stance
 
     @property
-    def T_world_body(self) -> Array:  # noqa: N802
+    def T_world_body(self) -> Array:
         """Maps body coordinates to world, (4, 4)."""
         pose = self._filter.estimate()
         return se3.transform(pose.rotation().matrix(), pose.x(0)) @ se3.inverse(self._T_body_imu)
@@ -86,61 +86,61 @@ class FootholdFilter:
         """Move on by ``dt_s`` > 0 with the mean readings of that time, rad/s and m/s^2, imu frame, (3,)."""
         self._filter.predict(angular_velocity, specific_force, dt_s)
 
-    def correct(self, position_body: Array, is_held: BoolArray) -> None:
-        """Tie the body to the feet that stand.
+    def correct(self, position_body: Array, is_stance: BoolArray) -> None:
+        """Correct the body by the feet in stance.
 
         Args:
-            position_body: where the joints put the feet, m, body frame, (legs, 3); NaN allowed where not held.
-            is_held: which feet stand, (legs,): all others end their stance.
+            position_body: feet by the joints, m, body frame, (legs, 3); NaN allowed where not in stance.
+            is_stance: feet in stance, (legs,); all others end their stance.
 
         Raises:
-            SmootherError: GTSAM gave up.
+            SmootherError: GTSAM failed.
         """
         contacts = []
-        for leg in np.flatnonzero(is_held):
+        for leg in np.flatnonzero(is_stance):
             contact = gtsam.ContactMeasurement()
             contact.foot, contact.bodyPoint = int(leg), position_body[leg]
-            contact.touchdown = not bool(self._is_held[leg])
+            contact.touchdown = not bool(self._is_stance[leg])
             contacts.append(contact)
         try:
             self._filter.processContacts(contacts)
         except RuntimeError as error:
             raise SmootherError(
-                f"GTSAM's LeggedInvariantEKF gave up: {str(error).strip().splitlines()[0]} Raise the noise in "
+                f"GTSAM's LeggedInvariantEKF failed: {str(error).strip().splitlines()[0]} Raise the noise in "
                 "FootholdNoiseConfig, or take the mode coclo"
             ) from error
-        self._is_held = is_held
+        self._is_stance = is_stance
 
     def set_gyroscope_bias(self, gyroscope_bias: Array) -> None:
-        """Take another bias, rad/s, imu frame, (3,); state and covariance stay, all feet touch down anew."""
+        """Set another bias, rad/s, imu frame, (3,); state and covariance stay, all feet touch down anew."""
         self._bias = gyroscope_bias
-        self.widen(np.zeros(9))
+        self.inflate(np.zeros(9))
 
-    def widen(self, variance: Array) -> None:
+    def inflate(self, variance: Array) -> None:
         """Add ``variance`` (9,) to the errors [rotation, position, velocity]; all feet touch down anew."""
         pose, covariance = self._filter.estimate(), self._filter.covariance()
         blocks = pose.xMatrix()
         covariance[np.arange(9), np.arange(9)] += variance
-        self._is_held = np.zeros_like(self._is_held)
+        self._is_stance = np.zeros_like(self._is_stance)
         state = gtsam.NavState(pose.rotation(), blocks[:, 0], blocks[:, 1])
-        self._filter = self._made(state, blocks[:, 2:], covariance)
+        self._filter = self._gtsam_filter(state, blocks[:, 2:], covariance)
 
-    def answer(self, angular_velocity: Array) -> tuple[NavState, Array]:
+    def state_at(self, angular_velocity: Array) -> tuple[NavState, Array]:
         """The state of the body and the covariance (9, 9) of ``StateEstimate``, at the gyroscope's reading (3,)."""
         T_world_body = self.T_world_body
         rotation, turn, lever = T_world_body[:3, :3], self._T_body_imu[:3, :3], self._T_body_imu[:3, 3]
         rate = turn @ (angular_velocity - self._bias)
-        swept = np.cross(rate, lever)  # velocity of the imu relative to the body origin, body axes
-        velocity = self._filter.estimate().x(1) - rotation @ swept
+        lever_velocity = np.cross(rate, lever)  # of the imu, body axes
+        velocity = self._filter.estimate().x(1) - rotation @ lever_velocity
         nav = NavState(T_world_body, velocity, rate, turn @ self._bias, np.zeros(3))
         jacobian = np.zeros((9, 9))  # from GTSAM's errors, [rotation, position, velocity] of the imu in its own axes
         jacobian[:6, :6] = se3.adjoint(self._T_body_imu)
         jacobian[6:, 6:] = rotation @ turn
-        jacobian[6:, :3] = rotation @ so3.hat(swept) @ turn
+        jacobian[6:, :3] = rotation @ so3.hat(lever_velocity) @ turn
         covariance = jacobian @ self._filter.covariance()[:9, :9] @ jacobian.T
         return nav, 0.5 * (covariance + covariance.T)
 
-    def _made(self, state: gtsam.NavState, footholds: Array, covariance: Array) -> gtsam.LeggedInvariantEKF:
+    def _gtsam_filter(self, state: gtsam.NavState, footholds: Array, covariance: Array) -> gtsam.LeggedInvariantEKF:
         config = self._config
         imu = gtsam.PreintegrationParams.MakeSharedU(GRAVITY_MPS2)
         imu.setGyroscopeCovariance(np.eye(3) * config.gyroscope_noise_density**2)

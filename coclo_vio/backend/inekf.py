@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The baseline ``inekf``: an IMU-centric, contact-aided filter on the same feet, contacts and IMU as ours.
+"""The baseline ``inekf``: an IMU-centric, contact-aided filter on the same feet, contacts and IMU as the filter.
 
-Sorts measurements, decides contact, watches for rest; the filtering is GTSAM's, see ``foothold_filter``.
+Sorts measurements, decides contact and detects rest; the filtering is GTSAM's, see ``foothold_filter``.
 """
 
 from collections import Counter
@@ -28,8 +28,8 @@ _MOST_RESTS = 100  # windows of one standstill whose mean is the gyroscope bias
 class InvariantLegOdometry:
     """Contact-aided invariant Kalman filter: an estimate at each joint sample once it has started, from rest.
 
-    World: origin and heading of the body at the start. While the robot stands still, every foot counts as standing
-    and the gyroscope bias is the mean rate since it stood still.
+    World: origin and heading of the body at the start. At a standstill every foot counts as in stance, and the
+    gyroscope bias is the mean rate since it began.
     """
 
     def __init__(self, robot: RobotModel, config: InvariantConfig | None = None) -> None:
@@ -52,14 +52,14 @@ class InvariantLegOdometry:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Samples refused for their stamp, unknown legs, gaps, standstills and loads that are missing."""
+        """Samples refused for their stamp, unknown legs, gaps, standstills and missing loads."""
         return self._counts + Counter(self._contact.counts) + Counter(self._standstill.counts)
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample gives the new estimate once the filter has started.
 
         Raises:
-            SmootherError: the sample is not of this robot, or GTSAM gave up.
+            SmootherError: the sample is not of this robot, or GTSAM failed.
         """
         match measurement:
             case ImuSample():
@@ -100,16 +100,16 @@ class InvariantLegOdometry:
         self._take_rest(self._filter, rest)
         feet = self._robot.feet(sample.position, sample.velocity)
         self._correct(self._filter, feet, contact, is_stationary=rest is not None)
-        nav, covariance = self._filter.answer(imu.angular_velocity)
+        nav, covariance = self._filter.state_at(imu.angular_velocity)
         feet_world = nav.T_world_body[:3, 3] + self._feet_body @ nav.T_world_body[:3, :3].T
-        standing = FootState(feet_world, contact.probability, self._filter.is_held)
+        standing = FootState(feet_world, contact.probability, self._filter.is_stance)
         return StateEstimate(sample.stamp_ns, nav, covariance, standing)
 
-    def _check_length(self, kind: str, got: int, wanted: int) -> None:
-        if got != wanted:
+    def _check_length(self, kind: str, got: int, expected: int) -> None:
+        if got != expected:
             raise SmootherError(
-                f"a {kind} sample has {got} entries, robot {self._robot.description.name!r} has {wanted}; give them in "
-                "the order of its legs"
+                f"a {kind} sample has {got} entries, robot {self._robot.description.name!r} has {expected}; give them "
+                "in the order of its legs"
             )
 
     def _up_body(self) -> Array:
@@ -120,7 +120,7 @@ class InvariantLegOdometry:
         return np.asarray(self._T_body_imu[:3, :3] @ force) / max(float(np.linalg.norm(force)), 1e-6)
 
     def _started(self, stamp_ns: int, rest: Rest | None) -> FootholdFilter | None:
-        """The filter at its start, level by gravity; None as long as it waits for rest."""
+        """The filter at its start, levelled by gravity; None as long as it waits for rest."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         has_waited = stamp_ns - self._first_ns >= self.config.rest_timeout_s * NS_PER_S
         if self._imu is None or (rest is None and not has_waited):
@@ -139,7 +139,7 @@ class InvariantLegOdometry:
         )
 
     def _take_rest(self, core: FootholdFilter, rest: Rest | None) -> None:
-        """Once a window of standstill, set the gyroscope bias to the mean over the whole standstill."""
+        """Set the gyroscope bias to the mean over the standstill, once a window."""
         if rest is None:
             self._rests = []
             return
@@ -151,7 +151,7 @@ class InvariantLegOdometry:
         core.set_gyroscope_bias(np.mean([each.angular_velocity for each in self._rests], axis=0))
 
     def _advance(self, core: FootholdFilter, stamp_ns: int, angular_velocity: Array, specific_force: Array) -> None:
-        """Predict to ``stamp_ns`` with readings in the imu frame; a long gap costs certainty and all footholds."""
+        """Predict to ``stamp_ns`` with readings in the imu frame; a long gap inflates the covariance."""
         dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
         if dt_s <= 0.0:
             return
@@ -160,23 +160,23 @@ class InvariantLegOdometry:
         if dt_s > self.config.max_gap_s:
             self._counts["gap"] += 1
             turn, push = self.config.gap_rate_radps * dt_s, self.config.gap_acceleration_mps2 * dt_s
-            core.widen(np.repeat(np.square([turn, 0.5 * push * dt_s, push]), 3))
+            core.inflate(np.repeat(np.square([turn, 0.5 * push * dt_s, push]), 3))
 
     def _correct(
         self, core: FootholdFilter, feet: FeetKinematics, contact: ContactState, *, is_stationary: bool
     ) -> None:
-        """Hold on to the feet that stand and whose joints are known."""
+        """Correct the body by the feet in stance whose joints are known."""
         is_known: BoolArray = ~np.isnan(feet.position_body[:, 0])
         self._counts["leg_unknown"] += int(np.count_nonzero(~is_known))
         self._feet_body = np.where(is_known[:, None], feet.position_body, self._feet_body)
         is_held = (contact.is_stance | is_stationary) & is_known
         points = feet.position_body
         if self.config.rolling_feet:
-            points = self._unrolled(core.T_world_body[:3, :3], feet, is_held & core.is_held)
+            points = self._unrolled(core.T_world_body[:3, :3], feet, is_held & core.is_stance)
         core.correct(points, is_held)
 
     def _unrolled(self, rotation_world_body: Array, feet: FeetKinematics, is_rolling: BoolArray) -> Array:
-        """Feet less what they have rolled since touchdown, m, body frame, (legs, 3): points that stay where they are.
+        """Feet less what they have rolled since touchdown, m, body frame, (legs, 3): points at rest in the world.
 
         A sphere that turns by the small rotation ``theta`` on flat ground moves by ``theta x r e_z``.
         """

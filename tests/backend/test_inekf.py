@@ -53,8 +53,8 @@ def errors(estimates: list[StateEstimate], trial: AnalyticTrial) -> np.ndarray:
 
 
 def test_a_robot_that_stands_stays_where_it_is(go1: RobotModel) -> None:
-    quiet = SensorNoiseConfig(joint_velocity_noise_radps=0.02)  # a standing robot's angles hardly change
-    trial = generate(AnalyticTrialConfig(body=STANDING, sensors=quiet), go1, seed=2)
+    rest = SensorNoiseConfig(joint_velocity_noise_radps=0.02)  # a standing robot's angles hardly change
+    trial = generate(AnalyticTrialConfig(body=STANDING, sensors=rest), go1, seed=2)
     estimates = run(InvariantLegOdometry(go1), trial.measurements)
     assert len(estimates) > 200
     assert np.abs(errors(estimates, trial)[:, 3:]).max() < 2e-3  # foot noise 1 mm rad x 0.3 m, averaged
@@ -122,7 +122,7 @@ def test_an_imu_off_the_origin_and_turned_gives_the_same_body(walk: AnalyticTria
 
 
 def test_covariance_of_the_body_follows_from_that_of_the_imu() -> None:
-    """Against finite differences of the state through the answer, with a lever arm, turned, and spinning."""
+    """Against finite differences of the body state, with a lever arm, turned, and spinning."""
     rng = np.random.default_rng(8)
     T_body_imu = se3.exp(rng.normal(size=6))
     rotation, rate = so3.exp(rng.normal(size=3)), rng.normal(size=3)
@@ -135,7 +135,7 @@ def test_covariance_of_the_body_follows_from_that_of_the_imu() -> None:
         tilt_rad=0.1,
         velocity_mps=0.3,
     )
-    nav, covariance = core.answer(rate)
+    nav, covariance = core.state_at(rate)
     T_world_imu, lever = nav.T_world_body @ T_body_imu, T_body_imu[:3, 3]
 
     def body(error: np.ndarray) -> np.ndarray:

@@ -161,10 +161,10 @@ def test_in_the_dark_the_legs_carry_on_and_the_first_frame_that_sees_is_tied_to_
     odometry = combined()
     by_legs, by_eyes = play(odometry, [dark(one) for one in stream])
     told = [event.kind for event in odometry.take_events()]
-    assert told.count("blind") == told.count("sight") == 1
+    assert told.count("vision_lost") == told.count("vision_recovered") == 1
     assert max(miss_m(trial, one) for one in by_legs) < 0.03
     assert max(miss_m(trial, one) for one in by_eyes) < 0.03
-    assert odometry.counts["smoother_blind_frames"] > 10
+    assert odometry.counts["smoother_frames_without_vision"] > 10
     in_the_dark = [one for one in by_eyes if 3.0 <= one.stamp_ns * 1e-9 < 3.5]
     felt = {one.stamp_ns: one.nav.velocity_world for one in by_legs}
     for one in in_the_dark:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The smoother's factors, all of them GTSAM's own: sightings, motion, priors. A ``Term`` is a factor and its keys."""
+"""The smoother's factors, all of them GTSAM's own: observations, motion, priors. A ``Term`` is one with its keys."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.keyframes import PoseEvidence
 
-_UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, of which a standstill says nothing by itself
+_UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, on which a standstill alone holds no information
 _LANDMARK = gtsam.symbol("l", 0)
 _POSE, _VELOCITY, _BIAS = gtsam.symbol("x", 0), gtsam.symbol("v", 0), gtsam.symbol("b", 0)
 
@@ -39,16 +39,16 @@ def bias_key(number: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """A factor and the keys of what it is about."""
+    """A factor and the keys of its variables."""
 
     factor: Any
     keys: tuple[int, ...]
 
 
-class SightingFactors:
-    """Makes factors of sightings: stereo where both cameras see the point, a projection where one does.
+class ObservationFactors:
+    """Makes factors of observations: stereo where both cameras observe the point, a projection where the left one does.
 
-    Left pixel and disparity are independent, so the two columns are not: a wandering track takes both along.
+    Left pixel and disparity are independent, so the two columns are not: a track that drifts moves both.
     """
 
     def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
@@ -59,13 +59,13 @@ class SightingFactors:
         huber = gtsam.noiseModel.mEstimator.Huber.Create(noise.huber)
         self._first_noise = _robust(huber, noise.track_px, noise.disparity_px)
         self._repeated_noise = _robust(huber, noise.track_px, noise.repeated_disparity_px)
-        alone = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
-        self._mono_noise = gtsam.noiseModel.Robust.Create(huber, alone)
+        left_only = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
+        self._mono_noise = gtsam.noiseModel.Robust.Create(huber, left_only)
 
-    def make(self, number: int, landmark_id: int, sighting: Array, *, is_first: bool) -> Term:
-        """The factor of a sighting (left column, row, right column or NaN), px, (3,)."""
+    def make(self, number: int, landmark_id: int, observation: Array, *, is_first: bool) -> Term:
+        """The factor of an observation (left column, row, right column or NaN), px, (3,)."""
         pose, point = pose_key(number), landmark_key(landmark_id)
-        left, row, right = (float(value) for value in sighting)
+        left, row, right = (float(value) for value in observation)
         if np.isnan(right):
             factor: Any = gtsam.GenericProjectionFactorCal3_S2(
                 np.array([left, row]), self._mono_noise, pose, point, self._mono, self._T_body_camera
@@ -92,18 +92,18 @@ def relative_pose(start: int, end: int, T_start_end: Array, covariance: Array) -
     return Term(gtsam.BetweenFactorPose3(*keys, gtsam.Pose3(T_start_end), noise), keys)
 
 
-def evidence(start: int, end: int, told: PoseEvidence) -> Term | None:
-    """What somebody knows of two keyframes, linear where he knew it; None where that is nothing."""
-    rows, measured = told.rows()
+def evidence(start: int, end: int, poses: PoseEvidence) -> Term | None:
+    """Evidence of two keyframes, linear at its own poses; None where it holds no information."""
+    rows, measured = poses.rows()
     if not len(rows):
         return None
     keys = (pose_key(start), pose_key(end))
-    where = gtsam.Values()
-    where.insert(keys[0], gtsam.Pose3(told.T_world_start))
-    where.insert(keys[1], gtsam.Pose3(told.T_world_end))
+    linearised_at = gtsam.Values()
+    linearised_at.insert(keys[0], gtsam.Pose3(poses.T_world_start))
+    linearised_at.insert(keys[1], gtsam.Pose3(poses.T_world_end))
     unit = gtsam.noiseModel.Unit.Create(len(rows))
     linear = gtsam.JacobianFactor(keys[0], rows[:, :6], keys[1], rows[:, 6:], measured, unit)
-    return Term(gtsam.LinearContainerFactor(linear, where), keys)
+    return Term(gtsam.LinearContainerFactor(linear, linearised_at), keys)
 
 
 def pose_prior(number: int, T_world_body: Array, covariance: Array) -> Term:
@@ -128,13 +128,13 @@ def bias_prior(number: int, accelerometer: Array, gyroscope: Array, sigmas: Arra
 
 
 def rest(number: int, speed_mps: float, rate: Array, sigma_radps: float) -> tuple[Term, Term]:
-    """A keyframe that stands still: what is left of its velocity, m/s, and its gyroscope's bias, rad/s, (3,)."""
+    """A keyframe at rest: zero velocity with its sigma, m/s, and the gyroscope's bias, rad/s, (3,), with its own."""
     sigmas = np.repeat([_UNKNOWN_MPS2, sigma_radps], 3)
     return velocity_prior(number, np.zeros(3), speed_mps), bias_prior(number, np.zeros(3), rate, sigmas)
 
 
 def inertial(start: int, end: int, measured: Any) -> Term:
-    """What the IMU felt between two keyframes, with the walk of its biases."""
+    """The preintegrated readings between two keyframes, with the random walk of the biases."""
     poses = (pose_key(start), velocity_key(start), pose_key(end), velocity_key(end))
     biases = (bias_key(start), bias_key(end))
     return Term(gtsam.CombinedImuFactor(*poses, *biases, measured), poses + biases)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""IMU samples between two keyframes: preintegrated for the smoother, and watched for rest.
+"""IMU readings between two keyframes: preintegrated for the smoother, and examined for rest.
 
-Source: Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", 2017, as GTSAM has it.
+Source: Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", 2017 (by
+GTSAM).
 """
 
 from collections import deque
@@ -17,22 +18,22 @@ from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.measurements import InertialReading
 from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
-_INTEGRATION_NOISE = 1e-4  # m/sqrt(s): what midpoints between samples miss
+_INTEGRATION_NOISE = 1e-4  # m/sqrt(s): error of the midpoint rule between samples
 _FEWEST_SAMPLES = 5
 _SPANNED = 0.8  # share of the window that the samples have to span
 _REST_FORCE_MPS2 = 2.0  # how far the force at rest may be from gravity: more than any bias
 _FASTEST_RADPS, _STRONGEST_MPS2 = 100.0, 1000.0  # beyond what any such sensor can read
-_REMEMBERED_NS = 1_000_000_000  # readings that are kept for a start in the past
+_HISTORY_NS = 1_000_000_000  # readings that are kept for a start in the past
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Quiet:
-    """Means over a time without motion, imu frame.
+class ImuMeans:
+    """Mean readings over a time, imu frame.
 
     Attributes:
         angular_velocity: rad/s, (3,).
         specific_force: m/s^2, (3,).
-        span_s: how long.
+        span_s: length of that time.
     """
 
     angular_velocity: Array
@@ -41,17 +42,17 @@ class Quiet:
 
 
 def is_possible(sample: InertialReading) -> bool:
-    """Whether an IMU can have read this: spikes of a broken link are no motion."""
+    """Whether a reading is within the range of any IMU: spikes of a broken link are not."""
     rate, force = np.abs(sample.angular_velocity).max(), np.abs(sample.specific_force).max()
     return bool(rate < _FASTEST_RADPS and force < _STRONGEST_MPS2)
 
 
 class Preintegration:
-    """The motion of the body since the last keyframe as the IMU felt it.
+    """The motion of the body since the last keyframe from the IMU's readings.
 
-    Readings are joined by straight lines; one that ends after the asked time is cut there. GTSAM takes the force of a
-    step for constant in the axes of its beginning, and of a lever arm it knows the centripetal part only: here the
-    force is turned by half the step, and freed of what angular acceleration adds at the end of the arm.
+    Readings are interpolated linearly, also at the end of the integration. GTSAM takes the force of a step as constant
+    in the axes of its beginning, and accounts only for the centripetal part of a lever arm: here the force is rotated
+    by half the step, and the effect of angular acceleration at the end of the arm is subtracted.
     """
 
     def __init__(self, imu: ImuCalibration, config: InertialConfig) -> None:
@@ -80,28 +81,28 @@ class Preintegration:
         self.has_gap = False
 
     def push(self, sample: InertialReading) -> None:
-        """Take the next reading; one that is not newer than the last, or not possible, is left out."""
+        """Add the next reading; one that is not newer than the last, or not possible, is left out."""
         newest = self._waiting[-1] if self._waiting else self._last
         if is_possible(sample) and (newest is None or sample.stamp_ns > newest.stamp_ns):
             self._waiting.append(sample)
-        if self.start_ns is None and len(self._waiting) > 1:  # nobody asks yet
+        if self.start_ns is None and len(self._waiting) > 1:  # integration has not started
             self._last = self._waiting.popleft()
-            self._remember(self._last)
+            self._keep(self._last)
 
     @property
     def measured(self) -> gtsam.PreintegratedCombinedMeasurements:
-        """What has been integrated since the start."""
+        """The preintegrated readings since the start."""
         return self._pim
 
     @property
     def rate_body(self) -> Array:
-        """The newest angular velocity that was taken, bias and all, rad/s, body frame, (3,)."""
+        """The newest integrated angular velocity, bias included, rad/s, body frame, (3,)."""
         if self._newest is None:
             return np.zeros(3)
         return np.asarray(self.T_body_imu[:3, :3] @ self._newest.angular_velocity)
 
     def restart(self, stamp_ns: int, bias: gtsam.imuBias.ConstantBias) -> None:
-        """Start to integrate anew at ``stamp_ns``, at most a second before what has been taken."""
+        """Start to integrate anew at ``stamp_ns``, at most a second before the last integrated reading."""
         while self._taken and self._taken[-1].stamp_ns > stamp_ns:
             self._waiting.appendleft(self._taken.pop())
             self._last = self._taken[-1] if self._taken else self._waiting[0]
@@ -113,48 +114,48 @@ class Preintegration:
         self.has_gap = False
 
     def advance(self, stamp_ns: int) -> bool:
-        """Integrate up to ``stamp_ns``; whether there is anything to integrate and no long silence in it."""
+        """Integrate up to ``stamp_ns``; whether there are readings to integrate, without a gap."""
         while self._waiting and self._waiting[0].stamp_ns <= stamp_ns:
             self._take(self._waiting.popleft())
         if self._last is not None and self._now_ns < stamp_ns:
             ahead = self._waiting[0] if self._waiting else self._last
-            self._note_silence(self._last, stamp_ns)
+            self._note_gap(self._last, stamp_ns)
             begin, end = (_between(self._last, ahead, when_ns) for when_ns in (self._now_ns, stamp_ns))
             self._integrate(begin, end, stamp_ns)
         return self._last is not None and not self.has_gap and self._pim.deltaTij() > 0.0
 
     def _take(self, sample: InertialReading) -> None:
         before, self._last = self._last or sample, sample
-        self._remember(sample)
+        self._keep(sample)
         if sample.stamp_ns > self._now_ns:
-            self._note_silence(before, sample.stamp_ns)
+            self._note_gap(before, sample.stamp_ns)
             begin = _between(before, sample, self._now_ns)
             self._integrate(begin, sample, sample.stamp_ns)
 
-    def _remember(self, sample: InertialReading) -> None:
+    def _keep(self, sample: InertialReading) -> None:
         self._newest = sample
         self._taken.append(sample)
-        while sample.stamp_ns - self._taken[0].stamp_ns > _REMEMBERED_NS:
+        while sample.stamp_ns - self._taken[0].stamp_ns > _HISTORY_NS:
             self._taken.popleft()
 
-    def _note_silence(self, before: InertialReading, stamp_ns: int) -> None:
-        silence_ns = stamp_ns - min(before.stamp_ns, self._now_ns)
-        self.has_gap = self.has_gap or silence_ns > self._config.max_gap_s * NS_PER_S
+    def _note_gap(self, before: InertialReading, stamp_ns: int) -> None:
+        pause_ns = stamp_ns - min(before.stamp_ns, self._now_ns)
+        self.has_gap = self.has_gap or pause_ns > self._config.max_gap_s * NS_PER_S
 
     def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
         dt_s = (stamp_ns - self._now_ns) / NS_PER_S
         rate = 0.5 * (begin.angular_velocity + end.angular_velocity)
-        felt = 0.5 * (begin.specific_force + end.specific_force)
-        speeding_up = (end.angular_velocity - (begin.angular_velocity if self._rate is None else self._rate)) / dt_s
+        force = 0.5 * (begin.specific_force + end.specific_force)
+        acceleration = (end.angular_velocity - (begin.angular_velocity if self._rate is None else self._rate)) / dt_s
         turning = rate - self._gyroscope_bias
-        taken_off_later = np.cross(turning, np.cross(turning, self._lever_imu)) + self._accelerometer_bias  # by GTSAM
-        at_origin = felt - np.cross(speeding_up, self._lever_imu) - taken_off_later
-        self._pim.integrateMeasurement(so3.exp(0.5 * dt_s * turning) @ at_origin + taken_off_later, rate, dt_s)
+        subtracted_by_gtsam = np.cross(turning, np.cross(turning, self._lever_imu)) + self._accelerometer_bias
+        at_origin = force - np.cross(acceleration, self._lever_imu) - subtracted_by_gtsam
+        self._pim.integrateMeasurement(so3.exp(0.5 * dt_s * turning) @ at_origin + subtracted_by_gtsam, rate, dt_s)
         self._rate, self._now_ns = end.angular_velocity, stamp_ns
 
 
 def _between(before: InertialReading, after: InertialReading, stamp_ns: int) -> InertialReading:
-    """The reading at ``stamp_ns`` on the line through two; the nearer one outside them."""
+    """The reading at ``stamp_ns`` interpolated between two; the nearer one outside them."""
     span_ns = after.stamp_ns - before.stamp_ns
     share = 1.0 if span_ns <= 0 else min(max((stamp_ns - before.stamp_ns) / span_ns, 0.0), 1.0)
     return InertialReading(
@@ -164,15 +165,15 @@ def _between(before: InertialReading, after: InertialReading, stamp_ns: int) -> 
     )
 
 
-class InertialWatch:
-    """The readings of the last moments, in the imu frame: whether they are quiet, and their means."""
+class RestDetector:
+    """Whether the IMU has been at rest during the last readings, and their means, imu frame."""
 
     def __init__(self, config: StandstillWindowConfig) -> None:
         self._config = config
         self._readings: deque[tuple[int, Array]] = deque()
 
     def push(self, sample: InertialReading) -> None:
-        """Take a reading if it is possible and newer than the last; those older than the window are forgotten."""
+        """Take a reading if it is possible and newer than the last; readings older than the window are dropped."""
         if not is_possible(sample) or (self._readings and sample.stamp_ns <= self._readings[-1][0]):
             return
         row = np.concatenate((sample.angular_velocity, sample.specific_force))
@@ -182,24 +183,24 @@ class InertialWatch:
             self._readings.popleft()
 
     @property
-    def means(self) -> Quiet | None:
-        """The means over the window, quiet or not; None before the first reading."""
+    def means(self) -> ImuMeans | None:
+        """The means over the window, at rest or not; None before the first reading."""
         if not self._readings:
             return None
         mean = np.mean([row for _, row in self._readings], axis=0)
-        return Quiet(mean[:3], mean[3:], (self._readings[-1][0] - self._readings[0][0]) / NS_PER_S)
+        return ImuMeans(mean[:3], mean[3:], (self._readings[-1][0] - self._readings[0][0]) / NS_PER_S)
 
     @property
-    def quiet(self) -> Quiet | None:
-        """The means over the window if nothing moved in it."""
+    def rest(self) -> ImuMeans | None:
+        """The means over the window if the IMU was at rest in it; otherwise None."""
         means = self.means
         if means is None or len(self._readings) < _FEWEST_SAMPLES or means.span_s < _SPANNED * self._config.window_s:
             return None
         scatter = np.var([row for _, row in self._readings], axis=0)
-        is_quiet = (
+        is_at_rest = (
             np.sqrt(scatter[:3].sum()) < self._config.gyroscope_std_radps
             and np.sqrt(scatter[3:].sum()) < self._config.accelerometer_std_mps2
             and abs(np.linalg.norm(means.specific_force) - GRAVITY_MPS2)
             < _REST_FORCE_MPS2  # a dead sensor is not at rest
         )
-        return means if is_quiet else None
+        return means if is_at_rest else None

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What leaves the window is summed up in a prior on what stays: Schur's complement, by GTSAM's elimination.
+"""Marginalisation: variables that leave the window become a prior on the others (Schur's complement, by GTSAM).
 
-The prior is linear at the estimate at which it was made (``LinearContainerFactor``). Where the world is, nothing
-measures: a prior that says so anyway lets the whole window slide, by metres, as soon as it is bent only a little off
-where it is linear. ``relative_to`` takes that out.
+The prior is linear at the estimate at which it was made (``LinearContainerFactor``). Position in the world is measured
+by nothing. Once the estimate has left the point of linearisation, a prior has spurious information on it all the same,
+and the whole window drifts by metres. ``relative_to`` removes that information.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,51 +16,51 @@ from coclo_vio.backend.window.solver import first_sentence, ordered
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 
-_FAINT = 1e-6  # information that makes undetermined directions solvable
+_LEAST_INFORMATION = 1e-6  # makes undetermined directions solvable
 
 
 def evidence_of_poses(
     terms: Iterable[Term], leaving: Sequence[int], poses: Sequence[int], values: gtsam.Values
 ) -> tuple[Array, Array]:
-    """What ``terms`` say of N poses once ``leaving`` keys are eliminated: information (6 N, 6 N), vector (6 N,).
+    """Information (6 N, 6 N) and vector (6 N,) of ``terms`` on N poses once ``leaving`` keys are eliminated.
 
-    Both are about the poses in ``values``, in the order of their keys ``poses``; directions may be left open.
+    Both are about the poses in ``values``, in the order of their keys ``poses``; directions may hold no information.
 
     Raises:
-        SmootherError: something that leaves is not determined by the terms.
+        SmootherError: a variable that leaves is not determined by the terms.
     """
     graph = gtsam.NonlinearFactorGraph()
     for term in terms:
         graph.push_back(term.factor)
     try:
         _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
-        for key in poses:  # also where nothing is said of one of them
+        for key in poses:  # also those that no factor is left of
             remaining.push_back(
                 gtsam.JacobianFactor(key, np.zeros((6, 6)), np.zeros(6), gtsam.noiseModel.Unit.Create(6))
             )
         information, vector = remaining.hessian(ordered(poses))
     except RuntimeError as error:
-        raise SmootherError(f"what is said of keyframes is not determined: {first_sentence(error)}") from error
+        raise SmootherError(f"the evidence of keyframes is not determined: {first_sentence(error)}") from error
     return np.asarray(information), np.ravel(vector)
 
 
 def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.Values) -> list[Term]:
-    """The terms that say of the rest what ``terms`` say of everything, once ``leaving`` keys are eliminated.
+    """The terms on the remaining variables that replace ``terms``, once ``leaving`` keys are eliminated.
 
     Args:
-        terms: every term that touches a leaving key, and no other.
+        terms: every term with a leaving key, and no other.
         leaving: keys to eliminate, landmarks before poses.
         values: where to linearise.
 
     Raises:
-        SmootherError: something that leaves is not determined by the terms.
+        SmootherError: a variable that leaves is not determined by the terms.
     """
     graph = gtsam.NonlinearFactorGraph()
     for term in terms:
         graph.push_back(term.factor)
     try:
         _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
-    except (RuntimeError, ValueError) as error:  # ValueError: no term touches something that leaves
+    except (RuntimeError, ValueError) as error:  # ValueError: a leaving key without a term
         raise SmootherError(f"what leaves the window is not determined: {first_sentence(error)}") from error
     kept = []
     for index in range(remaining.size()):
@@ -72,10 +72,10 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
 
 
 def relative_to(prior: Sequence[Term], key: int, free: Array, values: gtsam.Values) -> list[Term]:
-    """Terms that, added to ``prior``, take back what it says of some directions of a pose, and nothing else.
+    """Terms that, added to ``prior``, remove its information on some directions of a pose, and nothing else.
 
-    With g those directions and x everything else, information L and vector h, the prior is p(x | g) p(g); what is
-    taken back is p(g), of information ``L_gg - L_gx inv(L_xx) L_xg`` and vector ``h_g - L_gx inv(L_xx) h_x``.
+    With g those directions and x everything else, information L and vector h, the prior is p(x | g) p(g); p(g) is
+    removed, of information ``L_gg - L_gx inv(L_xx) L_xg`` and vector ``h_g - L_gx inv(L_xx) h_x``.
 
     Args:
         prior: every term.
@@ -101,9 +101,9 @@ def relative_to(prior: Sequence[Term], key: int, free: Array, values: gtsam.Valu
     turned[size:, -free.shape[1] :] = free
     information, vector = turned.T @ information @ turned, turned.T @ vector
     size = len(information) - free.shape[1]
-    rest = information[:size, :size] + _FAINT * np.eye(size)
+    rest = information[:size, :size] + _LEAST_INFORMATION * np.eye(size)
     gain = np.linalg.solve(rest, np.column_stack((information[:size, size:], vector[:size])))
     alone = information[size:, size:] - information[size:, :size] @ gain[:, :-1]
     pull = vector[size:] - information[size:, :size] @ gain[:, -1]
-    taken_back = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)
-    return [Term(gtsam.LinearContainerFactor(taken_back, values), (key,))]
+    removed = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)
+    return [Term(gtsam.LinearContainerFactor(removed, values), (key,))]

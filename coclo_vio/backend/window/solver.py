@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Gauss-Newton on a factor graph, with the covariance of its last variables for nothing; damped where that fails.
+"""Gauss-Newton on a factor graph, with the covariance of its last variables at no extra cost; damped where it fails.
 
 GTSAM linearises and eliminates. The last elimination also gives the covariance of what was eliminated last, which its
-optimisers do not hand out; asking them costs as much as another iteration.
+optimisers do not return; computing it with them costs as much as another iteration.
 """
 
 from collections.abc import Sequence
@@ -16,17 +16,17 @@ from coclo_vio.values.errors import SmootherError
 
 _TINY = 1e-12
 _ROUNDING = 1e-9
-_LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step that are tried one after the other
+_LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step, tried in this order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """Where the cost is least.
+    """The minimum of the cost.
 
     Attributes:
         values: of all variables.
         iterations: linear systems solved.
-        covariance: of the variables that were asked for, in their order.
+        covariance: of the variables eliminated last, in that order.
     """
 
     values: gtsam.Values
@@ -45,14 +45,14 @@ def minimise(
 ) -> Minimum:
     """The least cost near ``values``.
 
-    Iterates until the linear model foretells what a step gains to within ``tolerance`` of the cost.
+    Iterates until the linear model predicts the decrease of a step to within ``tolerance`` of the cost.
 
     Args:
         graph: the factors.
         values: where to start.
         elimination: keys of all variables in the order in which they are eliminated.
-        last: how many keys at its end the covariance is wanted of.
-        most_iterations: after so many the result is taken as it is.
+        last: number of keys at its end whose covariance is returned.
+        most_iterations: the result after so many is returned, converged or not.
         tolerance: relative to the cost.
 
     Raises:
@@ -69,13 +69,13 @@ def minimise(
             length, proposed, proposed_cost = _shortened(graph, values, cost, step)
             if length == 0.0:
                 return _damped(graph, values, elimination, last, most_iterations)
-            foretold = linear.error(values.zeroVectors()) - linear.error(step)
-            is_settled = length == 1.0 and abs(cost - proposed_cost - foretold) <= tolerance * proposed_cost
+            predicted = linear.error(values.zeroVectors()) - linear.error(step)
+            is_settled = length == 1.0 and abs(cost - proposed_cost - predicted) <= tolerance * proposed_cost
             values, cost = proposed, proposed_cost
             if is_settled:
                 break
         return Minimum(values, iterations, _covariance(net, elimination[-last:]))
-    except RuntimeError:  # "Indeterminate linear system", as GTSAM has it
+    except RuntimeError:  # GTSAM's "Indeterminate linear system"
         return _damped(graph, values, elimination, last, most_iterations)
 
 
@@ -134,12 +134,12 @@ def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
 
 
 def first_sentence(error: Exception) -> str:
-    """What GTSAM says went wrong, in a line; its advice runs on over ten."""
+    """The first sentence of GTSAM's error, in a line, without the ten lines of advice after it."""
     return " ".join(str(error).strip().partition("\n\n")[0].split()).removesuffix(".")
 
 
 def ordered(keys: Sequence[int]) -> gtsam.Ordering:
-    """Keys as GTSAM wants them in a given order."""
+    """Keys as GTSAM's ordering."""
     ordering = gtsam.Ordering()
     for key in keys:
         ordering.push_back(key)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Relative motion from the body's own measured twist: what wheels or a controller know, as weak odometry."""
+"""Relative motion from the measured twist of the body, of wheels or a controller, as weak odometry."""
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.measurements import BodyTwistSample
 from coclo_vio.values.units import NS_PER_S
 
-_FLOOR = 1e-5  # rad and m: a delta over no time still has a covariance that can be inverted
+_FLOOR = 1e-5  # rad and m: a delta over a very short time still has an invertible covariance
 
 
 class TwistOdometry:
-    """Integrates twists since a keyframe, taking them as straight lines between samples."""
+    """Integrates twists since a keyframe, interpolated linearly between samples."""
 
     def __init__(self, config: TwistConfig | None = None) -> None:
         config = config or TwistConfig()
@@ -45,7 +45,7 @@ class TwistOdometry:
     def delta_until(self, stamp_ns: int) -> OdometryDelta | None:
         """The motion from the last ``restart`` to ``stamp_ns``; None without a start or a twist.
 
-        Between the last sample and ``stamp_ns`` the twist is held.
+        Between the last sample and ``stamp_ns`` the twist is constant.
         """
         if self._start_ns is None or self._sample is None or stamp_ns <= self._start_ns:
             return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The window itself: keyframes, landmarks and a prior, solved together; the oldest keyframe leaves as information."""
+"""The window itself: keyframes, landmarks and a prior, solved together; the oldest keyframe is marginalised."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -9,20 +9,18 @@ import numpy as np
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.factors import SightingFactors, Term
+from coclo_vio.backend.window.factors import ObservationFactors, Term
+from coclo_vio.backend.window.gauge import Gauge, tilt_prior, unobservable_directions
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
-from coclo_vio.backend.window.localisation import PixelModel
 from coclo_vio.backend.window.marginalisation import marginal_prior, relative_to
 from coclo_vio.backend.window.solver import minimise
-from coclo_vio.geometry import se3
+from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.measurements import StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
 _POSE = 6  # dimensions
-_HELD = 1e-4  # rad and m, one sigma: where the oldest keyframe is held
-_NOT_HELD = 100.0  # rad, one sigma of its tilt where gravity tells it
 
 
 @dataclass(slots=True, eq=False)
@@ -32,9 +30,9 @@ class Keyframe:
     Attributes:
         number: counts up; its keys are made of it.
         stamp_ns: its time, ns.
-        tracks: what was seen.
-        terms: what ties it to the keyframe before it, and what is known of it alone.
-        rest_terms: what a standstill says of it.
+        tracks: points observed in it.
+        terms: connect it with the keyframe before it, or are priors on it.
+        rest_terms: zero velocity and the gyroscope's bias at a standstill.
     """
 
     number: int
@@ -46,13 +44,13 @@ class Keyframe:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """How solving went.
+    """Result of solving.
 
     Attributes:
         iterations: of the solver.
         factors: in the problem.
         landmarks: in the problem.
-        reprojection_px: root mean square of what is left of the sightings, px.
+        reprojection_px: root mean square of the observations' residuals, px.
         covariance: of the newest pose relative to the oldest one's place and heading, and of velocity and biases
             (accelerometer, gyroscope) where the IMU is used, (6, 6) or (15, 15).
     """
@@ -68,24 +66,23 @@ class Window:
     """Keyframes and landmarks with their estimates.
 
     Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes. The
-    oldest one is held where it is, but for its tilt where gravity is felt: solving changes what is known relative to
-    it, and no estimate that has gone out before is moved as a whole.
+    oldest one is fixed by the gauge, except for its tilt where gravity is measured: solving changes the poses relative
+    to it, and no earlier estimate is moved as a whole. An anchored window has no gauge: a given start is its prior.
     """
 
     def __init__(self, rig: RectifiedStereo, config: SmootherConfig, *, is_anchored: bool = False) -> None:
         self._config = config
         self._is_anchored = is_anchored
-        self._pixels = PixelModel(rig, config.noise)
-        self._sightings = SightingFactors(rig, config.noise)
-        self._cache: dict[tuple[int, int], Term] = {}  # factors of sightings by landmark and keyframe
+        self._model = StereoModel(rig, config.noise)
+        self._observation_factors = ObservationFactors(rig, config.noise)
+        self._cache: dict[tuple[int, int], Term] = {}  # observations by landmark and keyframe
         self.landmarks = LandmarkMap(rig, config)
         self.keyframes: list[Keyframe] = []
         self.values = gtsam.Values()
         self.prior: list[Term] = []
-        self._pin: Term | None = None  # holds the oldest keyframe; no knowledge, so it leaves with that keyframe
+        self._gauge = Gauge()
         self._solved: frozenset[int] = frozenset()  # landmarks of the last solution
-        self._held_covariance = np.zeros((6, 6))  # of where the oldest keyframe is held, right/local
-        self._next_covariance = np.zeros((6, 6))  # of the one after it, relative to that
+        self._next_covariance = np.zeros((6, 6))  # of the keyframe after the oldest one, relative to that
 
     @property
     def newest(self) -> Keyframe:
@@ -94,17 +91,17 @@ class Window:
 
     @property
     def solved_landmarks(self) -> list[int]:
-        """Landmarks that were solved for and still are to be: their points are where everything fits best."""
+        """Landmarks of the last solution that are still solvable: their points are at the minimum."""
         return [each for each, landmark in self.landmarks.items() if each in self._solved and landmark.is_solvable]
 
     @property
     def last_speed_mps(self) -> float:
-        """How fast the body moved between the two newest keyframes."""
+        """Mean speed of the body between the two newest keyframes."""
         if len(self.keyframes) < 2:
             return 0.0
         before, newest = self.keyframes[-2], self.newest
-        way = self.pose(newest.number)[:3, 3] - self.pose(before.number)[:3, 3]
-        return float(np.linalg.norm(way)) * NS_PER_S / (newest.stamp_ns - before.stamp_ns)
+        path = self.pose(newest.number)[:3, 3] - self.pose(before.number)[:3, 3]
+        return float(np.linalg.norm(path)) * NS_PER_S / (newest.stamp_ns - before.stamp_ns)
 
     def pose(self, number: int) -> Array:
         """``T_world_body`` of a keyframe, (4, 4)."""
@@ -124,7 +121,7 @@ class Window:
         self.values.insert(factors.bias_key(number), bias)
 
     def add(self, keyframe: Keyframe, T_world_body: Array, is_wrong: BoolArray) -> None:
-        """Take a keyframe in at ``T_world_body``; sightings (N,) that are wrong are left out."""
+        """Add a keyframe at ``T_world_body``; tracks (N,) that are wrong are left out."""
         self.values.insert(factors.pose_key(keyframe.number), gtsam.Pose3(T_world_body))
         self.keyframes.append(keyframe)
         self.landmarks.observe(keyframe.number, keyframe.tracks, is_wrong)
@@ -133,23 +130,23 @@ class Window:
     def _place(self) -> None:
         poses = {each.number: self.pose(each.number) for each in self.keyframes}
         self.landmarks.place(poses)
-        self.landmarks.judge(poses, self._pixels)
+        self.landmarks.update_covariances(poses, self._model)
 
     def solve(self) -> Solution:
-        """Move everything to where it fits best, and remove the sightings that do not fit.
+        """Solve for all states and landmarks, and remove the observations that do not fit.
 
         Raises:
             SmootherError: the problem is not determined, or its solution is not finite.
         """
-        seen = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
-        terms = [*self.terms(seen)]
+        landmark_ids = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
+        terms = [*self.terms(landmark_ids)]
         values = gtsam.Values(self.values)
-        for landmark_id in seen:
+        for landmark_id in landmark_ids:
             values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
         graph = gtsam.NonlinearFactorGraph()
         for term in terms:
             graph.push_back(term.factor)
-        elimination = self.elimination(seen)
+        elimination = self.elimination(landmark_ids)
         staying = [key for keyframe in self.keyframes[1:] or self.keyframes for key in self._keys_of(keyframe.number)]
         found = minimise(
             graph,
@@ -159,23 +156,22 @@ class Window:
             most_iterations=self._config.iterations,
             tolerance=self._config.tolerance,
         )
-        self._take(found.values, seen)
-        self._solved = frozenset(seen)
+        self._take(found.values, landmark_ids)
+        self._solved = frozenset(landmark_ids)
         covariance = self._newest_covariance(found.covariance)
         rms = self._cull()
         self._place()
-        return Solution(found.iterations, len(terms), len(seen), rms, covariance)
+        return Solution(found.iterations, len(terms), len(landmark_ids), rms, covariance)
 
     def _newest_covariance(self, covariance: Array) -> Array:
-        """The newest keyframe's, from that of all but the oldest; what will be held next is noted on the way."""
-        size = _POSE if self._unmeasured(self.newest.number).shape[1] == _POSE else 15
+        """The newest keyframe's, from that of all but the oldest; that of the next oldest one is kept for the gauge."""
+        size = _POSE if self._unobservable(self.newest.number).shape[1] == _POSE else 15
         self._next_covariance = covariance[size - _POSE : size, size - _POSE : size]
         return self._pose_first(covariance[-size:, -size:])
 
-    def world_covariance(self, T_world_body: Array) -> Array:
-        """What a pose is uncertain by since nobody knows where the oldest keyframe is, right/local, (6, 6)."""
-        moved = se3.adjoint(se3.inverse(T_world_body) @ self.pose(self.keyframes[0].number))
-        return np.asarray(moved @ self._held_covariance @ moved.T)
+    def gauge_covariance(self, T_world_body: Array) -> Array:
+        """Uncertainty of a pose from that of the fixed oldest keyframe in the world, right/local, (6, 6)."""
+        return self._gauge.covariance_at(T_world_body, self.pose(self.keyframes[0].number))
 
     def _take(self, solved: gtsam.Values, landmark_ids: Sequence[int]) -> None:
         for landmark_id in landmark_ids:
@@ -185,32 +181,32 @@ class Window:
         self.values = solved
 
     def terms(self, landmark_ids: Sequence[int]) -> Iterator[Term]:
-        """Everything that is known: of keyframes, of these landmarks, of what has left."""
+        """All terms: of the prior, of the keyframes, and of the observations of these landmarks."""
         yield from self.prior
-        if self._pin is not None:
-            yield self._pin
+        if self._gauge.term is not None:
+            yield self._gauge.term
         for keyframe in self.keyframes:
             yield from keyframe.terms
             yield from keyframe.rest_terms
         for landmark_id in landmark_ids:
-            for number in self.landmarks[landmark_id].sightings:
-                yield self._sighting(landmark_id, number)
+            for number in self.landmarks[landmark_id].observations:
+                yield self._observation_term(landmark_id, number)
 
-    def _sighting(self, landmark_id: int, number: int) -> Term:
+    def _observation_term(self, landmark_id: int, number: int) -> Term:
         term = self._cache.get((landmark_id, number))
         if term is None:
             landmark = self.landmarks[landmark_id]
-            is_first = landmark.placed_by == number
-            sighting = landmark.sightings[number]
-            term = self._cache[landmark_id, number] = self._sightings.make(
-                number, landmark_id, sighting, is_first=is_first
+            is_first = landmark.depth_keyframe == number
+            observation = landmark.observations[number]
+            term = self._cache[landmark_id, number] = self._observation_factors.make(
+                number, landmark_id, observation, is_first=is_first
             )
         return term
 
     def elimination(self, landmark_ids: Sequence[int]) -> list[int]:
-        """Landmarks first, those that the prior ties together after the free ones, then states, the newest last."""
-        by_freedom = sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior)
-        keys = [factors.landmark_key(landmark_id) for landmark_id in by_freedom]
+        """Landmarks first, those of the prior after the others, then states, the newest last."""
+        free_first = sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior)
+        keys = [factors.landmark_key(landmark_id) for landmark_id in free_first]
         for keyframe in self.keyframes:
             keys += self._keys_of(keyframe.number)
         return keys
@@ -227,36 +223,36 @@ class Window:
         return np.asarray(covariance[np.ix_(order, order)])
 
     def _cull(self) -> float:
-        """Remove sightings that do not fit or are of points behind the camera; the rest's RMS residual, px."""
+        """Remove observations that do not fit or are of points behind the camera; RMS residual of the others, px."""
         rows = [
             (landmark_id, number)
             for landmark_id, landmark in self.landmarks.items()
             if landmark.is_solvable
-            for number in landmark.sightings
+            for number in landmark.observations
         ]
         if not rows:
             return 0.0
         poses = {keyframe.number: self.pose(keyframe.number) for keyframe in self.keyframes}
         T_world_body = np.array([poses[number] for _, number in rows])
         points = np.array([self.landmarks.point(landmark_id) for landmark_id, _ in rows])
-        sightings = np.array([self.landmarks[landmark_id].sightings[number] for landmark_id, number in rows])
-        is_wrong = self._pixels.misfit(T_world_body, points, sightings) > self._config.noise.outlier
+        observations = np.array([self.landmarks[landmark_id].observations[number] for landmark_id, number in rows])
+        is_wrong = self._model.residual_norms(T_world_body, points, observations) > self._config.noise.outlier
         for index in np.flatnonzero(is_wrong):
             landmark_id, number = rows[index]
-            del self.landmarks[landmark_id].sightings[number]
+            del self.landmarks[landmark_id].observations[number]
             self._cache.pop((landmark_id, number), None)
             self.landmarks[landmark_id].is_retired |= number == self.newest.number
-        residuals = (sightings - self._pixels.seen(T_world_body, points))[~is_wrong]
+        residuals = (observations - self._model.project(T_world_body, points))[~is_wrong]
         return float(np.sqrt(np.nanmean(np.square(residuals)))) if len(residuals) else 0.0
 
     def drop_oldest(self) -> None:
-        """Marginalise the oldest keyframe, and the landmarks that it and the prior know and that are lost from sight.
+        """Marginalise the oldest keyframe, and the landmarks of it and of the prior that are no longer tracked.
 
-        Landmarks that are still seen stay, with what the past says of them in the prior; beyond
-        ``most_kept_landmarks`` of them the others forget what the oldest keyframe saw.
+        Landmarks that are still tracked stay, with the past information on them in the prior; beyond
+        ``most_kept_landmarks`` of them, the observations by the oldest keyframe are dropped.
 
         Raises:
-            SmootherError: what leaves is not determined; nothing has changed then.
+            SmootherError: the variables that leave are not determined; nothing has changed then.
         """
         oldest = self.keyframes[0]
         lost, kept = self._lost_and_kept(oldest.number)
@@ -268,118 +264,105 @@ class Window:
         self.prior = untouched + marginal_prior(touched, leaving, values)
         if not self._is_anchored:
             following = self.keyframes[1].number
-            key, free = factors.pose_key(following), self._unmeasured(following)
+            key, free = factors.pose_key(following), self._unobservable(following)
             self.prior += relative_to(self.prior, key, free, values)
-            self._hold(following, self.world_covariance(self.pose(following)) + self._next_covariance)
-        self._forget(oldest, lost)
+            self._fix(following, self.gauge_covariance(self.pose(following)) + self._next_covariance)
+        self._remove(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
         for landmark_id, landmark in self.landmarks.items():
             landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
 
-    def hold_first(self, covariance: Array) -> Array:
-        """Hold the only keyframe where it is, but for its tilt where gravity is felt.
+    def fix_first(self, covariance: Array) -> Array:
+        """Fix the only keyframe where it is, except for its tilt where gravity is measured.
 
         Args:
-            covariance: of its pose, (6, 6); what is held of it goes to ``world_covariance``.
+            covariance: of its pose, (6, 6); that of the fixed directions goes to ``gauge_covariance``.
 
         Returns:
-            The covariance of what is not held, (6, 6).
+            The covariance of the directions that are not fixed, (6, 6).
         """
         number = self.keyframes[0].number
         if self._is_anchored:
             self.prior.append(factors.pose_prior(number, self.pose(number), covariance))
             return covariance
-        self._hold(number, covariance)
+        self._fix(number, covariance)
         self.prior += self._tilt_prior(number, covariance)
-        return np.asarray(covariance - self._held_covariance)
+        return np.asarray(covariance - self._gauge.covariance)
 
-    def _hold(self, number: int, covariance: Array) -> None:
-        free = self._unmeasured(number)
-        across = free @ free.T
-        self._held_covariance = across @ covariance @ across
-        noise = _HELD**2 * across + _NOT_HELD**2 * (np.eye(_POSE) - across)
-        self._pin = factors.pose_prior(number, self.pose(number), noise)
+    def _fix(self, number: int, covariance: Array) -> None:
+        self._gauge.fix(number, self.pose(number), self._unobservable(number), covariance)
 
     def _tilt_prior(self, number: int, covariance: Array) -> list[Term]:
-        """What is known of a keyframe's tilt, where gravity is felt."""
-        free = self._unmeasured(number)
-        if free.shape[1] == _POSE:
-            return []
-        across = free @ free.T
-        tilt = np.eye(_POSE) - across
-        return [factors.pose_prior(number, self.pose(number), tilt @ covariance @ tilt + _NOT_HELD**2 * across)]
+        return tilt_prior(number, self.pose(number), self._unobservable(number), covariance)
 
-    def _unmeasured(self, number: int) -> Array:
-        """The directions, columns of a pose's tangent space, in which nothing says where the world is, (6, 6 or 4)."""
-        if not self.values.exists(factors.velocity_key(number)):
-            return np.eye(6)
-        free = np.zeros((6, 4))
-        free[:3, 0] = self.pose(number)[2, :3]
-        free[3:, 1:] = np.eye(3)
-        return free
+    def _unobservable(self, number: int) -> Array:
+        has_gravity = self.values.exists(factors.velocity_key(number))
+        return unobservable_directions(self.pose(number), has_gravity=has_gravity)
 
     def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
-        """Landmarks that the oldest keyframe or the prior know: those to eliminate, and those that the prior keeps."""
+        """Landmarks of the oldest keyframe or the prior: those to eliminate, and those that the prior keeps."""
         lost: list[int] = []
-        alive: list[int] = []
+        tracked: list[int] = []
         for landmark_id, landmark in self.landmarks.items():
-            is_seen_here = oldest in landmark.sightings and landmark.is_solvable
-            if not (is_seen_here or landmark.is_in_prior):
+            is_observed = oldest in landmark.observations and landmark.is_solvable
+            if not (is_observed or landmark.is_in_prior):
                 continue
-            is_alive = self.newest.number in landmark.sightings and not landmark.is_retired
-            (alive if is_alive else lost).append(landmark_id)
-        known = [each for each in alive if self.landmarks[each].is_in_prior]
-        fresh = [each for each in alive if self._is_worth_keeping(self.landmarks[each], oldest)]
-        fresh.sort(key=lambda each: -len(self.landmarks[each].sightings))
+            is_tracked = self.newest.number in landmark.observations and not landmark.is_retired
+            (tracked if is_tracked else lost).append(landmark_id)
+        known = [each for each in tracked if self.landmarks[each].is_in_prior]
+        fresh = [each for each in tracked if self._is_worth_keeping(self.landmarks[each], oldest)]
+        fresh.sort(key=lambda each: -len(self.landmarks[each].observations))
         return lost, known + fresh[: max(0, self._config.most_kept_landmarks - len(known))]
 
     @staticmethod
     def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
-        """Whether the prior may know a landmark: one sighting alone has to place it."""
-        return not landmark.is_in_prior and not np.isnan(landmark.sightings[oldest][2])
+        """Whether a landmark may enter the prior: a single observation has to place it."""
+        return not landmark.is_in_prior and not np.isnan(landmark.observations[oldest][2])
 
     def _touched(
         self, leaving: set[int], oldest: Keyframe, lost: Sequence[int], kept: Sequence[int]
     ) -> tuple[list[Term], list[Term]]:
-        """The terms that touch what leaves, and those of the prior that do not."""
+        """The terms with a variable that leaves, and those of the prior without one."""
         touched = [term for term in self.prior if leaving.intersection(term.keys)]
         untouched = [term for term in self.prior if not leaving.intersection(term.keys)]
         for keyframe in self.keyframes[:2]:
-            tied = [*keyframe.terms, *keyframe.rest_terms]
-            touched += [term for term in tied if leaving.intersection(term.keys)]
+            own = [*keyframe.terms, *keyframe.rest_terms]
+            touched += [term for term in own if leaving.intersection(term.keys)]
         for landmark_id in lost:
-            touched += [self._sighting(landmark_id, number) for number in self.landmarks[landmark_id].sightings]
+            touched += [
+                self._observation_term(landmark_id, number) for number in self.landmarks[landmark_id].observations
+            ]
         for landmark_id in kept:
-            if oldest.number in self.landmarks[landmark_id].sightings:
-                touched.append(self._sighting(landmark_id, oldest.number))
+            if oldest.number in self.landmarks[landmark_id].observations:
+                touched.append(self._observation_term(landmark_id, oldest.number))
         return touched, untouched
 
-    def _forget(self, oldest: Keyframe, lost: Sequence[int]) -> None:
+    def _remove(self, oldest: Keyframe, lost: Sequence[int]) -> None:
         for key in self._keys_of(oldest.number):
             self.values.erase(key)
         for landmark_id in lost:
-            for number in self.landmarks[landmark_id].sightings:
+            for number in self.landmarks[landmark_id].observations:
                 self._cache.pop((landmark_id, number), None)
-            self.landmarks.forget(landmark_id)
+            self.landmarks.remove(landmark_id)
         for landmark_id, _ in self.landmarks.items():
             self._cache.pop((landmark_id, oldest.number), None)
-        self.landmarks.forget_keyframe(oldest.number)
+        self.landmarks.remove_keyframe(oldest.number)
         self.keyframes.pop(0)
         gone = factors.pose_key(oldest.number)
         following = self.keyframes[0]
         following.terms = [term for term in following.terms if gone not in term.keys]
 
     def discard_oldest(self, covariance: Array) -> None:
-        """Let the oldest keyframe go without its information; the next one gets a prior of ``covariance`` (15, 15)."""
+        """Drop the oldest keyframe without its information; the next one gets a prior of ``covariance`` (15, 15)."""
         oldest = self.keyframes[0]
-        held = self.world_covariance(self.pose(self.keyframes[1].number))
+        fixed = self.gauge_covariance(self.pose(self.keyframes[1].number))
         lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
-        self._forget(oldest, lost)
+        self._remove(oldest, lost)
         number = self.keyframes[0].number
         if self._is_anchored:
             self.prior = [factors.pose_prior(number, self.pose(number), covariance[:6, :6])]
             return
-        self._hold(number, held + covariance[:6, :6])
+        self._fix(number, fixed + covariance[:6, :6])
         self.prior = self._tilt_prior(number, covariance[:6, :6])
         if self.values.exists(factors.velocity_key(number)):
             sigma = float(np.sqrt(np.trace(covariance[6:9, 6:9])))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Preintegration against motions known by hand and in closed form; the watch that says whether readings are quiet."""
+"""Preintegration against motions known by hand and in closed form; detection of rest."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import pytest
 from worlds import IMU, NS_PER_S, WALK, pose_at, readings, stamps_ns, velocity_at
 
 from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
-from coclo_vio.backend.window.inertial import InertialWatch, Preintegration
+from coclo_vio.backend.window.inertial import Preintegration, RestDetector
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.measurements import InertialReading
@@ -22,7 +22,7 @@ R_BODY_IMU, LEVER = IMU.T_body_imu[:3, :3], IMU.T_body_imu[:3, 3]
 
 
 def as_read(stamp_ns: int, rate_body: np.ndarray, force_body: np.ndarray) -> InertialReading:
-    """What the mounted IMU reads of a rate and of a force at its place, both in body axes."""
+    """The mounted IMU's reading of a rate and of a force at its place, both in body axes."""
     return InertialReading(stamp_ns, R_BODY_IMU.T @ rate_body, R_BODY_IMU.T @ force_body)
 
 
@@ -32,7 +32,7 @@ def integrated(
     imu: ImuCalibration = IMU,
     bias: gtsam.imuBias.ConstantBias = NO_BIAS,
 ) -> Preintegration:
-    """From time 0 to ``end_ns``; readings up to 0 are there when it starts."""
+    """From time 0 to ``end_ns``; readings up to 0 are pushed before it starts."""
     motion = Preintegration(imu, InertialConfig())
     for sample in samples:
         if sample.stamp_ns > 0 and motion.start_ns is None:
@@ -56,7 +56,7 @@ def predicted(
     return np.asarray(end.pose().matrix()), np.asarray(end.velocity())
 
 
-def felt_on_the_walk(start_s: float, end_s: float, step_ns: int = STEP_NS, offset_ns: int = 0) -> Preintegration:
+def preintegrated_walk(start_s: float, end_s: float, step_ns: int = STEP_NS, offset_ns: int = 0) -> Preintegration:
     """Exact readings of a walk, started at ``start_s``; the stamps of readings and of both ends need not agree."""
     start_ns, end_ns = round(start_s * NS_PER_S), round(end_s * NS_PER_S)
     motion = Preintegration(IMU, InertialConfig())
@@ -71,7 +71,7 @@ def felt_on_the_walk(start_s: float, end_s: float, step_ns: int = STEP_NS, offse
 
 
 def walk_error(motion: Preintegration, start_s: float, end_s: float) -> np.ndarray:
-    """[rotation, position, velocity] (9,) of what was felt against the closed form."""
+    """[rotation, position, velocity] (9,) of the preintegration against the closed form."""
     start_ns, end_ns = round(start_s * NS_PER_S), round(end_s * NS_PER_S)
     pose, velocity = predicted(motion, pose_at(WALK, start_ns), velocity_at(WALK, start_ns))
     return np.concatenate((se3.log(se3.inverse(pose_at(WALK, end_ns)) @ pose), velocity - velocity_at(WALK, end_ns)))
@@ -94,7 +94,7 @@ def test_constant_acceleration_is_half_a_t_squared() -> None:
     np.testing.assert_allclose(pose[:3, :3], np.eye(3), atol=1e-12)
 
 
-def test_a_body_that_turns_about_its_origin_stays_there_however_far_off_the_imu_is() -> None:
+def test_rotation_about_the_origin_of_the_body_is_no_translation_with_any_lever_arm() -> None:
     samples = []
     for k in range(-3, 201):
         R_world_body = so3.exp(SPIN * k * STEP_NS / NS_PER_S)
@@ -106,7 +106,7 @@ def test_a_body_that_turns_about_its_origin_stays_there_however_far_off_the_imu_
     np.testing.assert_allclose(velocity, 0.0, atol=2e-5)
 
 
-def test_what_angular_acceleration_adds_at_the_imu_does_not_move_the_body() -> None:
+def test_angular_acceleration_at_the_end_of_a_lever_arm_does_not_move_the_body() -> None:
     """About an upright axis, from rest to 2 rad/s: the end of the arm gains 0.2 m/s, the body's origin nothing."""
     spin_up = np.array([0.0, 0.0, 2.0])
     samples = []
@@ -121,35 +121,35 @@ def test_what_angular_acceleration_adds_at_the_imu_does_not_move_the_body() -> N
     np.testing.assert_allclose(pose[:3, 3], 0.0, atol=1e-4)
 
 
-def test_a_walk_is_felt_as_it_was() -> None:
-    error = walk_error(felt_on_the_walk(2.0, 2.5), 2.0, 2.5)
+def test_a_walk_is_reproduced() -> None:
+    error = walk_error(preintegrated_walk(2.0, 2.5), 2.0, 2.5)
     assert np.abs(error[:3]).max() < 2e-6
     assert np.abs(error[3:6]).max() < 1e-5
     assert np.abs(error[6:]).max() < 4e-5
 
 
 @pytest.mark.parametrize("part", [slice(0, 3), slice(3, 6), slice(6, 9)], ids=["rotation", "position", "velocity"])
-def test_errors_fall_with_the_square_of_the_step(part: slice) -> None:
+def test_errors_decrease_with_the_square_of_the_step(part: slice) -> None:
     coarse, fine = (
-        np.linalg.norm(walk_error(felt_on_the_walk(2.0, 2.5, step_ns), 2.0, 2.5)[part])
+        np.linalg.norm(walk_error(preintegrated_walk(2.0, 2.5, step_ns), 2.0, 2.5)[part])
         for step_ns in (10_000_000, 2_500_000)
     )
     assert fine < coarse / 10.0  # 16 for second order, 4 for first order
 
 
-def test_readings_need_not_be_taken_when_frames_are() -> None:
-    error = walk_error(felt_on_the_walk(2.0013, 2.5038, offset_ns=1_700_000), 2.0013, 2.5038)
+def test_readings_and_frames_need_not_be_taken_at_the_same_time() -> None:
+    error = walk_error(preintegrated_walk(2.0013, 2.5038, offset_ns=1_700_000), 2.0013, 2.5038)
     assert np.abs(error[:6]).max() < 1e-5
     assert np.abs(error[6:]).max() < 6e-5
 
 
-def test_pieces_make_the_whole() -> None:
-    """A keyframe in the middle, between two readings: the second piece goes on where the first one ended."""
+def test_two_parts_make_the_whole() -> None:
+    """A keyframe in the middle, between two readings: the second part continues where the first one ended."""
     cut_ns, end_ns = 2_203_300_000, 2_500_000_000
-    first = felt_on_the_walk(2.0, 2.2033)
+    first = preintegrated_walk(2.0, 2.2033)
     state = predicted(first, pose_at(WALK, 2 * NS_PER_S), velocity_at(WALK, 2 * NS_PER_S))
     first.restart(cut_ns, NO_BIAS)
-    newest_ns = cut_ns - cut_ns % STEP_NS + 2 * STEP_NS  # felt_on_the_walk has read up to there
+    newest_ns = cut_ns - cut_ns % STEP_NS + 2 * STEP_NS  # preintegrated_walk has read up to there
     for sample in readings(WALK, range(newest_ns + STEP_NS, end_ns + STEP_NS, STEP_NS)):
         first.push(sample)
     assert first.advance(end_ns)
@@ -159,7 +159,7 @@ def test_pieces_make_the_whole() -> None:
     assert np.abs(velocity - velocity_at(WALK, end_ns)).max() < 6e-5
 
 
-def test_it_does_not_matter_how_the_readings_are_handed_over() -> None:
+def test_readings_may_be_pushed_at_once_or_step_by_step() -> None:
     samples = readings(WALK, range(-20 * STEP_NS + 700_000, 3 * NS_PER_S, STEP_NS))
     at_once = integrated(samples, 2 * NS_PER_S + 1_000_000)
     bit_by_bit = Preintegration(IMU, InertialConfig())
@@ -175,8 +175,8 @@ def test_it_does_not_matter_how_the_readings_are_handed_over() -> None:
     np.testing.assert_array_equal(at_once.measured.preintMeasCov(), bit_by_bit.measured.preintMeasCov())
 
 
-def test_a_bias_that_is_known_is_taken_off() -> None:
-    """In the imu frame, also at the end of the lever arm: readings with it tell the same motion as those without."""
+def test_a_known_bias_is_subtracted() -> None:
+    """In the imu frame, also at the end of the lever arm: readings with it give the same motion as those without."""
     gyroscope, accelerometer = np.array([0.02, -0.05, 0.03]), np.array([0.1, 0.2, -0.1])
     samples = readings(WALK, stamps_ns(2.0, 3.0, STEP_NS))
     samples = [
@@ -192,7 +192,7 @@ def test_a_bias_that_is_known_is_taken_off() -> None:
     np.testing.assert_allclose(velocity_off, velocity, atol=1e-12)
 
 
-def test_a_bias_found_later_is_taken_off_to_first_order() -> None:
+def test_a_bias_found_later_is_corrected_to_first_order() -> None:
     gyroscope, accelerometer = np.array([2e-3, -1e-3, 3e-3]), np.array([0.02, -0.01, 0.03])
     samples = [as_read(k * STEP_NS, SPIN, UP) for k in range(-3, 101)]
     off = [
@@ -207,13 +207,13 @@ def test_a_bias_found_later_is_taken_off_to_first_order() -> None:
     np.testing.assert_allclose(corrected[1], velocity, atol=5e-5)
 
 
-def test_a_long_silence_is_a_gap_until_the_next_start() -> None:
-    silent = [as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 401) if not 100 < k < 160]
+def test_a_long_pause_is_a_gap_until_the_next_start() -> None:
+    with_pause = [as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 401) if not 100 < k < 160]
     motion = Preintegration(IMU, InertialConfig(max_gap_s=0.2))
-    for sample in silent[:4]:
+    for sample in with_pause[:4]:
         motion.push(sample)
     motion.restart(0, NO_BIAS)
-    for sample in silent[4:]:
+    for sample in with_pause[4:]:
         motion.push(sample)
     assert motion.advance(500_000_000)
     assert not motion.has_gap
@@ -224,13 +224,13 @@ def test_a_long_silence_is_a_gap_until_the_next_start() -> None:
     assert not motion.has_gap
 
 
-def test_silence_up_to_the_frame_is_a_gap_as_well() -> None:
+def test_a_pause_up_to_the_frame_is_a_gap_as_well() -> None:
     motion = integrated([as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 11)], 100_000_000)
     assert not motion.advance(NS_PER_S)
     assert motion.has_gap
 
 
-def test_without_readings_nothing_can_be_said() -> None:
+def test_without_readings_there_is_nothing_to_integrate() -> None:
     motion = Preintegration(IMU, InertialConfig())
     motion.restart(0, NO_BIAS)
     assert not motion.advance(NS_PER_S)
@@ -242,7 +242,7 @@ def test_the_newest_rate_is_in_body_axes() -> None:
     np.testing.assert_allclose(motion.rate_body, SPIN)
 
 
-def test_a_noisier_calibration_is_believed_less_and_a_better_one_no_more_than_configured() -> None:
+def test_the_noise_is_that_of_the_calibration_but_at_least_the_configured_one() -> None:
     samples = [as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 101)]
 
     def velocity_variance(density: float) -> float:
@@ -254,57 +254,57 @@ def test_a_noisier_calibration_is_believed_less_and_a_better_one_no_more_than_co
     assert velocity_variance(10 * least) == pytest.approx(100 * least**2 * 0.5, rel=0.02)
 
 
-def watched(rate_noise: float, force_noise: float, count: int = 80, rate: float = 200.0) -> InertialWatch:
+def detector_after(rate_noise: float, force_noise: float, count: int = 80, rate: float = 200.0) -> RestDetector:
     random = np.random.default_rng(5)
-    watch = InertialWatch(StandstillWindowConfig())
+    detector = RestDetector(StandstillWindowConfig())
     for k in range(count):
         wobble = random.standard_normal((2, 3)) / np.sqrt(3.0)
-        watch.push(
+        detector.push(
             InertialReading(round(k * NS_PER_S / rate), 0.02 + rate_noise * wobble[0], UP + force_noise * wobble[1])
         )
-    return watch
+    return detector
 
 
-def test_quiet_readings_give_their_means() -> None:
-    quiet = watched(0.01, 0.1).quiet
-    assert quiet is not None
-    np.testing.assert_allclose(quiet.angular_velocity, 0.02, atol=3e-3)
-    np.testing.assert_allclose(quiet.specific_force, UP, atol=0.03)
-    assert quiet.span_s == pytest.approx(0.3)
+def test_readings_at_rest_give_their_means() -> None:
+    rest = detector_after(0.01, 0.1).rest
+    assert rest is not None
+    np.testing.assert_allclose(rest.angular_velocity, 0.02, atol=3e-3)
+    np.testing.assert_allclose(rest.specific_force, UP, atol=0.03)
+    assert rest.span_s == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(("rate_noise", "force_noise"), [(0.06, 0.1), (0.01, 0.6)], ids=["turns", "shakes"])
-def test_readings_that_scatter_are_not_quiet_but_have_means(rate_noise: float, force_noise: float) -> None:
-    watch = watched(rate_noise, force_noise)
-    assert watch.quiet is None
-    assert watch.means is not None
-    np.testing.assert_allclose(watch.means.specific_force, UP, atol=0.2)
+def test_readings_in_motion_have_means_but_are_not_at_rest(rate_noise: float, force_noise: float) -> None:
+    detector = detector_after(rate_noise, force_noise)
+    assert detector.rest is None
+    assert detector.means is not None
+    np.testing.assert_allclose(detector.means.specific_force, UP, atol=0.2)
 
 
-def test_a_moment_is_not_enough_to_be_quiet() -> None:
-    assert watched(0.0, 0.0, count=40).quiet is None  # 0.2 of 0.3 s
-    assert watched(0.0, 0.0, count=4, rate=10.0).quiet is None  # 4 readings
-    assert InertialWatch(StandstillWindowConfig()).means is None
+def test_a_short_time_is_not_enough_to_be_at_rest() -> None:
+    assert detector_after(0.0, 0.0, count=40).rest is None  # 0.2 of 0.3 s
+    assert detector_after(0.0, 0.0, count=4, rate=10.0).rest is None  # 4 readings
+    assert RestDetector(StandstillWindowConfig()).means is None
 
 
-def test_what_is_over_is_forgotten() -> None:
-    watch = watched(1.0, 10.0)
+def test_readings_older_than_the_window_are_dropped() -> None:
+    detector = detector_after(1.0, 10.0)
     for k in range(80, 160):
-        watch.push(InertialReading(k * STEP_NS, np.zeros(3), UP))
-    assert watch.quiet is not None
-    np.testing.assert_array_equal(watch.quiet.angular_velocity, 0.0)
+        detector.push(InertialReading(k * STEP_NS, np.zeros(3), UP))
+    assert detector.rest is not None
+    np.testing.assert_array_equal(detector.rest.angular_velocity, 0.0)
 
 
-def test_it_can_start_again_a_little_before_what_it_has_taken() -> None:
-    """What is found to have been rest is left out, and what came after it is not lost."""
-    motion = felt_on_the_walk(2.0, 2.5)
+def test_it_can_restart_before_the_last_integrated_reading() -> None:
+    """What turned out to be rest is left out, and the readings after it are not lost."""
+    motion = preintegrated_walk(2.0, 2.5)
     motion.restart(2_203_300_000, NO_BIAS)
     assert motion.advance(2_500_000_000)
-    anew = felt_on_the_walk(2.2033, 2.5)
+    anew = preintegrated_walk(2.2033, 2.5)
     assert motion.measured.deltaTij() == pytest.approx(0.2967)
     state = pose_at(WALK, 2_203_300_000), velocity_at(WALK, 2_203_300_000)
-    for one, other in zip(predicted(motion, *state), predicted(anew, *state), strict=True):
-        np.testing.assert_allclose(one, other, atol=5e-6)
+    for early, late in zip(predicted(motion, *state), predicted(anew, *state), strict=True):
+        np.testing.assert_allclose(early, late, atol=5e-6)
 
 
 def test_the_newest_rate_stays_when_it_starts_in_the_past() -> None:
@@ -314,14 +314,14 @@ def test_the_newest_rate_stays_when_it_starts_in_the_past() -> None:
     np.testing.assert_allclose(motion.rate_body, 10.0 * SPIN)
 
 
-def test_readings_before_the_memory_are_gone_and_that_is_a_gap() -> None:
+def test_a_restart_before_the_kept_readings_is_a_gap() -> None:
     motion = integrated([as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 601)], 3 * NS_PER_S)
     motion.restart(NS_PER_S, NO_BIAS)
     assert not motion.advance(3 * NS_PER_S)
     assert motion.has_gap
 
 
-def test_a_silence_that_frames_cut_into_pieces_is_a_gap_all_the_same() -> None:
+def test_a_pause_divided_by_frames_is_a_gap_all_the_same() -> None:
     """Frames every 0.1 s, each a keyframe, and 0.5 s without a reading: held readings must not stand in for it."""
     motion = integrated([as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 21)], 100_000_000)
     felt = []
@@ -335,25 +335,25 @@ def test_a_silence_that_frames_cut_into_pieces_is_a_gap_all_the_same() -> None:
 def test_readings_that_no_sensor_can_give_are_left_out(what: str) -> None:
     samples = [as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 201)]
     spoilt = [replace(each, **{what: np.full(3, 1e200)}) if 50 < k < 60 else each for k, each in enumerate(samples)]
-    motion, watch = integrated(spoilt, NS_PER_S), InertialWatch(StandstillWindowConfig())
+    motion, detector = integrated(spoilt, NS_PER_S), RestDetector(StandstillWindowConfig())
     pose, velocity = predicted(motion)
     np.testing.assert_allclose(pose, np.eye(4), atol=1e-9)
     np.testing.assert_allclose(velocity, 0.0, atol=1e-9)
     for sample in spoilt[:70]:
-        watch.push(sample)
-    assert watch.quiet is not None
+        detector.push(sample)
+    assert detector.rest is not None
 
 
-def test_a_sensor_that_feels_no_gravity_is_not_at_rest() -> None:
-    watch = InertialWatch(StandstillWindowConfig())
+def test_a_sensor_that_measures_no_gravity_is_not_at_rest() -> None:
+    detector = RestDetector(StandstillWindowConfig())
     for k in range(80):
-        watch.push(InertialReading(k * STEP_NS, np.zeros(3), np.zeros(3)))
-    assert watch.quiet is None
-    assert watch.means is not None
+        detector.push(InertialReading(k * STEP_NS, np.zeros(3), np.zeros(3)))
+    assert detector.rest is None
+    assert detector.means is not None
 
 
 def test_a_reading_that_comes_twice_counts_once() -> None:
-    once, twice = InertialWatch(StandstillWindowConfig()), InertialWatch(StandstillWindowConfig())
+    once, twice = RestDetector(StandstillWindowConfig()), RestDetector(StandstillWindowConfig())
     for k in range(40):
         sample = InertialReading(k * STEP_NS, np.full(3, 1e-3 * k), UP)
         once.push(sample)

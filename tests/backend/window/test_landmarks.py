@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How points are placed, refused, renewed and forgotten."""
+"""How landmarks are placed, refused, renewed and removed."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from worlds import RIG
 
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
-from coclo_vio.backend.window.localisation import PixelModel
+from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.measurements import StereoTracks
@@ -21,7 +21,7 @@ def ahead(*points: tuple[float, float, float]) -> Array:
     return se3.apply(RIG.T_body_camera, np.array(points))
 
 
-def seen(points: Array, pose: Array, has_right: bool = True, stamp_ns: int = 0, first_id: int = 0) -> StereoTracks:
+def tracks_of(points: Array, pose: Array, has_right: bool = True, stamp_ns: int = 0, first_id: int = 0) -> StereoTracks:
     left_px, disparity = RIG.pixels(se3.apply(se3.inverse(pose @ RIG.T_body_camera), points))
     right_px = left_px - np.column_stack((disparity, np.zeros(len(points))))
     if not has_right:
@@ -34,32 +34,32 @@ def observed(landmarks: LandmarkMap, number: int, tracks: StereoTracks, wrong: A
 
 
 def by_track(landmarks: LandmarkMap) -> dict[int, Landmark]:
-    return {one.track_id: one for _, one in landmarks.items()}
+    return {each.track_id: each for _, each in landmarks.items()}
 
 
 def test_a_disparity_places_a_point_at_once() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0), (-1.0, 0.5, 5.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 0, seen(points, LEFT))
+    observed(landmarks, 0, tracks_of(points, LEFT))
     landmarks.place({0: LEFT})
     for index, landmark in by_track(landmarks).items():
         np.testing.assert_allclose(landmark.point_world, points[index], atol=1e-9)
-        assert landmark.placed_by == 0
-        assert not landmark.is_solvable  # one keyframe alone is not tied to any other by it
+        assert landmark.depth_keyframe == 0
+        assert not landmark.is_solvable  # one keyframe alone is not connected with another
 
 
-def test_two_keyframes_that_see_a_placed_point_are_tied_by_it() -> None:
+def test_a_placed_point_connects_the_two_keyframes_that_observe_it() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
     for number, pose in enumerate((LEFT, RIGHT)):
-        observed(landmarks, number, seen(points, pose))
+        observed(landmarks, number, tracks_of(points, pose))
         landmarks.place({0: LEFT, 1: RIGHT})
     assert by_track(landmarks)[0].is_solvable
-    assert sorted(by_track(landmarks)[0].sightings) == [0, 1]
+    assert sorted(by_track(landmarks)[0].observations) == [0, 1]
 
 
-def test_what_the_solver_moved_is_not_placed_anew() -> None:
+def test_a_landmark_that_is_solved_for_is_not_placed_anew() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
     for number, pose in enumerate((LEFT, RIGHT)):
-        observed(landmarks, number, seen(points, pose))
+        observed(landmarks, number, tracks_of(points, pose))
         landmarks.place({0: LEFT, 1: RIGHT})
     by_track(landmarks)[0].point_world = np.ones(3)
     landmarks.place({0: LEFT, 1: RIGHT})
@@ -67,39 +67,39 @@ def test_what_the_solver_moved_is_not_placed_anew() -> None:
 
 
 def test_a_far_point_is_placed_only_once_there_is_parallax() -> None:
-    """40 m, 45 m: 1.0 and 0.89 px of disparity is not believed; 1 m sideways gives 1.4 deg."""
+    """40 m, 45 m: 1.0 and 0.89 px of disparity are out of range; 1 m sideways gives 1.4 deg."""
     points, landmarks = ahead((0.5, 0.2, 45.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 0, seen(points, LEFT))
+    observed(landmarks, 0, tracks_of(points, LEFT))
     landmarks.place({0: LEFT})
     assert by_track(landmarks)[0].point_world is None
     near = se3.transform(np.eye(3), np.array([0.0, -0.1, 0.0]))
-    observed(landmarks, 1, seen(points, near))
+    observed(landmarks, 1, tracks_of(points, near))
     landmarks.place({0: LEFT, 1: near})
     assert by_track(landmarks)[0].point_world is None
-    observed(landmarks, 2, seen(points, RIGHT))
+    observed(landmarks, 2, tracks_of(points, RIGHT))
     landmarks.place({0: LEFT, 1: near, 2: RIGHT})
     np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-6)
-    assert by_track(landmarks)[0].placed_by is None
+    assert by_track(landmarks)[0].depth_keyframe is None
 
 
-def test_a_point_that_the_left_camera_alone_sees_is_placed_by_parallax() -> None:
+def test_a_point_observed_by_the_left_camera_alone_is_placed_by_parallax() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
     for number, pose in enumerate((LEFT, RIGHT)):
-        observed(landmarks, number, seen(points, pose, has_right=False))
+        observed(landmarks, number, tracks_of(points, pose, has_right=False))
         landmarks.place({0: LEFT, 1: RIGHT})
     np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-9)
 
 
 def test_the_first_disparity_counts_even_if_it_comes_late() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 4, seen(points, LEFT, has_right=False))
-    observed(landmarks, 5, seen(points, RIGHT))
-    observed(landmarks, 6, seen(points, LEFT))
-    assert by_track(landmarks)[0].placed_by == 5
+    observed(landmarks, 4, tracks_of(points, LEFT, has_right=False))
+    observed(landmarks, 5, tracks_of(points, RIGHT))
+    observed(landmarks, 6, tracks_of(points, LEFT))
+    assert by_track(landmarks)[0].depth_keyframe == 5
 
 
 @pytest.mark.parametrize("depth", [-3.0, 0.1, 80.0], ids=["behind", "too near", "too far"])
-def test_rays_that_meet_where_no_point_can_be_place_nothing(depth: float) -> None:
+def test_rays_that_meet_behind_too_near_or_too_far_place_no_point(depth: float) -> None:
     """Farthest is 500 baselines, 50 m; nearest 0.2 m. The rays are drawn from a point at that depth."""
     landmarks = LandmarkMap(RIG, CONFIG)
     point = ahead((0.0, 0.0, depth))
@@ -114,14 +114,14 @@ def test_rays_that_meet_where_no_point_can_be_place_nothing(depth: float) -> Non
 
 
 @pytest.mark.parametrize(
-    ("disparity", "is_believed"), [(0.9, False), (1.1, True), (199.0, True), (201.0, False), (-5.0, False)]
+    ("disparity", "is_in_range"), [(0.9, False), (1.1, True), (199.0, True), (201.0, False), (-5.0, False)]
 )
-def test_disparities_of_points_too_far_too_near_or_behind_are_not_believed(disparity: float, is_believed: bool) -> None:
+def test_disparities_of_points_too_far_too_near_or_behind_are_out_of_range(disparity: float, is_in_range: bool) -> None:
     """focal 400 px, baseline 0.1 m, nearest 0.2 m: 200 px at most."""
     left_px = np.array([[300.0, 200.0]])
     tracks = StereoTracks(0, np.array([0]), left_px, left_px - [disparity, 0.0])
-    row = LandmarkMap(RIG, CONFIG).sightings(tracks)[0]
-    assert np.isnan(row[2]) != is_believed
+    row = LandmarkMap(RIG, CONFIG).observations(tracks)[0]
+    assert np.isnan(row[2]) != is_in_range
     np.testing.assert_array_equal(row[:2], left_px[0])
 
 
@@ -135,26 +135,26 @@ def test_new_points_too_near_to_a_known_or_an_earlier_one_are_left_out() -> None
     more = np.array([[203.0, 50.0], [200.0, 50.0], [400.0, 50.0]])
     observed(landmarks, 1, StereoTracks(1, np.array([7, 3, 8]), more, more - [20.0, 0.0]))
     assert sorted(by_track(landmarks)) == [0, 2, 3, 8]
-    assert 1 in by_track(landmarks)[3].sightings  # a known one is never left out
+    assert 1 in by_track(landmarks)[3].observations  # a known one is never left out
 
 
 def test_wrong_sightings_are_not_taken() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0), (-1.0, 0.5, 5.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 0, seen(points, LEFT))
-    observed(landmarks, 1, seen(points, RIGHT), np.array([True, False]))
-    assert [len(by_track(landmarks)[index].sightings) for index in (0, 1)] == [1, 2]
+    observed(landmarks, 0, tracks_of(points, LEFT))
+    observed(landmarks, 1, tracks_of(points, RIGHT), np.array([True, False]))
+    assert [len(by_track(landmarks)[index].observations) for index in (0, 1)] == [1, 2]
 
 
 def test_a_retired_landmark_takes_no_more_sightings_until_it_is_forgotten() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 0, seen(points, LEFT))
+    observed(landmarks, 0, tracks_of(points, LEFT))
     by_track(landmarks)[0].is_retired = True
-    observed(landmarks, 1, seen(points, RIGHT))
+    observed(landmarks, 1, tracks_of(points, RIGHT))
     assert len(landmarks) == 1
-    assert sorted(landmarks[0].sightings) == [0]
-    landmarks.forget(0)
-    observed(landmarks, 2, seen(points, RIGHT))
-    assert sorted(landmarks[1].sightings) == [2]
+    assert sorted(landmarks[0].observations) == [0]
+    landmarks.remove(0)
+    observed(landmarks, 2, tracks_of(points, RIGHT))
+    assert sorted(landmarks[1].observations) == [2]
 
 
 def test_a_wandering_track_becomes_another_point_after_a_while() -> None:
@@ -162,89 +162,89 @@ def test_a_wandering_track_becomes_another_point_after_a_while() -> None:
     config = CONFIG.model_copy(update={"noise": PixelNoiseConfig(track_px=1.0, walk_px=0.5)})
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, config)
     for number in range(6):
-        observed(landmarks, number, seen(points, LEFT))
-    assert [sorted(one.sightings) for _, one in landmarks.items()] == [[0, 1, 2, 3], [3, 4, 5]]
+        observed(landmarks, number, tracks_of(points, LEFT))
+    assert [sorted(one.observations) for _, one in landmarks.items()] == [[0, 1, 2, 3], [3, 4, 5]]
     assert [one.is_retired for _, one in landmarks.items()] == [True, False]
     assert landmarks[1].track_id == landmarks[0].track_id
-    landmarks.forget(0)
-    observed(landmarks, 6, seen(points, LEFT))
-    assert 6 in landmarks[1].sightings  # the track still sees the new one
+    landmarks.remove(0)
+    observed(landmarks, 6, tracks_of(points, LEFT))
+    assert 6 in landmarks[1].observations  # the track still observes the new landmark
 
 
-def test_known_are_those_that_have_a_place() -> None:
+def test_known_tracks_are_those_of_placed_landmarks() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0), (0.0, 0.0, 60.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 0, seen(points, LEFT))
+    observed(landmarks, 0, tracks_of(points, LEFT))
     landmarks.place({0: LEFT})
-    both = seen(np.concatenate((points, ahead((1.0, 0.3, 4.0)))), RIGHT)
+    both = tracks_of(np.concatenate((points, ahead((1.0, 0.3, 4.0)))), RIGHT)
     is_known, where, covariances = landmarks.known(both)
     np.testing.assert_array_equal(is_known, [True, False, False])
     np.testing.assert_allclose(where, points[:1], atol=1e-9)
     assert covariances.shape == (1, 3, 3)
 
 
-def test_nothing_is_known_of_nothing() -> None:
+def test_an_empty_frame_is_possible() -> None:
     landmarks = LandmarkMap(RIG, CONFIG)
     nothing = StereoTracks(0, np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2)))
     observed(landmarks, 0, nothing)
     is_known, where, covariances = landmarks.known(nothing)
     assert len(is_known) == len(where) == len(covariances) == len(landmarks) == 0
-    landmarks.judge({}, PixelModel(RIG, CONFIG.noise))
+    landmarks.update_covariances({}, StereoModel(RIG, CONFIG.noise))
 
 
-def test_a_keyframe_that_is_forgotten_takes_its_sightings_and_the_points_that_only_it_saw() -> None:
+def test_a_removed_keyframe_takes_its_observations_and_the_points_that_only_it_observed() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0), (-1.0, 0.5, 5.0), (1.0, 0.5, 4.0)), LandmarkMap(RIG, CONFIG)
-    observed(landmarks, 0, seen(points, LEFT))
-    observed(landmarks, 1, seen(points[:1], RIGHT))
+    observed(landmarks, 0, tracks_of(points, LEFT))
+    observed(landmarks, 1, tracks_of(points[:1], RIGHT))
     landmarks[2].is_in_prior = True
-    landmarks.forget_keyframe(0)
+    landmarks.remove_keyframe(0)
     assert sorted(by_track(landmarks)) == [0, 2]
-    assert sorted(landmarks[0].sightings) == [1]
+    assert sorted(landmarks[0].observations) == [1]
 
 
 def test_a_landmark_whose_disparity_left_the_window_is_placed_by_parallax() -> None:
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, CONFIG)
     for number, pose in enumerate((LEFT, RIGHT)):
-        observed(landmarks, number, seen(points, pose, has_right=number == 0))
-    landmarks.forget_keyframe(0)
+        observed(landmarks, number, tracks_of(points, pose, has_right=number == 0))
+    landmarks.remove_keyframe(0)
     landmarks.place({1: RIGHT})
     nearer = se3.transform(np.eye(3), np.array([0.5, -1.0, 0.0]))
-    observed(landmarks, 2, seen(points, nearer, has_right=False))
+    observed(landmarks, 2, tracks_of(points, nearer, has_right=False))
     landmarks.place({1: RIGHT, 2: nearer})
     np.testing.assert_allclose(landmarks.point(0), points[0], atol=1e-9)
 
 
-def judged(landmarks: LandmarkMap, points: Array, poses: list[Array], has_right: bool = True) -> Array:
+def covariance_of_first(landmarks: LandmarkMap, points: Array, poses: list[Array], has_right: bool = True) -> Array:
     """The covariance of the first point in the axes of the camera of a body at the origin, (3, 3)."""
     known = dict(enumerate(poses))
     for number, pose in known.items():
-        observed(landmarks, number, seen(points, pose, has_right=has_right))
+        observed(landmarks, number, tracks_of(points, pose, has_right=has_right))
         landmarks.place(known)
-    landmarks.judge(known, PixelModel(RIG, CONFIG.noise))
+    landmarks.update_covariances(known, StereoModel(RIG, CONFIG.noise))
     covariance, rotation = landmarks[0].covariance, RIG.T_body_camera[:3, :3]
     assert covariance is not None
     return np.asarray(rotation.T @ covariance @ rotation)
 
 
-def test_one_pair_knows_a_point_as_well_as_track_and_disparity_say() -> None:
+def test_the_covariance_from_one_pair_is_that_of_track_and_disparity() -> None:
     """Straight ahead at 4 m: z / f track_px across, z^2 / (f baseline) disparity_px along."""
     noise = CONFIG.noise
-    covariance = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT])
+    covariance = covariance_of_first(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT])
     sigmas = [4.0 / 400.0 * noise.track_px, 4.0 / 410.0 * noise.track_px, 16.0 / 40.0 * noise.disparity_px]
     np.testing.assert_allclose(covariance, np.diag(np.square(sigmas)), rtol=1e-4, atol=1e-9)
 
 
-def test_a_second_look_from_elsewhere_knows_it_better_but_its_disparity_counts_once() -> None:
-    """Seen from the same place twice, the track counts twice and the disparity once."""
-    once = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT])
-    twice = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT, LEFT])
-    aside = judged(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT, RIGHT])
+def test_a_second_observation_reduces_the_covariance_but_its_disparity_counts_once() -> None:
+    """Observed twice from the same place, the track counts twice and the disparity once."""
+    once = covariance_of_first(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT])
+    twice = covariance_of_first(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT, LEFT])
+    aside = covariance_of_first(LandmarkMap(RIG, CONFIG), ahead((0.0, 0.0, 4.0)), [LEFT, RIGHT])
     np.testing.assert_allclose(np.diag(twice), np.diag(once) * [0.5, 0.5, 1.0], rtol=1e-4)
     assert aside[2, 2] < 0.1 * once[2, 2]
 
 
-def test_a_point_placed_by_parallax_alone_is_known_by_parallax_alone() -> None:
+def test_a_point_placed_by_parallax_has_the_covariance_of_parallax_alone() -> None:
     point = ahead((0.0, 0.0, 4.0))
-    alone = judged(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT], has_right=False)
-    both = judged(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT])
+    alone = covariance_of_first(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT], has_right=False)
+    both = covariance_of_first(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT])
     assert np.linalg.eigvalsh(alone).min() > 0.0
     assert alone[2, 2] > both[2, 2]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""On a linear problem a sliding window knows exactly what the whole batch knows."""
+"""On a linear problem a sliding window has exactly the estimate and covariance of the whole batch."""
 
 import gtsam
 import numpy as np
@@ -10,7 +10,7 @@ from coclo_vio.backend.window.marginalisation import marginal_prior
 from coclo_vio.backend.window.solver import minimise
 from coclo_vio.values.errors import SmootherError
 
-STEPS, WINDOW, SEEN_FOR = 25, 4, 6  # landmarks outlive the keyframes of the window that saw them first
+STEPS, WINDOW, TRACKED_FOR = 25, 4, 6  # landmarks stay longer than the keyframes that observed them first
 ACROSS = np.array([[1.0, 0.3], [0.3, 2.0]])
 
 
@@ -20,11 +20,11 @@ def between(first: int, second: int, measured: np.ndarray, covariance: np.ndarra
 
 
 def chain(seed: int) -> tuple[list[list[Term]], list[list[int]]]:
-    """By step: the terms that come with it, and the landmarks that it sees; measurements contradict each other."""
+    """By step: the terms that come with it, and the landmarks that it observes; measurements contradict each other."""
     random = np.random.default_rng(seed)
-    points = random.uniform(-5.0, 5.0, (STEPS + SEEN_FOR, 2))
+    points = random.uniform(-5.0, 5.0, (STEPS + TRACKED_FOR, 2))
     terms: list[list[Term]] = []
-    seen: list[list[int]] = []
+    observed: list[list[int]] = []
     for step in range(STEPS):
         now: list[Term] = []
         if step == 0:
@@ -33,12 +33,12 @@ def chain(seed: int) -> tuple[list[list[Term]], list[list[int]]]:
         else:
             measured = np.array([1.0, 0.0]) + random.standard_normal(2)
             now.append(between(pose_key(step - 1), pose_key(step), measured, ACROSS))
-        seen.append([*range(step, step + SEEN_FOR)])
-        for each in seen[-1]:
+        observed.append([*range(step, step + TRACKED_FOR)])
+        for each in observed[-1]:
             measured = points[each] - [step, 0.0] + 0.3 * random.standard_normal(2)
             now.append(between(pose_key(step), landmark_key(each), measured, 0.09 * np.eye(2)))
         terms.append(now)
-    return terms, seen
+    return terms, observed
 
 
 def solved(terms: list[Term]) -> tuple[gtsam.Values, list[int], np.ndarray]:
@@ -54,7 +54,7 @@ def solved(terms: list[Term]) -> tuple[gtsam.Values, list[int], np.ndarray]:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_window_has_estimate_and_covariance_of_the_batch_while_keyframes_leave(seed: int) -> None:
-    terms, seen = chain(seed)
+    terms, observed = chain(seed)
     held: list[Term] = []
     oldest, lost = 0, 0
     for step in range(STEPS):
@@ -66,18 +66,18 @@ def test_the_window_has_estimate_and_covariance_of_the_batch_while_keyframes_lea
         np.testing.assert_allclose(covariance, batch_covariance, atol=1e-9)
         if step - oldest < WINDOW:
             continue
-        gone = [landmark_key(each) for each in range(lost, seen[step][0])]  # the newest keyframe sees them no more
+        gone = [landmark_key(each) for each in range(lost, observed[step][0])]  # not by the newest keyframe
         leaving = [*gone, pose_key(oldest)]
         touched = [term for term in held if set(term.keys) & set(leaving)]
         rest = [term for term in held if not set(term.keys) & set(leaving)]
         held = rest + marginal_prior(touched, leaving, values)
         assert not {key for term in held for key in term.keys} & set(leaving)
-        oldest, lost = oldest + 1, seen[step][0]
+        oldest, lost = oldest + 1, observed[step][0]
     assert oldest > STEPS // 2
 
 
-def test_a_point_that_nothing_else_holds_leaves_nothing_behind() -> None:
-    """Two numbers seen once from a place that stays: Schur's complement is zero."""
+def test_a_point_without_another_factor_leaves_no_information() -> None:
+    """Two numbers measured once from a pose that stays: Schur's complement is zero."""
     term = between(pose_key(0), landmark_key(0), np.ones(2), np.eye(2))
     values = gtsam.Values()
     values.insert(pose_key(0), np.zeros(2))
@@ -88,7 +88,7 @@ def test_a_point_that_nothing_else_holds_leaves_nothing_behind() -> None:
     np.testing.assert_allclose(information, 0.0, atol=1e-12)
 
 
-def test_what_is_not_determined_cannot_leave() -> None:
+def test_an_undetermined_variable_cannot_be_marginalised() -> None:
     loose = between(pose_key(0), pose_key(1), np.ones(2), np.eye(2))
     values = gtsam.Values()
     for number in range(3):

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Preintegration of a real drone's IMU between the keyframes of EuRoC V1_01, against ground truth.
 
-What has to be found besides: one bias of gyroscope and accelerometer for all pairs and one constant rotation between
+Estimated besides: one bias of gyroscope and accelerometer for all pairs and one constant rotation between
 the axes of the truth and those of the IMU, nine numbers by least squares over 684 residuals. The truth's own attitude
 is the weak side here: over half a second it departs from the gyroscope by 2 mrad (rms), fifteen times the gyroscope's
-noise, whatever constant bias, scale and rotation are taken off.
+noise, whatever constant bias, scale and rotation are subtracted.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from coclo_vio.values.trajectory import Trajectory, read_tum
 
 LONGEST_NS = 2_000_000_000
 FITTED_NS = 50_000_000  # a cubic through the truth this far to both sides gives the velocity
-TRUTH_SIGMAS = np.repeat([3e-3, 1e-3, 5e-3], 3)  # rad, m, m/s of one state, what is constant taken off
+TRUTH_SIGMAS = np.repeat([3e-3, 1e-3, 5e-3], 3)  # rad, m, m/s of one state, constant errors subtracted
 ADIS16448 = ImuCalibration(
     gyroscope_noise_density=1.6968e-4,
     gyroscope_bias_walk=1.9393e-5,
@@ -49,11 +49,11 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two true states and what was felt between them."""
+    """Two true states and the preintegrated readings between them."""
 
     first: State
     second: State
-    felt: gtsam.PreintegratedCombinedMeasurements
+    measured: gtsam.PreintegratedCombinedMeasurements
 
     def residual(self, bias: Array, rotation: Array, moved: Array | None = None) -> Array:
         """[rotation, position, velocity] (9,) of the truth less the prediction, in the axes of the prediction.
@@ -68,18 +68,18 @@ class Pair:
         if moved is not None:
             first, second = first.moved(moved[:9]), second.moved(moved[9:])
         start = gtsam.NavState(gtsam.Pose3(first.pose), first.velocity)
-        end = self.felt.predict(start, gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
+        end = self.measured.predict(start, gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
         T, velocity = np.asarray(end.pose().matrix()), np.asarray(end.velocity())
         off = se3.inverse(T) @ second.pose
         return np.concatenate((so3.log(off[:3, :3]), off[:3, 3], T[:3, :3].T @ (second.velocity - velocity)))
 
     def covariance(self, bias: Array, rotation: Array) -> Array:
-        """Of the residual: what preintegration says of itself, and what the truth is good to, (9, 9)."""
+        """Of the residual: that of the preintegration, and that of the truth, (9, 9)."""
         step = 1e-6
         still = self.residual(bias, rotation)
         columns = [(self.residual(bias, rotation, step * axis) - still) / step for axis in np.eye(18)]
         by_truth = np.stack(columns, axis=1) * np.tile(TRUTH_SIGMAS, 2)
-        return np.array(self.felt.preintMeasCov())[:9, :9] + by_truth @ by_truth.T
+        return np.array(self.measured.preintMeasCov())[:9, :9] + by_truth @ by_truth.T
 
 
 def true_state(truth: Trajectory, stamp_ns: int) -> State | None:
@@ -107,7 +107,7 @@ def recording(shared_data: Path) -> tuple[list[InertialReading], Array, Trajecto
 
 
 def pairs_of(recording: tuple[list[InertialReading], Array, Trajectory], config: InertialConfig) -> list[Pair]:
-    """Neighbouring keyframes less than two seconds apart; the bias is near the one that the drone shows at rest."""
+    """Neighbouring keyframes less than two seconds apart; the bias is near the mean rate of the drone at rest."""
     readings, keyframes, truth = recording
     stamps = np.array([each.stamp_ns for each in readings])
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), np.mean([each.angular_velocity for each in readings[:200]], axis=0))
@@ -129,7 +129,7 @@ def pairs_of(recording: tuple[list[InertialReading], Array, Trajectory], config:
 
 def fitted(pairs: list[Pair]) -> tuple[Array, Array, list[Array]]:
     """Bias (6,), rotation (3,) and covariances that explain the pairs best."""
-    bias, rotation = np.concatenate((np.zeros(3), pairs[0].felt.biasHat().gyroscope())), np.zeros(3)
+    bias, rotation = np.concatenate((np.zeros(3), pairs[0].measured.biasHat().gyroscope())), np.zeros(3)
     covariances = [pair.covariance(bias, rotation) for pair in pairs]
     whiten = [np.linalg.inv(np.linalg.cholesky(each)) for each in covariances]
 
@@ -140,7 +140,7 @@ def fitted(pairs: list[Pair]) -> tuple[Array, Array, list[Array]]:
     return found[:6], found[6:], covariances
 
 
-def test_what_the_imu_felt_agrees_with_the_truth_and_its_noise_is_neither_too_small_nor_too_large(
+def test_preintegration_agrees_with_the_truth_and_its_noise_is_neither_too_small_nor_too_large(
     recording: tuple[list[InertialReading], Array, Trajectory],
 ) -> None:
     pairs = pairs_of(recording, InertialConfig())
@@ -158,7 +158,7 @@ def test_what_the_imu_felt_agrees_with_the_truth_and_its_noise_is_neither_too_sm
 def test_the_noise_of_the_data_sheet_alone_would_be_too_small(
     recording: tuple[list[InertialReading], Array, Trajectory],
 ) -> None:
-    """Why the configuration has a floor under it: shocks and vibration are in no calibration."""
+    """Why the configuration has a lower bound: shocks and vibration are in no calibration."""
     nothing = InertialConfig(
         gyroscope_noise_density=0.0,
         accelerometer_noise_density=0.0,

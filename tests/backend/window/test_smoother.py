@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The whole smoother on motions known in closed form: exact data, rest, starts, odometry, what it tells and keeps."""
+"""The whole smoother on motions known in closed form: exact data, rest, starts, odometry, reports, memory."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.keyframes import OdometryDelta
 
 IMU_NS = 5_000_000
-SHARP = SmootherConfig(  # sharper than the belief that motion goes on, which no exact motion quite follows
+SHARP = SmootherConfig(  # smaller than the noise of the constant-velocity model, from which the exact motion deviates
     noise=PixelNoiseConfig(track_px=0.02, disparity_px=0.02, repeated_disparity_px=0.02), tolerance=0.0, iterations=6
 )
 STANDING = BodyMotionConfig(walk_s=0.0)
@@ -54,37 +54,37 @@ def test_before_the_first_frame_there_is_no_pose() -> None:
 
 
 def test_exact_tracks_are_followed() -> None:
-    """4 m along an arc with sway: what is left is the pull of the belief in steady motion."""
+    """4 m along an arc with sway: the error left is that of the constant-velocity factor."""
     smoother = stereo(SHARP)
     played = play(smoother, frames(WALK, stamps_ns(0.0, 10.0, FRAME_NS), WORLD))
-    answers = played.estimates
-    assert None not in answers.values()
-    rotation, position = worst(pose_errors(answers, WALK))
+    estimates = played.estimates
+    assert None not in estimates.values()
+    rotation, position = worst(pose_errors(estimates, WALK))
     assert rotation < 1e-7
     assert position < 1e-6
     assert played.events == []
 
 
 def test_exact_tracks_and_readings_are_followed_from_rest() -> None:
-    """To what straight lines between readings allow. Onset is noticed two frames late, and then nothing is lost."""
+    """Up to the error of linear interpolation. The onset is detected two frames late, and no motion is lost."""
     smoother = vins()
     tracks = frames(WALK, stamps_ns(0.0, 8.0, FRAME_NS), WORLD)
-    answers = play(smoother, in_order(tracks, readings(WALK, stamps_ns(-0.5, 8.0, IMU_NS)))).estimates
-    assert None not in answers.values()
-    errors = pose_errors(answers, WALK)
+    estimates = play(smoother, in_order(tracks, readings(WALK, stamps_ns(-0.5, 8.0, IMU_NS)))).estimates
+    assert None not in estimates.values()
+    errors = pose_errors(estimates, WALK)
     onset = {stamp: error for stamp, error in errors.items() if stamp < 1_300_000_000}
     moving = {stamp: error for stamp, error in errors.items() if stamp >= 1_300_000_000}
     assert max(worst(onset)) < 5e-3
     assert max(worst(moving)) < 6e-4
-    velocity = [answers[stamp].nav.velocity_world - velocity_at(WALK, stamp) for stamp in moving]
+    velocity = [estimates[stamp].nav.velocity_world - velocity_at(WALK, stamp) for stamp in moving]
     assert np.abs(velocity).max() < 1e-3
-    last = answers[max(answers)].nav
+    last = estimates[max(estimates)].nav
     np.testing.assert_allclose(last.gyroscope_bias, 0.0, atol=1e-4)
     assert smoother.counts["standstill_frames"] > 5
 
 
 def test_the_world_starts_at_the_first_frame_with_its_heading_and_level() -> None:
-    """A body that rolls and pitches while it stands: the accelerometer tells both, through the IMU's mounting."""
+    """A body that rolls and pitches while it stands: the accelerometer measures both, through the IMU's mounting."""
     tilted = so3.exp(np.array([0.0, 0.2, 0.0])) @ so3.exp(np.array([0.1, 0.0, 0.0]))
     up = IMU.T_body_imu[:3, :3].T @ tilted.T @ np.array([0.0, 0.0, 9.81])
     at_rest = readings(STANDING, stamps_ns(-0.5, 0.05, IMU_NS))
@@ -92,98 +92,98 @@ def test_the_world_starts_at_the_first_frame_with_its_heading_and_level() -> Non
     for smoother in (vins(), stereo()):
         for each in at_rest:
             smoother.push_imu(type(each)(each.stamp_ns, each.angular_velocity, up))
-        answer = smoother.push_tracks(tracks[0]).estimate
-        assert answer is not None
-        np.testing.assert_allclose(answer.nav.T_world_body, se3.transform(tilted, np.zeros(3)), atol=1e-9)
-        assert answer.stamp_ns == smoother.keyframe_ns == 0
+        estimate = smoother.push_tracks(tracks[0]).estimate
+        assert estimate is not None
+        np.testing.assert_allclose(estimate.nav.T_world_body, se3.transform(tilted, np.zeros(3)), atol=1e-9)
+        assert estimate.stamp_ns == smoother.keyframe_ns == 0
 
 
-def test_without_an_accelerometer_the_first_frame_is_the_world() -> None:
-    answer = stereo().push_tracks(frames(WALK, [4 * NS_PER_S], WORLD)[0]).estimate
-    assert answer is not None
-    np.testing.assert_array_equal(answer.nav.T_world_body, np.eye(4))
+def test_without_an_accelerometer_the_first_frame_defines_the_world() -> None:
+    estimate = stereo().push_tracks(frames(WALK, [4 * NS_PER_S], WORLD)[0]).estimate
+    assert estimate is not None
+    np.testing.assert_array_equal(estimate.nav.T_world_body, np.eye(4))
 
 
-def test_a_start_on_the_move_finds_gravity_before_it_answers() -> None:
+def test_a_start_in_motion_estimates_gravity_before_the_first_output() -> None:
     smoother = vins()
     tracks = frames(WALK, stamps_ns(3.0, 8.0, FRAME_NS), WORLD)
     played = play(smoother, in_order(tracks, readings(WALK, stamps_ns(2.5, 8.0, IMU_NS))))
-    answers = played.estimates
-    silent = [stamp for stamp, answer in answers.items() if answer is None]
+    estimates = played.estimates
+    without_output = [stamp for stamp, estimate in estimates.items() if estimate is None]
     start = smoother.config.start
-    waited_s = (max(silent) - min(silent) + FRAME_NS) / NS_PER_S
+    waited_s = (max(without_output) - min(without_output) + FRAME_NS) / NS_PER_S
     assert waited_s == pytest.approx(start.rest_timeout_s + start.alignment_s)
-    for stamp, answer in answers.items():
-        if answer is not None:
-            up, truth = answer.nav.T_world_body[2, :3], pose_at(WALK, stamp)[2, :3]
+    for stamp, estimate in estimates.items():
+        if estimate is not None:
+            up, truth = estimate.nav.T_world_body[2, :3], pose_at(WALK, stamp)[2, :3]
             assert np.rad2deg(np.arccos(np.clip(up @ truth, -1.0, 1.0))) < 1.0
-    assert max(worst(pose_errors(answers, WALK))) < 0.02
+    assert max(worst(pose_errors(estimates, WALK))) < 0.02
     assert played.kinds == ["moving_start"]
 
 
-def test_a_robot_at_rest_stays_there_and_learns_what_its_gyroscope_reads() -> None:
+def test_at_rest_the_pose_is_constant_and_the_gyroscope_bias_is_estimated() -> None:
     smoother = vins()
     tracks = frames(STANDING, stamps_ns(0.0, 60.0, 2 * FRAME_NS), WORLD, noise_px=0.3)
     at_rest = readings(STANDING, stamps_ns(-0.5, 60.0, 2 * IMU_NS), errors=STEADY_IMU)
     played = play(smoother, in_order(tracks, at_rest))
-    answers = played.estimates
-    rotation, position = worst(pose_errors(answers, STANDING))
+    estimates = played.estimates
+    rotation, position = worst(pose_errors(estimates, STANDING))
     assert rotation < 1e-3
     assert position < 1e-3
-    last = answers[max(answers)].nav
+    last = estimates[max(estimates)].nav
     np.testing.assert_allclose(last.gyroscope_bias, IMU.T_body_imu[:3, :3] @ STEADY_IMU.gyroscope_bias, atol=1e-3)
     np.testing.assert_allclose(last.velocity_world, 0.0, atol=1e-3)
     assert smoother.counts["standstill_frames"] > 0.95 * len(tracks)
     assert len(played.health) < 5
 
 
-def test_after_a_long_rest_it_walks_on() -> None:
+def test_after_a_long_rest_motion_is_followed() -> None:
     rested = WALK.model_copy(update={"rest_s": 10.0, "walk_s": 4.0})
     smoother = vins()
     tracks = frames(rested, stamps_ns(0.0, 14.0, FRAME_NS), WORLD, noise_px=0.1)
     inertial = readings(rested, stamps_ns(-0.5, 14.0, IMU_NS), errors=CHEAP_IMU)
-    answers = play(smoother, in_order(tracks, inertial)).estimates
-    errors = pose_errors(answers, rested)
+    estimates = play(smoother, in_order(tracks, inertial)).estimates
+    errors = pose_errors(estimates, rested)
     assert np.linalg.norm(pose_at(rested, max(errors))[:3, 3]) > 1.0
     assert max(np.linalg.norm(error[3:]) for error in errors.values()) < 0.03
     assert max(np.linalg.norm(error[:3]) for error in errors.values()) < np.deg2rad(2.5)
 
 
-def test_the_answer_is_not_farther_off_than_its_covariance_says() -> None:
-    """White noise as configured: normalised error squared over three worlds and 6 numbers each; it errs to be safe."""
+def test_the_estimate_is_consistent_with_its_covariance() -> None:
+    """White noise as configured: normalised error squared over three worlds and 6 numbers each; it is conservative."""
     noise = PixelNoiseConfig(track_px=0.5, disparity_px=0.25, repeated_disparity_px=0.25)
     squares = []
     for seed in range(3):
         tracks = [
-            scattered(seed, 800).seen_from(stamp, pose_at(WALK, stamp), noise_px=0.5, seed=seed)
+            scattered(seed, 800).observed_from(stamp, pose_at(WALK, stamp), noise_px=0.5, seed=seed)
             for stamp in stamps_ns(1.0, 5.0, FRAME_NS)
         ]
-        answers = play(stereo(SmootherConfig(noise=noise)), tracks).estimates
-        last = max(answers)
-        error = pose_errors(answers, WALK)[last]
-        squares.append(error @ np.linalg.solve(answers[last].covariance[:6, :6], error) / 6.0)
+        estimates = play(stereo(SmootherConfig(noise=noise)), tracks).estimates
+        last = max(estimates)
+        error = pose_errors(estimates, WALK)[last]
+        squares.append(error @ np.linalg.solve(estimates[last].covariance[:6, :6], error) / 6.0)
     assert 0.005 < np.mean(squares) < 1.5
 
 
-def test_a_prediction_is_good_and_changes_nothing() -> None:
+def test_a_prediction_is_accurate_and_changes_nothing() -> None:
     tracks = frames(WALK, stamps_ns(0.0, 5.0, FRAME_NS), WORLD)
     events = in_order(tracks, readings(WALK, stamps_ns(-0.5, 5.0, IMU_NS)))
-    plain, asked = vins(), vins()
-    answers = play(plain, events).estimates
+    plain, queried = vins(), vins()
+    estimates = play(plain, events).estimates
     for event in events:
         if event in tracks:
-            expected = asked.predicted_pose(event.stamp_ns)
+            expected = queried.predicted_pose(event.stamp_ns)
             if expected is not None and event.stamp_ns > 2 * NS_PER_S:
-                off = se3.log(se3.inverse(answers[event.stamp_ns].nav.T_world_body) @ expected)
+                off = se3.log(se3.inverse(estimates[event.stamp_ns].nav.T_world_body) @ expected)
                 assert np.abs(off).max() < 1e-3
-            answer = asked.push_tracks(event).estimate
-            np.testing.assert_array_equal(answer.nav.T_world_body, answers[event.stamp_ns].nav.T_world_body)
+            estimate = queried.push_tracks(event).estimate
+            np.testing.assert_array_equal(estimate.nav.T_world_body, estimates[event.stamp_ns].nav.T_world_body)
         else:
-            asked.push_imu(event)
+            queried.push_imu(event)
 
 
 def walked(smoother: SlidingWindowSmoother, sigma: float, shift: float = 0.0, late_ns: int = 0) -> None:
-    """Exact tracks, and odometry since the keyframe that claims ``sigma`` and is off by ``shift`` along x."""
+    """Exact tracks, and odometry since the keyframe with the sigma ``sigma`` and an error ``shift`` along x."""
     for tracks in frames(WALK, stamps_ns(2.0, 6.0, FRAME_NS), WORLD):
         delta, start_ns = None, smoother.keyframe_ns
         if start_ns is not None:
@@ -193,8 +193,8 @@ def walked(smoother: SlidingWindowSmoother, sigma: float, shift: float = 0.0, la
         smoother.push_tracks(tracks, delta)
 
 
-def test_odometry_counts_as_much_as_it_claims() -> None:
-    """Off by 20 mm from keyframe to keyframe: believed to 0.1 mm it leads astray, believed to a metre it does not."""
+def test_odometry_is_weighted_by_its_covariance() -> None:
+    """Off by 20 mm from keyframe to keyframe: a sigma of 0.1 mm spoils the estimate, one of a metre does not."""
     ends = []
     for sigma in (1e-4, 1.0):
         smoother = stereo()
@@ -213,8 +213,8 @@ def test_odometry_that_does_not_start_at_the_keyframe_is_refused() -> None:
     assert np.linalg.norm((se3.inverse(truth) @ smoother.latest_pose)[:3, 3]) < 1e-3
 
 
-def test_odometry_carries_through_the_dark() -> None:
-    """A second without a track: the belief in steady motion misses the turn, odometry does not."""
+def test_odometry_bridges_a_time_without_vision() -> None:
+    """A second without a track: the constant-velocity model misses the turn, odometry does not."""
     smoother = stereo()
     for tracks in frames(WALK, stamps_ns(2.0, 6.0, FRAME_NS), WORLD):
         dark = 4.0 <= tracks.stamp_ns / NS_PER_S < 5.0
@@ -223,9 +223,9 @@ def test_odometry_carries_through_the_dark() -> None:
             T = se3.inverse(pose_at(WALK, start_ns)) @ pose_at(WALK, tracks.stamp_ns)
             delta = OdometryDelta(start_ns, tracks.stamp_ns, T, 1e-6 * np.eye(6))
         shown = tracks if not dark else type(tracks)(tracks.stamp_ns, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
-        answer = smoother.push_tracks(shown, delta).estimate
+        estimate = smoother.push_tracks(shown, delta).estimate
         truth = se3.inverse(pose_at(WALK, 2 * NS_PER_S)) @ pose_at(WALK, tracks.stamp_ns)
-        assert np.linalg.norm((se3.inverse(truth) @ answer.nav.T_world_body)[:3, 3]) < 2e-3
+        assert np.linalg.norm((se3.inverse(truth) @ estimate.nav.T_world_body)[:3, 3]) < 2e-3
 
 
 def test_every_keyframe_has_its_health_once() -> None:
@@ -248,17 +248,17 @@ def test_every_keyframe_has_its_health_once() -> None:
 def test_the_same_input_gives_the_same_bits() -> None:
     tracks = frames(WALK, stamps_ns(0.0, 4.0, FRAME_NS), WORLD, noise_px=0.5)
     events = in_order(tracks, readings(WALK, stamps_ns(-0.5, 4.0, IMU_NS), errors=CHEAP_IMU))
-    one, other = play(vins(), events).estimates, play(vins(), events).estimates
-    assert one.keys() == other.keys()
-    for stamp, answer in one.items():
-        assert answer is not None
-        np.testing.assert_array_equal(answer.nav.T_world_body, other[stamp].nav.T_world_body)
-        np.testing.assert_array_equal(answer.covariance, other[stamp].covariance)
+    first, second = play(vins(), events).estimates, play(vins(), events).estimates
+    assert first.keys() == second.keys()
+    for stamp, estimate in first.items():
+        assert estimate is not None
+        np.testing.assert_array_equal(estimate.nav.T_world_body, second[stamp].nav.T_world_body)
+        np.testing.assert_array_equal(estimate.covariance, second[stamp].covariance)
 
 
 def lengths(thing: object, seen: set[int], depth: int = 0) -> dict[str, int]:
     """The length of every container that can be reached from an object of this package, by its name."""
-    if id(thing) in seen or depth > 6:
+    if id(thing) in seen or depth > 7:
         return {}
     seen.add(id(thing))
     names = [*getattr(thing, "__dict__", {}), *getattr(type(thing), "__slots__", ())]
@@ -273,7 +273,7 @@ def lengths(thing: object, seen: set[int], depth: int = 0) -> dict[str, int]:
 
 
 def test_memory_does_not_grow_over_two_thousand_frames() -> None:
-    """Points pass by for ever: a corridor that repeats under new identities."""
+    """An endless corridor: points that repeat under new identities."""
     random = np.random.default_rng(5)
     corridor = random.uniform((0.0, -3.0, -1.5), (10.0, 3.0, 1.5), (40, 3))
     smoother = stereo(SmootherConfig(keyframes=3, iterations=1))
@@ -284,12 +284,12 @@ def test_memory_does_not_grow_over_two_thousand_frames() -> None:
         points = np.concatenate([corridor + np.array([10.0 * lap, 0.0, 0.0]) for lap in laps])
         ids = np.concatenate([np.arange(40) + 40 * int(lap) for lap in laps])
         T = se3.transform(np.eye(3), np.array([start, 0.0, 0.0]))
-        tracks = type(WORLD)(points).seen_from(number * FRAME_NS, T)
+        tracks = type(WORLD)(points).observed_from(number * FRAME_NS, T)
         smoother.push_tracks(type(tracks)(tracks.stamp_ns, ids[tracks.track_ids], tracks.left_px, tracks.right_px))
         if number % 100 == 99:
             sizes.append(lengths(smoother, set()))
     error = np.abs(smoother.latest_pose[:3, 3] - [99.95, 0.0, 0.0]).max()
-    assert error < 0.5  # it has really gone 100 m
+    assert error < 0.5  # of 100 m travelled
     assert len(sizes[0]) > 10
     for name in sizes[-1]:
         early = max(size.get(name, 0) for size in sizes[:5])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Minima known by hand, covariances against GTSAM's own, and problems that have no answer."""
+"""Minima known by hand, covariances against GTSAM's own, and problems without a solution."""
 
 import gtsam
 import numpy as np
@@ -8,9 +8,9 @@ from worlds import RIG, WALK, frames, pose_at, scattered
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import PixelNoiseConfig
-from coclo_vio.backend.window.factors import SightingFactors
-from coclo_vio.backend.window.localisation import PixelModel
+from coclo_vio.backend.window.factors import ObservationFactors
 from coclo_vio.backend.window.solver import Minimum, minimise, ordered
+from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
 from coclo_vio.values.errors import SmootherError
 
@@ -46,25 +46,27 @@ def test_the_minimum_of_a_chain_is_the_one_by_hand() -> None:
     found = minimise(graph, vectors(-50.0, 70.0), [0, 1], 1, most_iterations=10, tolerance=1e-9)
     assert found.values.atVector(1)[0] == pytest.approx((10 / 5 + 13 / 4) / (1 / 5 + 1 / 4))
     assert found.covariance[0, 0] == pytest.approx(20 / 9)
-    assert found.iterations == 1  # linear: the first step lands, and the model foretold it
+    assert found.iterations == 1  # linear: the first step reaches it, as predicted
 
 
 def poses_problem(disturbed: float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, list[int], list[np.ndarray]]:
-    """Three frames of the walk and what they see, with the initial values off by about ``disturbed``."""
-    world, sightings = scattered(), SightingFactors(RIG, PixelNoiseConfig(huber=50.0))
+    """Three frames of the walk and their observations, with the initial values off by about ``disturbed``."""
+    world, observations = scattered(), ObservationFactors(RIG, PixelNoiseConfig(huber=50.0))
     stamps = [3_000_000_000, 3_300_000_000, 3_600_000_000]
     truth = [pose_at(WALK, stamp) for stamp in stamps]
-    seen = frames(WALK, stamps, world)
-    common = sorted(set.intersection(*({*tracks.track_ids.tolist()} for tracks in seen)))[:40]
+    tracked = frames(WALK, stamps, world)
+    common = sorted(set.intersection(*({*tracks.track_ids.tolist()} for tracks in tracked)))[:40]
     random = np.random.default_rng(8)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     graph.push_back(factors.pose_prior(0, truth[0], np.eye(6) * 1e-6).factor)
-    for number, tracks in enumerate(seen):
+    for number, tracks in enumerate(tracked):
         off = se3.exp(disturbed * random.standard_normal(6)) if number else np.eye(4)
         values.insert(factors.pose_key(number), gtsam.Pose3(truth[number] @ off))
         for row in np.flatnonzero(np.isin(tracks.track_ids, common)):
-            sighting = np.array([*tracks.left_px[row], tracks.right_px[row, 0]])
-            graph.push_back(sightings.make(number, int(tracks.track_ids[row]), sighting, is_first=number == 0).factor)
+            observation = np.array([*tracks.left_px[row], tracks.right_px[row, 0]])
+            graph.push_back(
+                observations.make(number, int(tracks.track_ids[row]), observation, is_first=number == 0).factor
+            )
     for each in common:
         values.insert(factors.landmark_key(each), world.points[each] + disturbed * random.standard_normal(3))
     keys = [factors.landmark_key(each) for each in common] + [factors.pose_key(number) for number in range(3)]
@@ -72,11 +74,11 @@ def poses_problem(disturbed: float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.V
 
 
 def one_point(times: float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, list[int]]:
-    """A point 3 m ahead in one stereo pair, said to be ``times`` as far."""
-    sighting = PixelModel(RIG, PixelNoiseConfig()).seen(np.eye(4), POINT[None])[0]
+    """A point 3 m ahead in one stereo pair, whose initial value is ``times`` as far."""
+    observation = StereoModel(RIG, PixelNoiseConfig()).project(np.eye(4), POINT[None])[0]
     graph = graph_of(
         factors.pose_prior(0, np.eye(4), np.eye(6) * 1e-4).factor,
-        SightingFactors(RIG, PixelNoiseConfig(huber=50.0)).make(0, 0, sighting, is_first=True).factor,
+        ObservationFactors(RIG, PixelNoiseConfig(huber=50.0)).make(0, 0, observation, is_first=True).factor,
     )
     values = gtsam.Values()
     values.insert(factors.pose_key(0), gtsam.Pose3())
@@ -100,15 +102,15 @@ def test_covariances_are_those_of_gtsam() -> None:
     np.testing.assert_allclose(found.covariance, joint, rtol=1e-6, atol=1e-9 * np.abs(joint).max())
 
 
-def test_exact_sightings_are_fitted_to_the_last_digits() -> None:
+def test_exact_observations_are_fitted_to_the_last_digits() -> None:
     graph, values, keys, truth = poses_problem(0.02)
     found = minimise(graph, values, keys, 1, most_iterations=20, tolerance=0.0)
     assert pose_errors(found, truth) < 1e-9
 
 
-@pytest.mark.parametrize("times", [3.0, 30.0], ids=["a shorter step will do", "only damping helps"])
-def test_a_start_from_which_full_steps_fail_still_leads_there(times: float) -> None:
-    """A point said to be several times too far: by its disparity the first step ends behind the camera."""
+@pytest.mark.parametrize("times", [3.0, 30.0], ids=["a shorter step", "damping"])
+def test_from_initial_values_where_full_steps_fail_the_minimum_is_reached(times: float) -> None:
+    """The initial value is several times too far: by its disparity the first step ends behind the camera."""
     graph, values, keys = one_point(times)
     linear = graph.linearize(values)
     step = linear.eliminateSequential(ordered(keys)).optimize()
@@ -126,7 +128,7 @@ def test_a_problem_that_does_not_determine_its_variables_is_an_error_of_the_smoo
         minimise(graph, vectors(0.0, 0.0), [0, 1], 1, most_iterations=5, tolerance=1e-4)
 
 
-def test_a_point_behind_the_camera_that_nothing_else_holds_is_an_error_of_the_smoother() -> None:
+def test_a_point_behind_the_camera_without_another_factor_is_an_error_of_the_smoother() -> None:
     graph, values, keys = one_point(-1.0)
     with pytest.raises(SmootherError):
         minimise(graph, values, keys, 1, most_iterations=5, tolerance=1e-4)
@@ -145,14 +147,14 @@ def test_iterations_are_bounded() -> None:
     assert graph.error(found.values) < graph.error(values)
 
 
-def test_the_values_it_starts_from_are_left_as_they_are() -> None:
+def test_the_initial_values_are_not_changed() -> None:
     graph, values, keys, _ = poses_problem(0.02)
     before = gtsam.Values(values)
     minimise(graph, values, keys, 1, most_iterations=5, tolerance=1e-4)
     assert values.equals(before, 0.0)
 
 
-def test_covariance_is_of_what_was_asked_for_where_the_parts_of_a_problem_are_not_tied() -> None:
+def test_the_covariance_is_of_the_last_keys_where_the_variables_share_no_factor() -> None:
     """Elimination of three variables that share no factor comes out in any order."""
     sigmas = (0.1, 0.2, 0.3)
     graph = graph_of(*(gtsam.PriorFactorVector(key, np.array([0.0]), unit(1, sigmas[key])) for key in (2, 0, 1)))
@@ -160,7 +162,7 @@ def test_covariance_is_of_what_was_asked_for_where_the_parts_of_a_problem_are_no
     np.testing.assert_allclose(found.covariance, np.diag(np.square(sigmas[1:])))
 
 
-def test_what_gtsam_says_of_a_loose_problem_is_one_line() -> None:
+def test_the_message_on_an_indeterminate_problem_is_one_line() -> None:
     key = factors.pose_key(0)
     loose = gtsam.BetweenFactorVector(key, factors.pose_key(1), np.zeros(2), gtsam.noiseModel.Isotropic.Sigma(2, 1.0))
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()

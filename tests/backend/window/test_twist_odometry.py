@@ -60,19 +60,19 @@ def test_straight_on_its_variance_grows_with_time_and_sideways_with_its_cube() -
         assert np.linalg.eigvalsh(delta.covariance).min() > 0.0
 
 
-def test_after_the_last_sample_the_twist_is_held() -> None:
+def test_after_the_last_sample_the_twist_is_constant() -> None:
     delta = driven(1.0, 0.0, 1.0).delta_until(1_005_000_000)
     assert delta is not None
     assert delta.T_start_end[0, 3] == pytest.approx(1.005)
 
 
-def test_asking_on_the_way_changes_nothing() -> None:
-    asked = driven(0.5, 0.7, 1.0)
-    asked.delta_until(500_000_000)
+def test_a_delta_on_the_way_changes_nothing() -> None:
+    queried = driven(0.5, 0.7, 1.0)
+    queried.delta_until(500_000_000)
     for number in range(51, 101):
-        asked.push(twist(number * STEP_NS, 0.7, 1.0))
-        asked.delta_until(number * STEP_NS)
-    whole, piecewise = driven(1.0, 0.7, 1.0).delta_until(1_000_000_000), asked.delta_until(1_000_000_000)
+        queried.push(twist(number * STEP_NS, 0.7, 1.0))
+        queried.delta_until(number * STEP_NS)
+    whole, piecewise = driven(1.0, 0.7, 1.0).delta_until(1_000_000_000), queried.delta_until(1_000_000_000)
     assert whole is not None
     assert piecewise is not None
     np.testing.assert_allclose(piecewise.T_start_end, whole.T_start_end, atol=1e-12)

@@ -19,7 +19,7 @@ from coclo_vio.values.measurements import StereoTracks
 PLAIN = PixelNoiseConfig(track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0)
 EXACT = SmootherConfig(tolerance=0.0, iterations=4, spacing_px=0.0, most_kept_landmarks=10_000, noise=PLAIN)
 WORLD = scattered(count=800)  # 60 points in sight
-HELD = 1e-8 * np.eye(6)
+START_COVARIANCE = 1e-8 * np.eye(6)
 STAMPS = range(1_500_000_000, 6_500_000_000, 3 * FRAME_NS)
 
 
@@ -54,7 +54,7 @@ def filled(
         off = se3.exp(disturbed * random.standard_normal(6)) if number else np.eye(4)
         add(window, number, tracks, pose @ off)
         if number == 0:
-            window.hold_first(HELD)
+            window.fix_first(START_COVARIANCE)
         if longest is not None:
             solution = window.solve()
             if len(window.keyframes) > longest:
@@ -69,7 +69,7 @@ def worst_pose(window: Window) -> float:
     )
 
 
-def test_exact_measurements_are_met_to_1e_8_from_disturbed_values() -> None:
+def test_exact_measurements_are_fitted_to_1e_8_from_disturbed_values() -> None:
     """Poses off by 6 cm and 3 deg, points placed from those poses."""
     seen = frames(WALK, STAMPS[:8], WORLD)
     config = EXACT.model_copy(update={"iterations": 15})
@@ -77,22 +77,22 @@ def test_exact_measurements_are_met_to_1e_8_from_disturbed_values() -> None:
     assert worst_pose(window) < 1e-8
     assert solution.reprojection_px < 1e-6
     points = WORLD.points
-    placed = [(one.track_id, one.point_world) for _, one in window.landmarks.items() if one.is_solvable]
+    placed = [(each.track_id, each.point_world) for _, each in window.landmarks.items() if each.is_solvable]
     assert len(placed) == solution.landmarks > 50
     assert max(np.abs(point - points[track]).max() for track, point in placed if point is not None) < 1e-7
 
 
-def test_the_default_configuration_gets_there_as_well_from_an_ordinary_start() -> None:
+def test_the_default_configuration_converges_as_well_from_ordinary_initial_values() -> None:
     seen = frames(WALK, STAMPS[:8], WORLD)
     window, _ = filled(SmootherConfig(tolerance=0.0, iterations=15), seen, disturbed=0.005)
     assert worst_pose(window) < 1e-8
 
 
 def batch(seen: list[StereoTracks]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """All sightings of all frames and the place of the first one, solved at once."""
-    make = factors.SightingFactors(RIG, PLAIN).make
+    """All observations of all frames and a prior on the first pose, solved at once."""
+    make = factors.ObservationFactors(RIG, PLAIN).make
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.push_back(factors.pose_prior(0, pose_at(WALK, seen[0].stamp_ns), HELD).factor)
+    graph.push_back(factors.pose_prior(0, pose_at(WALK, seen[0].stamp_ns), START_COVARIANCE).factor)
     times = np.unique(np.concatenate([tracks.track_ids for tracks in seen]), return_counts=True)
     often = {int(track) for track, count in zip(*times, strict=True) if count > 1}
     for number, tracks in enumerate(seen):
@@ -101,8 +101,8 @@ def batch(seen: list[StereoTracks]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.V
         points = RIG.points(tracks.left_px, tracks.left_px[:, 0] - tracks.right_px[:, 0])
         for row, track in enumerate(tracks.track_ids.tolist()):
             if track in often:
-                sighting = np.array([*tracks.left_px[row], tracks.right_px[row, 0]])
-                graph.push_back(make(number, track, sighting, is_first=False).factor)
+                observation = np.array([*tracks.left_px[row], tracks.right_px[row, 0]])
+                graph.push_back(make(number, track, observation, is_first=False).factor)
                 if not values.exists(factors.landmark_key(track)):
                     point = se3.apply(pose @ RIG.T_body_camera, points[row])
                     values.insert(factors.landmark_key(track), point)
@@ -122,8 +122,8 @@ def between(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, first: int,
 
 
 @pytest.mark.parametrize("longest", [4, 6])
-def test_a_window_that_slides_knows_what_the_batch_knows(longest: int) -> None:
-    """Of the newest keyframe seen from the oldest one, which is held.
+def test_a_sliding_window_has_estimate_and_covariance_of_the_batch(longest: int) -> None:
+    """Of the newest keyframe relative to the oldest one, which is fixed.
 
     Noise of 1e-4 px makes a linear problem of it: the two differ far less than noise moves them.
     """
@@ -132,10 +132,10 @@ def test_a_window_that_slides_knows_what_the_batch_knows(longest: int) -> None:
     oldest, newest = window.keyframes[0].number, len(seen) - 1
     assert oldest == newest - longest + 1
     graph, values = batch(seen)
-    held = se3.inverse(window.pose(oldest)) @ window.pose(newest)
+    slid_motion = se3.inverse(window.pose(oldest)) @ window.pose(newest)
     whole, _ = between(graph, values, oldest, newest)
     truth = se3.inverse(pose_at(WALK, seen[oldest].stamp_ns)) @ pose_at(WALK, seen[newest].stamp_ns)
-    apart, off = (se3.log(se3.inverse(each) @ whole) for each in (held, truth))
+    apart, off = (se3.log(se3.inverse(each) @ whole) for each in (slid_motion, truth))
     assert np.abs(apart).max() < 1e-9
     assert np.abs(apart).max() < 1e-4 * np.abs(off).max()
     before, covariance = between(graph, values, oldest - 1, newest)  # solved before the oldest one left
@@ -143,7 +143,7 @@ def test_a_window_that_slides_knows_what_the_batch_knows(longest: int) -> None:
     np.testing.assert_allclose(slid.covariance, covariance + 1e-8 * moved @ moved.T, rtol=1e-6, atol=1e-9)
 
 
-def test_landmarks_that_forget_their_past_give_away_information() -> None:
+def test_landmarks_left_out_of_the_prior_lose_information() -> None:
     seen = never_again(frames(WALK, STAMPS, WORLD))
     kept = filled(EXACT, seen, 4)[1].covariance
     some = filled(EXACT.model_copy(update={"most_kept_landmarks": 20}), seen, 4)[1].covariance
@@ -171,13 +171,13 @@ def test_covariance_is_of_pose_velocity_and_biases_in_this_order() -> None:
     np.testing.assert_allclose(window.velocity(0), [1.0, 2.0, 3.0])
 
 
-def test_what_is_left_of_noisy_sightings_is_their_noise() -> None:
+def test_the_residuals_of_noisy_observations_are_their_noise() -> None:
     """Left column and row with 0.3 px, right column with 0.3 and 0.15 px: 0.31 px, less what the points take up."""
     seen = frames(WALK, STAMPS[:8], WORLD, noise_px=0.3)
     assert 0.2 < filled(EXACT, seen)[1].reprojection_px < 0.32
 
 
-def test_a_sighting_that_does_not_fit_is_removed_and_its_landmark_retired_if_it_is_the_newest() -> None:
+def test_an_observation_that_does_not_fit_is_removed_and_its_landmark_retired_if_it_is_the_newest() -> None:
     seen = frames(WALK, STAMPS[:5], WORLD)
     common = set.intersection(*({*tracks.track_ids.tolist()} for tracks in seen))
     early, late = sorted(common)[:2]
@@ -185,23 +185,23 @@ def test_a_sighting_that_does_not_fit_is_removed_and_its_landmark_retired_if_it_
         left_px = seen[frame].left_px + 30.0 * (seen[frame].track_ids == wrong)[:, None]
         seen[frame] = replace(seen[frame], left_px=left_px)
     window, _ = filled(SmootherConfig(tolerance=0.0, iterations=20, spacing_px=0.0), seen)
-    by_track = {one.track_id: one for _, one in window.landmarks.items()}
-    assert sorted(by_track[early].sightings) == [0, 1, 3, 4]
+    by_track = {each.track_id: each for _, each in window.landmarks.items()}
+    assert sorted(by_track[early].observations) == [0, 1, 3, 4]
     assert not by_track[early].is_retired
-    assert sorted(by_track[late].sightings) == [0, 1, 2, 3]
+    assert sorted(by_track[late].observations) == [0, 1, 2, 3]
     assert by_track[late].is_retired
     window.solve()
     assert worst_pose(window) < 1e-6
 
 
-def test_what_cannot_leave_stays_with_everything_as_it_was() -> None:
-    """Without its prior the oldest keyframe floats: nothing it saw says where it is."""
+def test_a_failed_marginalisation_changes_nothing() -> None:
+    """Without its prior the oldest keyframe is indeterminate: none of its observations is left."""
     seen = frames(WALK, STAMPS[:3], WORLD)
     window, _ = filled(EXACT, seen)
     window.keyframes[0].terms.clear()
     window.keyframes[0].tracks = replace(seen[0])
     for _, landmark in window.landmarks.items():
-        landmark.sightings.pop(0, None)
+        landmark.observations.pop(0, None)
     before, count = gtsam.Values(window.values), len(window.landmarks)
     with pytest.raises(SmootherError, match="not determined"):
         window.drop_oldest()
@@ -210,7 +210,7 @@ def test_what_cannot_leave_stays_with_everything_as_it_was() -> None:
     assert len(window.landmarks) == count
 
 
-def test_after_discarding_the_oldest_the_next_one_holds_the_window() -> None:
+def test_after_discarding_the_oldest_keyframe_the_next_one_is_fixed() -> None:
     seen = frames(WALK, STAMPS[:6], WORLD)
     window, _ = filled(EXACT, seen, 4)
     covariance = np.diag(np.square(np.repeat([0.01, 0.02, 0.1], 3)))
@@ -222,14 +222,14 @@ def test_after_discarding_the_oldest_the_next_one_holds_the_window() -> None:
     assert np.trace(solution.covariance[3:, 3:]) > 3 * 0.02**2 * 0.9
 
 
-def test_forgotten_keyframes_leave_no_trace() -> None:
+def test_removed_keyframes_leave_nothing_behind() -> None:
     seen = never_again(frames(WALK, STAMPS, WORLD))
     window, _ = filled(EXACT, seen, 4)
     alive = {each.number for each in window.keyframes}
-    known = {number for _, landmark in window.landmarks.items() for number in landmark.sightings}
+    known = {number for _, landmark in window.landmarks.items() for number in landmark.observations}
     assert known <= alive
     assert window.values.size() == len(alive)
     in_prior = {key for term in window.prior for key in term.keys}
-    held = {factors.pose_key(number) for number in alive}
-    held |= {factors.landmark_key(each) for each, _ in window.landmarks.items()}
-    assert in_prior <= held
+    present = {factors.pose_key(number) for number in alive}
+    present |= {factors.landmark_key(each) for each, _ in window.landmarks.items()}
+    assert in_prior <= present

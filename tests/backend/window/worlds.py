@@ -14,8 +14,8 @@ from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import ImuSample, InertialReading, StereoTracks
 from coclo_vio.values.outputs import Event, KeyframeHealth
+from coclo_vio.values.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # R_body_camera of a camera that looks ahead
 RIG = RectifiedStereo(
     focal_px=(400.0, 410.0),
@@ -24,7 +24,7 @@ RIG = RectifiedStereo(
     T_body_camera=se3.transform(_OPTICAL, np.array([0.1, 0.02, 0.05])) @ se3.exp(np.array([0.02, -0.1, 0.05, 0, 0, 0])),
 )
 IMU = ImuCalibration(position_body_m=(0.08, -0.05, 0.12), rotation_body_imu_rpy_rad=(0.3, -0.2, 1.1))
-WALK = BodyMotionConfig(  # rest, then an arc with more than enough sway to tell gravity from acceleration
+WALK = BodyMotionConfig(  # rest, then an arc with enough sway to separate gravity from acceleration
     rest_s=1.0,
     walk_s=8.0,
     stop_s=1.0,
@@ -40,7 +40,7 @@ FRAME_NS = 100_000_000
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What is wrong with an IMU: noise densities, and biases in its own frame."""
+    """Errors of an IMU: noise densities, and biases in its own frame."""
 
     gyroscope_noise_density: float = 0.0
     accelerometer_noise_density: float = 0.0
@@ -58,8 +58,8 @@ class World:
 
     points: Array
 
-    def seen_from(self, stamp_ns: int, T_world_body: Array, noise_px: float = 0.0, seed: int = 0) -> StereoTracks:
-        """What the rig sees: points 1 to 7 m away inside the left image of 640 by 480."""
+    def observed_from(self, stamp_ns: int, T_world_body: Array, noise_px: float = 0.0, seed: int = 0) -> StereoTracks:
+        """Tracks of the rig: points 1 to 7 m away inside the left image of 640 by 480."""
         in_camera = se3.apply(se3.inverse(T_world_body @ RIG.T_body_camera), self.points)
         ahead = np.flatnonzero((in_camera[:, 2] > 1.0) & (in_camera[:, 2] < 7.0))
         left_px, disparity = RIG.pixels(in_camera[ahead])
@@ -72,7 +72,7 @@ class World:
 
 
 def scattered(seed: int = 1, count: int = 2200) -> World:
-    """Points all around the paths of the tests; about 80 are in sight at a time."""
+    """Points all around the paths of the tests; about 80 are in view at a time."""
     random = np.random.default_rng(seed)
     return World(random.uniform((-6.0, -9.0, -3.0), (12.0, 12.0, 3.0), (count, 3)))
 
@@ -91,8 +91,8 @@ def velocity_at(config: BodyMotionConfig, stamp_ns: int) -> Array:
 def frames(
     config: BodyMotionConfig, stamps_ns: Iterable[int], world: World, noise_px: float = 0.0
 ) -> list[StereoTracks]:
-    """What is seen at each stamp."""
-    return [world.seen_from(stamp_ns, pose_at(config, stamp_ns), noise_px) for stamp_ns in stamps_ns]
+    """Tracks at each stamp."""
+    return [world.observed_from(stamp_ns, pose_at(config, stamp_ns), noise_px) for stamp_ns in stamps_ns]
 
 
 def readings(
@@ -102,7 +102,7 @@ def readings(
     errors: ImuErrors = EXACT_IMU,
     seed: int = 3,
 ) -> list[ImuSample]:
-    """What the IMU reads at each stamp."""
+    """IMU readings at each stamp."""
     stamps = np.array(list(stamps_ns), dtype=np.int64)
     state = BodyMotion(config, 0.0).at(stamps / NS_PER_S)
     R_body_imu, lever = imu.T_body_imu[:3, :3], imu.T_body_imu[:3, 3]
@@ -131,11 +131,12 @@ def in_order(
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """What a smoother made of a recording: the estimate of each frame by its stamp, all events and all health."""
+    """Outputs of a smoother for a recording: estimates by the stamp of the frame, events, health, counts."""
 
     estimates: dict[int, StateEstimate | None] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     health: list[KeyframeHealth] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
 
     @property
     def kinds(self) -> list[str]:
@@ -154,11 +155,12 @@ def play(smoother: SlidingWindowSmoother, measurements: Iterable[StereoTracks | 
             played.health.extend(result.health)
         else:
             smoother.push_imu(measurement)
+    played.counts.update(smoother.counts)
     return played
 
 
-def blind(tracks: StereoTracks) -> StereoTracks:
-    """A frame in which nothing is seen."""
+def without_tracks(tracks: StereoTracks) -> StereoTracks:
+    """A frame without any track."""
     nothing = np.zeros((0, 2))
     return StereoTracks(tracks.stamp_ns, np.zeros(0, dtype=np.int64), nothing, nothing)
 
@@ -169,18 +171,18 @@ def renamed(tracks: StereoTracks, offset: int) -> StereoTracks:
 
 
 def without_right(tracks: StereoTracks) -> StereoTracks:
-    """The right camera sees nothing."""
+    """A frame without matches in the right image."""
     return replace(tracks, right_px=np.full_like(tracks.right_px, np.nan))
 
 
-def pose_errors(answers: dict[int, StateEstimate | None], config: BodyMotionConfig) -> dict[int, Array]:
-    """[rotation rad, position m] (6,) of each answered frame; the first answer is tied to the truth."""
-    given = {stamp: answer for stamp, answer in answers.items() if answer is not None}
+def pose_errors(estimates: dict[int, StateEstimate | None], config: BodyMotionConfig) -> dict[int, Array]:
+    """[rotation rad, position m] (6,) of each estimate; the first one is aligned with the truth."""
+    given = {stamp: estimate for stamp, estimate in estimates.items() if estimate is not None}
     first = next(iter(given))
     T_truth_estimate = pose_at(config, first) @ se3.inverse(given[first].nav.T_world_body)
     return {
-        stamp: se3.log(se3.inverse(pose_at(config, stamp)) @ T_truth_estimate @ answer.nav.T_world_body)
-        for stamp, answer in given.items()
+        stamp: se3.log(se3.inverse(pose_at(config, stamp)) @ T_truth_estimate @ estimate.nav.T_world_body)
+        for stamp, estimate in given.items()
     }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Priors on what stays in the window: what they say, and that the window does not slide in the world."""
+"""The prior of the window holds no information on the position in the world, and the window does not drift."""
 
 import gtsam
 import numpy as np
@@ -32,7 +32,7 @@ def _linear(terms: list[factors.Term], values: gtsam.Values) -> gtsam.GaussianFa
 
 
 @pytest.mark.parametrize("directions", [6, 4])
-def test_what_is_taken_back_leaves_the_rest_as_it_is_seen_from_there(directions: int) -> None:
+def test_removed_information_leaves_the_rest_as_it_is_relative_to_the_pose(directions: int) -> None:
     rng = np.random.default_rng(3)
     poses = [_turned(rng, 0.5), _turned(rng, 0.5)]
     values = gtsam.Values()
@@ -50,22 +50,22 @@ def test_what_is_taken_back_leaves_the_rest_as_it_is_seen_from_there(directions:
     keys = gtsam.Ordering()
     for key in (factors.pose_key(1), factors.pose_key(0)):
         keys.push_back(key)
-    before, pull_before = _linear(prior, values).hessian(keys)
-    after, pull_after = graph.hessian(keys)
+    before, vector_before = _linear(prior, values).hessian(keys)
+    after, vector_after = graph.hessian(keys)
     across = np.eye(12)
     across[6:, 6:] = np.eye(6) - free @ free.T
     np.testing.assert_allclose(across @ after @ across, across @ before @ across, atol=1e-6)
-    np.testing.assert_allclose(across @ pull_after, across @ pull_before, atol=1e-6)
+    np.testing.assert_allclose(across @ vector_after, across @ vector_before, atol=1e-6)
     others = np.linalg.qr(free, mode="complete")[0][:, directions:]
     turn = np.zeros((12, 12))
     turn[:6, :6], turn[6:, 6:] = np.eye(6), np.column_stack((others, free))
-    after, pull_after, size = turn.T @ after @ turn, turn.T @ pull_after, 12 - directions
-    gain = np.linalg.solve(after[:size, :size], np.column_stack((after[:size, size:], pull_after[:size])))
+    after, vector_after, size = turn.T @ after @ turn, turn.T @ vector_after, 12 - directions
+    gain = np.linalg.solve(after[:size, :size], np.column_stack((after[:size, size:], vector_after[:size])))
     np.testing.assert_allclose(after[size:, size:], after[size:, :size] @ gain[:, :-1], atol=1e-4)
-    np.testing.assert_allclose(pull_after[size:], after[size:, :size] @ gain[:, -1], atol=1e-4)
+    np.testing.assert_allclose(vector_after[size:], after[size:, :size] @ gain[:, -1], atol=1e-4)
 
 
-def test_a_prior_that_does_not_know_the_pose_has_nothing_to_take_back() -> None:
+def test_nothing_is_removed_from_a_prior_without_the_pose() -> None:
     values = gtsam.Values()
     values.insert(factors.pose_key(1), gtsam.Pose3())
     prior = [factors.pose_prior(1, np.eye(4), np.eye(6))]
@@ -73,7 +73,7 @@ def test_a_prior_that_does_not_know_the_pose_has_nothing_to_take_back() -> None:
 
 
 def _drive(frames: int, rng: np.random.Generator) -> list[StereoTracks]:
-    """Tracks of a drive along a far facade on one side, whose disparities are off by as much as their noise."""
+    """Tracks of a drive along a far facade on one side; each disparity has a constant error."""
     T_body_camera = np.eye(4)
     T_body_camera[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
     rig = RectifiedStereo((700.0, 700.0), (600.0, 180.0), 0.5, T_body_camera)
@@ -82,7 +82,7 @@ def _drive(frames: int, rng: np.random.Generator) -> list[StereoTracks]:
         (rng.uniform(0.0, frames + 60.0, count), rng.uniform(-16.0, -12.0, count), rng.uniform(0.0, 8.0, count))
     )
     bias = rng.standard_normal(count)
-    seen = []
+    tracks = []
     for number in range(frames):
         T_world_body = np.eye(4)
         T_world_body[0, 3] = number
@@ -93,8 +93,8 @@ def _drive(frames: int, rng: np.random.Generator) -> list[StereoTracks]:
         ids = np.flatnonzero(ahead & inside)[:60]
         left_px = left[ids] + 0.4 * rng.standard_normal((len(ids), 2))
         right_px = left_px - np.column_stack((disparity[ids] + bias[ids], np.zeros(len(ids))))
-        seen.append(StereoTracks(number * 100_000_000, ids, left_px, right_px))
-    return seen
+        tracks.append(StereoTracks(number * 100_000_000, ids, left_px, right_px))
+    return tracks
 
 
 def _smoother() -> SlidingWindowSmoother:
@@ -105,11 +105,11 @@ def _smoother() -> SlidingWindowSmoother:
     return SlidingWindowSmoother(rig, config, uses_imu=False)
 
 
-def test_the_prior_does_not_say_where_the_oldest_keyframe_is() -> None:
+def test_the_prior_holds_no_information_on_the_oldest_keyframe() -> None:
     smoother = _smoother()
     for frame in _drive(40, np.random.default_rng(1)):
         smoother.push_tracks(frame)
-    window = smoother._window
+    window = smoother._updater.window
     assert window is not None
     values = gtsam.Values(window.values)
     for landmark_id, landmark in window.landmarks.items():
@@ -125,7 +125,7 @@ def test_the_prior_does_not_say_where_the_oldest_keyframe_is() -> None:
     np.testing.assert_allclose(alone, np.zeros((6, 6)), atol=1.0)  # 1 rad and 1 m at the least
 
 
-def test_the_reported_uncertainty_grows_along_the_way() -> None:
+def test_the_reported_uncertainty_grows_along_the_path() -> None:
     smoother = _smoother()
     sizes = []
     for frame in _drive(90, np.random.default_rng(2)):

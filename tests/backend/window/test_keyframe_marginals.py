@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the window tells whoever measures its odometry, and a window that was told where it is."""
+"""Marginals and evidence of keyframes, and a window with a given start."""
 
 from itertools import pairwise
 
@@ -9,7 +9,7 @@ import pytest
 import worlds
 
 from coclo_vio.backend.window import factors
-from coclo_vio.backend.window.exchange import newest_marginal, newest_pair
+from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_evidence
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import se3
@@ -31,7 +31,7 @@ def walked(seconds: float, *, has_start: bool = True) -> tuple[SlidingWindowSmoo
     results: list[KeyframeResult] = []
     for stamp_ns in worlds.stamps_ns(0.1, seconds, worlds.FRAME_NS):
         before_ns = smoother.keyframe_ns
-        tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
+        tracks = worlds.scattered().observed_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
         result = smoother.push_tracks(tracks, None if before_ns is None else odometry(before_ns, stamp_ns))
         assert (result.keyframe is not None) == (has_start and smoother.keyframe_ns != before_ns)
         if result.keyframe is not None:
@@ -46,30 +46,31 @@ def odometry(start_ns: int, end_ns: int) -> OdometryDelta:
 
 
 def window_of(smoother: SlidingWindowSmoother) -> Window:
-    assert smoother._window is not None
-    return smoother._window
+    return smoother._updater.started_window
 
 
 def marginal_of_end(information: Array) -> Array:
     return np.asarray(np.linalg.inv(information)[6:, 6:])
 
 
-def test_evidence_leaves_out_the_ties_and_nothing_else() -> None:
+def test_evidence_leaves_out_the_factors_of_the_odometry_and_nothing_else() -> None:
     smoother, _ = walked(2.5)
     window = window_of(smoother)
-    assert 3 <= len(window.keyframes) < 10, "nothing has left the window yet"
-    ties = window.newest.terms
-    assert [type(term.factor).__name__ for term in ties] == ["BetweenFactorPose3"]
-    without, with_ties = newest_pair(window, ties), newest_pair(window, ())
+    assert 3 <= len(window.keyframes) < 10, "no keyframe has left the window yet"
+    odometry_terms = window.newest.terms
+    assert [type(term.factor).__name__ for term in odometry_terms] == ["BetweenFactorPose3"]
+    without, with_odometry = pair_evidence(window, odometry_terms), pair_evidence(window, ())
     before, newest = (window.pose(each.number) for each in window.keyframes[-2:])
     jacobian = np.concatenate((-se3.adjoint(se3.inverse(newest) @ before), np.eye(6)), axis=1)
-    tie = jacobian.T @ np.linalg.inv(ODOMETRY) @ jacobian
-    np.testing.assert_allclose(with_ties.information - without.information, tie, rtol=2e-2, atol=1e-3 * tie.max())
+    information = jacobian.T @ np.linalg.inv(ODOMETRY) @ jacobian
+    np.testing.assert_allclose(
+        with_odometry.information - without.information, information, rtol=2e-2, atol=1e-3 * information.max()
+    )
 
 
-def test_the_belief_of_a_keyframe_is_what_the_pair_says_of_it() -> None:
+def test_the_marginal_of_a_keyframe_is_that_of_the_evidence_of_the_pair() -> None:
     window = window_of(walked(2.5)[0])
-    pair = newest_pair(window, ())
+    pair = pair_evidence(window, ())
     np.testing.assert_allclose(newest_marginal(window).covariance, marginal_of_end(pair.information), rtol=1e-6)
 
 
@@ -100,7 +101,7 @@ def test_a_window_with_a_given_start_is_consistent_with_it() -> None:
 def test_evidence_of_other_times_is_refused_with_its_odometry() -> None:
     smoother, results = walked(2.5)
     stamp_ns = round(2.5e9)
-    tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
+    tracks = worlds.scattered().observed_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
     smoother.push_tracks(tracks, odometry(results[-2].marginal.stamp_ns, stamp_ns), results[-1].evidence)
     assert smoother.counts["odometry_refused"] == 1
 
@@ -110,7 +111,7 @@ def test_without_odometry_a_keyframe_has_a_marginal_and_no_evidence() -> None:
     smoother.start_from(START)
     results = []
     for stamp_ns in worlds.stamps_ns(0.1, 2.0, worlds.FRAME_NS):
-        tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
+        tracks = worlds.scattered().observed_from(stamp_ns, worlds.pose_at(WALK, stamp_ns))
         results.append(smoother.push_tracks(tracks).keyframe)
     keyframes = [result for result in results if result is not None]
     assert 1 < len(keyframes) < len(results)
@@ -118,16 +119,16 @@ def test_without_odometry_a_keyframe_has_a_marginal_and_no_evidence() -> None:
 
 
 @pytest.mark.parametrize("has_start", [True, False])
-def test_the_oldest_keyframe_is_held_only_where_no_start_was_given(*, has_start: bool) -> None:
+def test_the_oldest_keyframe_is_fixed_only_where_no_start_was_given(*, has_start: bool) -> None:
     window = window_of(walked(6.0, has_start=has_start)[0])
-    held = [term for term in window.terms(()) if term.keys == (factors.pose_key(window.keyframes[0].number),)]
+    on_oldest = [term for term in window.terms(()) if term.keys == (factors.pose_key(window.keyframes[0].number),)]
     sigma = 1e-4
-    is_pinned = any(
+    is_fixed = any(
         np.allclose(np.diag(term.factor.linearize(window.values).information()), sigma**-2, rtol=0.5)
-        for term in held
+        for term in on_oldest
         if type(term.factor).__name__ == "PriorFactorPose3"
     )
-    assert is_pinned != has_start
+    assert is_fixed != has_start
 
 
 def test_a_restart_is_as_uncertain_as_the_last_keyframe_and_the_motion_since(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,11 +141,11 @@ def test_a_restart_is_as_uncertain_as_the_last_keyframe_and_the_motion_since(mon
 
     monkeypatch.setattr(Window, "solve", diverges)
     for stamp_ns in worlds.stamps_ns(3.0, 4.0, worlds.FRAME_NS):
-        tracks = worlds.scattered().seen_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
+        tracks = worlds.scattered().observed_from(stamp_ns, worlds.pose_at(WALK, stamp_ns), noise_px=0.5)
         result = smoother.push_tracks(tracks, odometry(last.stamp_ns, stamp_ns))
         if result.keyframe is not None:
             break
-    assert [event.kind for event in result.events] == ["solver_failed", "restart"]
+    assert [event.kind for event in result.events] == ["solver_failed", "window_restart"]
     assert result.keyframe is not None
     assert result.keyframe.evidence is None
     marginal = result.keyframe.marginal

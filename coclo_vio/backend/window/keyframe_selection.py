@@ -13,19 +13,19 @@ _FEWEST_STILL = 5
 
 
 def displacements_px(before: StereoTracks, now: StereoTracks) -> Array:
-    """How far the tracks that both frames see have moved in the left image, px, (M,)."""
+    """Motion of the tracks that both frames have, in the left image, px, (M,)."""
     _, at_before, at_now = np.intersect1d(before.track_ids, now.track_ids, assume_unique=True, return_indices=True)
     return np.asarray(np.linalg.norm(now.left_px[at_now] - before.left_px[at_before], axis=1))
 
 
-def stand_still(before: StereoTracks, now: StereoTracks, most_px: float) -> bool:
-    """Whether the tracks that both frames see have moved by less than ``most_px``, in the median."""
+def tracks_are_still(before: StereoTracks, now: StereoTracks, most_px: float) -> bool:
+    """Whether the tracks that both frames have moved by less than ``most_px``, in the median."""
     moved = displacements_px(before, now)
     return len(moved) >= _FEWEST_STILL and float(np.median(moved)) < most_px
 
 
-def has_turned_over(config: KeyframeConfig, before: StereoTracks, now: StereoTracks) -> bool:
-    """Whether too much of what ``before`` saw is out of sight, or too much of what is seen is new."""
+def has_lost_overlap(config: KeyframeConfig, before: StereoTracks, now: StereoTracks) -> bool:
+    """Whether too many tracks of ``before`` are lost, or too many of the present ones are new."""
     common = len(np.intersect1d(before.track_ids, now.track_ids, assume_unique=True))
     is_lost = common < config.least_kept_share * len(before)
     return is_lost or len(now) - common > config.most_new_share * max(len(now), 1)
@@ -33,7 +33,7 @@ def has_turned_over(config: KeyframeConfig, before: StereoTracks, now: StereoTra
 
 def is_keyframe(config: KeyframeConfig, before: StereoTracks, now: StereoTracks, focal_px: float) -> bool:
     """Whether ``now`` should be a keyframe after the keyframe ``before``."""
-    if (now.stamp_ns - before.stamp_ns) / NS_PER_S >= config.longest_s or has_turned_over(config, before, now):
+    if (now.stamp_ns - before.stamp_ns) / NS_PER_S >= config.longest_s or has_lost_overlap(config, before, now):
         return True
     moved = displacements_px(before, now)
     return len(moved) > 0 and float(np.mean(moved)) > config.parallax_px * focal_px / _REFERENCE_FOCAL_PX

@@ -3,7 +3,12 @@ import numpy as np
 import pytest
 
 from coclo_vio.backend.window.config import KeyframeConfig
-from coclo_vio.backend.window.keyframe_choice import displacements_px, has_turned_over, is_keyframe, stand_still
+from coclo_vio.backend.window.keyframe_selection import (
+    displacements_px,
+    has_lost_overlap,
+    is_keyframe,
+    tracks_are_still,
+)
 from coclo_vio.values.measurements import StereoTracks
 
 CONFIG = KeyframeConfig(parallax_px=10.0, least_kept_share=0.6, most_new_share=0.5, longest_s=1.0)
@@ -19,7 +24,7 @@ def tracks(ids: range, shift_px: float = 0.0, stamp_ns: int = 100_000_000) -> St
 BEFORE = tracks(range(20), stamp_ns=0)
 
 
-def test_what_hardly_moved_is_no_keyframe() -> None:
+def test_a_frame_that_hardly_moved_is_no_keyframe() -> None:
     assert not is_keyframe(CONFIG, BEFORE, tracks(range(20), 5.0), FOCAL_PX)
 
 
@@ -37,11 +42,11 @@ def test_too_few_of_the_old_tracks_make_a_keyframe(kept: int, expected: bool) ->
 def test_too_many_new_tracks_make_a_keyframe(new: int, expected: bool) -> None:
     now = StereoTracks(1, np.arange(20 + new), np.tile(GRID, (3, 1))[: 20 + new], np.tile(GRID, (3, 1))[: 20 + new])
     assert is_keyframe(CONFIG, BEFORE, now, FOCAL_PX) == expected
-    assert has_turned_over(CONFIG, BEFORE, now) == expected
+    assert has_lost_overlap(CONFIG, BEFORE, now) == expected
 
 
 @pytest.mark.parametrize(("stamp_ns", "expected"), [(999_999_999, False), (1_000_000_000, True)])
-def test_after_a_while_there_is_a_keyframe_anyway(stamp_ns: int, expected: bool) -> None:
+def test_after_the_longest_time_there_is_a_keyframe_in_any_case(stamp_ns: int, expected: bool) -> None:
     assert is_keyframe(CONFIG, BEFORE, tracks(range(20), stamp_ns=stamp_ns), FOCAL_PX) == expected
 
 
@@ -52,20 +57,20 @@ def test_tracks_are_compared_by_identity_whatever_their_order() -> None:
     np.testing.assert_allclose(np.sort(displacements_px(BEFORE, now)), np.arange(20.0))
 
 
-def test_standing_still_is_told_by_the_median_so_that_a_passer_by_does_not_matter() -> None:
+def test_standstill_is_decided_by_the_median_so_that_a_moving_object_does_not_matter() -> None:
     moving = GRID + np.where(np.arange(20)[:, None] < 8, [40.0, 0.0], [0.3, 0.0])
     now = StereoTracks(1, np.arange(20), moving, moving)
-    assert stand_still(BEFORE, now, 1.0)
-    assert not stand_still(BEFORE, now, 0.2)
+    assert tracks_are_still(BEFORE, now, 1.0)
+    assert not tracks_are_still(BEFORE, now, 0.2)
 
 
-def test_too_few_common_tracks_say_nothing_of_standing_still() -> None:
-    assert stand_still(BEFORE, tracks(range(15, 25)), 1.0)
-    assert not stand_still(BEFORE, tracks(range(16, 36)), 1.0)
+def test_with_too_few_common_tracks_there_is_no_standstill() -> None:
+    assert tracks_are_still(BEFORE, tracks(range(15, 25)), 1.0)
+    assert not tracks_are_still(BEFORE, tracks(range(16, 36)), 1.0)
 
 
-def test_frames_without_tracks_are_compared_without_trouble() -> None:
+def test_frames_without_tracks_can_be_compared() -> None:
     nothing = tracks(range(0))
-    assert not stand_still(BEFORE, nothing, 1.0)
+    assert not tracks_are_still(BEFORE, nothing, 1.0)
     assert is_keyframe(CONFIG, BEFORE, nothing, FOCAL_PX)
     assert not is_keyframe(CONFIG, nothing, nothing, FOCAL_PX)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The answer to a frame, and how sure of it the last keyframe lets one be."""
+"""The estimate of one frame relative to the window, and how a covariance is propagated to it."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from coclo_vio.values.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """The last frame's answer.
+class FrameEstimate:
+    """Pose and velocity of a frame.
 
     Attributes:
-        stamp_ns: its time.
+        stamp_ns: time of the frame.
         T_world_body: (4, 4).
         velocity_world: m/s, (3,).
-        covariance: as that of ``StateEstimate``, (9, 9).
+        covariance: as that of ``StateEstimate``, without what is fixed by the window's gauge, (9, 9).
     """
 
     stamp_ns: int
@@ -26,8 +26,8 @@ class Frame:
     covariance: Array
 
 
-def carried(covariance: Array, T_world_before: Array, T_world_now: Array, added: Array) -> Array:
-    """The covariance of [pose, velocity] carried on from one pose to another, (9, 9).
+def propagated_covariance(covariance: Array, T_world_before: Array, T_world_now: Array, added: Array) -> Array:
+    """The covariance of [pose, velocity] propagated from one pose to another, (9, 9).
 
     Args:
         covariance: at the earlier pose, right/local, (9, 9).

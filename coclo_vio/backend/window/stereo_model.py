@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The pose of one frame against landmarks that stay where they are: what a frame between two keyframes gets."""
+"""The stereo camera's measurement model, and the pose of one frame that fits landmarks of known position."""
 
 from dataclasses import dataclass
 
@@ -13,17 +13,17 @@ from coclo_vio.values.calibration import RectifiedStereo
 _MOST_ITERATIONS = 10
 _CONVERGED = 1e-7  # rad and m
 _DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
-_FARTHEST_PX = 1e6  # where a point behind the camera is said to be seen: too far off to be believed
+_FARTHEST_PX = 1e6  # projection of a point behind the camera: an outlier whatever was observed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Located:
-    """A frame against the landmarks.
+class PoseFit:
+    """The pose of a frame by the landmarks.
 
     Attributes:
         T_world_body: the pose, (4, 4).
         covariance: of its right/local error, landmarks taken as known, (6, 6).
-        is_inlier: the sightings that fit, (N,).
+        is_inlier: the observations that fit, (N,).
         reprojection_px: root mean square residual of those, px.
     """
 
@@ -33,10 +33,10 @@ class Located:
     reprojection_px: float
 
 
-class PixelModel:
-    """What a stereo camera on the body sees, with residuals weighed by their noise.
+class StereoModel:
+    """Projection into a stereo camera on the body, with residuals whitened by their noise.
 
-    Sightings are rows (left column, row, right column); the right column is NaN where the right camera saw nothing.
+    Observations are rows (left column, row, right column); the right column is NaN without a match in the right image.
     """
 
     def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
@@ -44,69 +44,69 @@ class PixelModel:
         self._T_camera_body = se3.inverse(rig.T_body_camera)
         self._sigmas_px = np.array([noise.track_px, noise.track_px, noise.repeated_disparity_px])
 
-    def seen(self, T_world_body: Array, points_world: Array) -> Array:
-        """Sightings (N, 3), px, of points (N, 3) from one pose or (N, 4, 4); far outside every image if behind."""
-        return self._project(self._in_camera(T_world_body, points_world))
+    def project(self, T_world_body: Array, points_world: Array) -> Array:
+        """Observations (N, 3), px, of points (N, 3) from one pose or (N, 4, 4); far outside every image if behind."""
+        return self._project_camera(self._in_camera(T_world_body, points_world))
 
-    def weighed(self, residuals_px: Array) -> Array:
+    def whitened(self, residuals_px: Array) -> Array:
         """Residuals (N, 3) = [left column, row, disparity] in sigmas; 0 for the disparity of a right column of NaN."""
         return np.asarray(_offsets(residuals_px) / self._sigmas_px)
 
-    def misfit(self, T_world_body: Array, points_world: Array, sightings: Array) -> Array:
-        """How many sigmas each sighting (N, 3) is away from where its point is, (N,)."""
-        weighed = self.weighed(sightings - self.seen(T_world_body, points_world))
-        return np.asarray(np.sqrt(np.einsum("ij,ij->i", weighed, weighed)))
+    def residual_norms(self, T_world_body: Array, points_world: Array, observations: Array) -> Array:
+        """Distance of each observation (N, 3) from the projection of its point, in sigmas, (N,)."""
+        whitened = self.whitened(observations - self.project(T_world_body, points_world))
+        return np.asarray(np.sqrt(np.einsum("ij,ij->i", whitened, whitened)))
 
-    def locate(
+    def fit_pose(
         self,
-        T_expected: Array,
+        T_predicted: Array,
         covariance: Array,
         points_world: Array,
-        sightings: Array,
+        observations: Array,
         point_covariances: Array | None = None,
-    ) -> Located:
-        """The pose that fits sightings and expectation best: Gauss-Newton with Huber's weights, then without outliers.
+    ) -> PoseFit:
+        """The pose that fits observations and prediction best: Gauss-Newton, robust first, then without outliers.
 
         Args:
-            T_expected: where the body is expected, (4, 4).
-            covariance: of that expectation's right/local error, (6, 6), positive definite.
+            T_predicted: prediction of the body's pose, (4, 4).
+            covariance: of the prediction's right/local error, (6, 6), positive definite.
             points_world: landmarks, m, (N, 3).
-            sightings: where they are seen, px, (N, 3).
-            point_covariances: of the landmarks, m^2, (N, 3, 3); None: they are known.
+            observations: of the landmarks, px, (N, 3).
+            point_covariances: of the landmarks, m^2, (N, 3, 3); None: they are known exactly.
         """
         information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-        everyone = np.ones(len(sightings), dtype=np.bool_)
-        whiten = self._whitening(T_expected, points_world, point_covariances, ~np.isnan(sightings[:, 2]))
-        T = self._iterate(T_expected, T_expected, information, points_world, sightings, everyone, whiten)[0]
-        is_inlier = self._misfit(T, points_world, sightings, whiten) < self._noise.outlier
-        T, hessian = self._iterate(T, T_expected, information, points_world, sightings, is_inlier, whiten)
-        is_inlier = np.asarray(self._misfit(T, points_world, sightings, whiten) < self._noise.outlier)
-        residuals = (sightings - self.seen(T, points_world))[is_inlier]
+        everything = np.ones(len(observations), dtype=np.bool_)
+        whiten = self._whitening(T_predicted, points_world, point_covariances, ~np.isnan(observations[:, 2]))
+        T = self._iterate(T_predicted, T_predicted, information, points_world, observations, everything, whiten)[0]
+        is_inlier = self._residual_norms(T, points_world, observations, whiten) < self._noise.outlier
+        T, hessian = self._iterate(T, T_predicted, information, points_world, observations, is_inlier, whiten)
+        is_inlier = np.asarray(self._residual_norms(T, points_world, observations, whiten) < self._noise.outlier)
+        residuals = (observations - self.project(T, points_world))[is_inlier]
         rms = float(np.sqrt(np.nanmean(np.square(residuals)))) if is_inlier.any() else 0.0
-        return Located(T, np.asarray(np.linalg.inv(hessian), dtype=np.float64), is_inlier, rms)
+        return PoseFit(T, np.asarray(np.linalg.inv(hessian), dtype=np.float64), is_inlier, rms)
 
     def _iterate(
         self,
         start: Array,
-        expected: Array,
+        predicted: Array,
         information: Array,
         points_world: Array,
-        sightings: Array,
+        observations: Array,
         use: BoolArray,
         whiten: Array,
     ) -> tuple[Array, Array]:
-        T, points, seen, whiten = start, points_world[use], sightings[use], whiten[use]
+        T, points, observed, whiten = start, points_world[use], observations[use], whiten[use]
         hessian = information
         for _ in range(_MOST_ITERATIONS):
             points_camera = self._in_camera(T, points)
-            weighed = np.einsum("nij,nj->ni", whiten, _offsets(seen - self._project(points_camera)))
-            size = np.sqrt(np.einsum("ij,ij->i", weighed, weighed))
+            whitened = np.einsum("nij,nj->ni", whiten, _offsets(observed - self._project_camera(points_camera)))
+            size = np.sqrt(np.einsum("ij,ij->i", whitened, whitened))
             weight = np.minimum(1.0, self._noise.huber / np.maximum(size, 1e-9))
             weight[points_camera[:, 2] < 1e-3] = 0.0
-            rows = whiten @ self._jacobian(T, points, points_camera, ~np.isnan(seen[:, 2]))
-            off = se3.log(se3.inverse(T) @ expected)
+            rows = whiten @ self._jacobian(T, points, points_camera, ~np.isnan(observed[:, 2]))
+            off = se3.log(se3.inverse(T) @ predicted)
             hessian = information + np.einsum("nki,n,nkj->ij", rows, weight, rows)
-            gradient = information @ off + np.einsum("nki,n,nk->i", rows, weight, weighed)
+            gradient = information @ off + np.einsum("nki,n,nk->i", rows, weight, whitened)
             step = np.linalg.solve(hessian, gradient)
             T = T @ se3.exp(step)
             if np.abs(step).max() < _CONVERGED:
@@ -142,7 +142,7 @@ class PixelModel:
         return pixel
 
     def point_information(self, T_world_body: Array, points_world: Array, disparity_sigmas_px: Array) -> Array:
-        """What sightings say of their points, poses taken as known, 1/m^2, world frame, (N, 3, 3).
+        """Information of observations on their points, poses taken as known, 1/m^2, world frame, (N, 3, 3).
 
         Args:
             T_world_body: the pose, or one for each point, (4, 4) or (N, 4, 4).
@@ -167,26 +167,24 @@ class PixelModel:
         if covariances is not None:
             rotation = (T_world_body @ self._rig.T_body_camera)[:3, :3]
             rows = self._pixel_jacobian(self._in_camera(T_world_body, points_world)) @ rotation.T
-            rows[:, 2] *= has_right[:, None]  # what is not seen tells nothing of the rest
+            rows[:, 2] *= has_right[:, None]  # a missing disparity holds no information on the rest
             noise = noise + rows @ covariances @ np.swapaxes(rows, 1, 2)
-            size = np.einsum(
-                "nii->n", noise
-            )  # of a point that all but touches the camera, beyond the digits of a float
+            size = np.einsum("nii->n", noise)  # of a point close to the camera it exceeds the digits of a float
             noise = noise + _DIGITS * size[:, None, None] * np.eye(3)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(noise)))
 
-    def _misfit(self, T_world_body: Array, points_world: Array, sightings: Array, whiten: Array) -> Array:
-        off = _offsets(sightings - self.seen(T_world_body, points_world))
+    def _residual_norms(self, T_world_body: Array, points_world: Array, observations: Array, whiten: Array) -> Array:
+        off = _offsets(observations - self.project(T_world_body, points_world))
         return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", whiten, off), axis=1))
 
     def _in_camera(self, T_world_body: Array, points_world: Array) -> Array:
         return se3.apply(self._T_camera_body @ se3.inverse(T_world_body), points_world)
 
-    def _project(self, points_camera: Array) -> Array:
+    def _project_camera(self, points_camera: Array) -> Array:
         ahead = points_camera[:, 2] > 1e-3
         left_px, disparity = self._rig.pixels(np.where(ahead[:, None], points_camera, [0.0, 0.0, 1.0]))
-        seen = np.column_stack((left_px, left_px[:, 0] - disparity))
-        return np.where(ahead[:, None], seen, _FARTHEST_PX)
+        projected = np.column_stack((left_px, left_px[:, 0] - disparity))
+        return np.where(ahead[:, None], projected, _FARTHEST_PX)
 
 
 def _offsets(residuals_px: Array) -> Array:

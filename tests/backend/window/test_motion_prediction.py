@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is expected of a frame: whose word counts, and how far it may be off, against finite differences."""
+"""Prediction of a frame: which source it uses, and its covariance against finite differences."""
 
 import gtsam
 import numpy as np
@@ -7,9 +7,9 @@ import pytest
 from worlds import IMU, NS_PER_S, RIG, WALK, frames, pose_at, readings, scattered, velocity_at
 
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.expectation import Expectation
 from coclo_vio.backend.window.inertial import Preintegration
-from coclo_vio.backend.window.motion import Motion, SteadyMotion
+from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
+from coclo_vio.backend.window.motion_prediction import MotionPredictor
 from coclo_vio.backend.window.window import Keyframe, Window
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
@@ -20,13 +20,13 @@ START_NS, END_NS, STEP_NS = 3 * NS_PER_S, 3_300_000_000, 5_000_000
 NOTHING = np.zeros((15, 15))
 
 
-def expected(
+def predicted(
     off: Array | None = None,
     covariance: Array = NOTHING,
     odometry: OdometryDelta | None = None,
     end_ns: int = END_NS,
     last_ns: int = END_NS + STEP_NS,
-) -> tuple[Motion, Array]:
+) -> tuple[PredictedMotion, Array]:
     """The motion since a keyframe of the walk whose state is ``off`` (15,), and that keyframe's pose."""
     off = np.zeros(15) if off is None else off
     pose = pose_at(WALK, START_NS) @ se3.exp(off[:6])
@@ -40,13 +40,13 @@ def expected(
         if sample.stamp_ns > START_NS and imu.start_ns is None:
             imu.restart(START_NS, gtsam.imuBias.ConstantBias())
         imu.push(sample)
-    steady = SteadyMotion(CONFIG.motion, 10.0)
-    steady.restart(START_NS, pose)
-    return Expectation(CONFIG, imu, steady).of_frame(window, end_ns, odometry, bias, covariance), pose
+    velocity_model = ConstantVelocityModel(CONFIG.motion, 10.0)
+    velocity_model.restart(START_NS, pose)
+    return MotionPredictor(CONFIG, imu, velocity_model).predict(window, end_ns, odometry, bias, covariance), pose
 
 
-def test_readings_lead_to_the_frame() -> None:
-    motion, _ = expected()
+def test_imu_readings_predict_the_frame() -> None:
+    motion, _ = predicted()
     assert motion.is_measured
     assert np.abs(se3.log(se3.inverse(pose_at(WALK, END_NS)) @ motion.T_world_body)).max() < 1e-5
     np.testing.assert_allclose(motion.velocity_world, velocity_at(WALK, END_NS), atol=5e-5)
@@ -57,42 +57,42 @@ def moved_by(index: int) -> tuple[Array, Array]:
     step = 1e-5
     ends = []
     for sign in (1.0, -1.0):
-        motion, pose = expected(sign * step * np.eye(15)[index])
+        motion, pose = predicted(sign * step * np.eye(15)[index])
         there = se3.inverse(pose) @ motion.T_world_body
         ends.append(np.concatenate((there[:3, 3], pose[:3, :3].T @ motion.velocity_world)))
     difference = (ends[0] - ends[1]) / (2.0 * step)
     return difference[:3], difference[3:]
 
 
-def test_doubt_about_the_keyframe_is_carried_to_the_frame() -> None:
-    """Position and the velocity that goes with it, seen from the keyframe; biases to first order over 0.3 s."""
+def test_uncertainty_of_the_keyframe_is_propagated_to_the_frame() -> None:
+    """Position and the velocity correlated with it, relative to the keyframe; biases to first order over 0.3 s."""
     derivatives = [moved_by(index) for index in range(12)]
-    shift = np.stack([position for position, _ in derivatives], axis=1)
-    swing = np.stack([velocity for _, velocity in derivatives], axis=1)
+    position_jacobian = np.stack([position for position, _ in derivatives], axis=1)
+    velocity_jacobian = np.stack([velocity for _, velocity in derivatives], axis=1)
     random = np.random.default_rng(3)
     root = random.standard_normal((12, 12)) * np.repeat([0.02, 0.0, 0.1, 0.2], 3)[:, None]
     covariance = NOTHING.copy()
     covariance[:12, :12] = root @ root.T
-    plain, pose = expected()
-    motion, _ = expected(covariance=covariance)
+    plain, pose = predicted()
+    motion, _ = predicted(covariance=covariance)
     turned = motion.T_world_body[:3, :3].T @ pose[:3, :3]
     added = motion.covariance[3:, 3:] - plain.covariance[3:, 3:]
-    spread = shift @ covariance[:12, :12] @ shift.T
+    spread = position_jacobian @ covariance[:12, :12] @ position_jacobian.T
     np.testing.assert_allclose(turned.T @ added @ turned, spread, rtol=0.02, atol=0.01 * np.abs(spread).max())
-    together = swing @ covariance[:12, :12] @ shift.T
+    together = velocity_jacobian @ covariance[:12, :12] @ position_jacobian.T
     gain = pose[:3, :3].T @ motion.velocity_gain @ pose[:3, :3]
     np.testing.assert_allclose(gain @ spread, together, rtol=0.03, atol=0.02 * np.abs(together).max())
 
 
-def test_odometry_is_believed_before_the_readings() -> None:
+def test_odometry_is_used_before_the_imu() -> None:
     delta = se3.exp(np.array([0.0, 0.0, 0.1, 0.5, 0.0, 0.0]))
-    motion, pose = expected(odometry=OdometryDelta(START_NS, END_NS, delta, 1e-4 * np.eye(6)))
+    motion, pose = predicted(odometry=OdometryDelta(START_NS, END_NS, delta, 1e-4 * np.eye(6)))
     np.testing.assert_allclose(motion.T_world_body, pose @ delta, atol=1e-12)
     np.testing.assert_allclose(np.diag(motion.covariance), 1e-4, rtol=1e-3)
 
 
-def test_after_a_silence_steadiness_is_all_there_is() -> None:
-    motion, pose = expected(end_ns=START_NS + NS_PER_S, last_ns=START_NS + STEP_NS)
+def test_in_a_gap_of_the_readings_constant_velocity_is_predicted() -> None:
+    motion, pose = predicted(end_ns=START_NS + NS_PER_S, last_ns=START_NS + STEP_NS)
     assert not motion.is_measured
     np.testing.assert_allclose(motion.T_world_body, pose, atol=1e-12)
     assert np.sqrt(motion.covariance[3, 3]) == pytest.approx(10.0, rel=1e-3)

@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The belief that motion goes on."""
+"""The constant-velocity model."""
 
 import numpy as np
 import pytest
 
 from coclo_vio.backend.window.config import MotionPriorConfig
-from coclo_vio.backend.window.motion import SteadyMotion
+from coclo_vio.backend.window.motion_model import ConstantVelocityModel
 from coclo_vio.geometry import se3
 
-CONFIG = MotionPriorConfig(memory_s=0.5)
+CONFIG = MotionPriorConfig(decay_s=0.5)
 TWIST = np.array([0.1, -0.2, 0.3, 1.0, 0.2, -0.1])
 FRAME_NS = 100_000_000
-SHARP = 1e-10 * np.eye(6)  # covariance of a pose that is seen well
+SHARP = 1e-10 * np.eye(6)  # covariance of a pose that is measured well
 START = se3.exp(np.array([0.3, 0.1, -0.4, 2.0, 1.0, 0.5]))
 
 
-def moving(frames: int = 5) -> tuple[SteadyMotion, np.ndarray]:
-    """After some frames of steady motion: the belief, and the last pose."""
-    motion, pose = SteadyMotion(CONFIG, 10.0), START
+def moving(frames: int = 5) -> tuple[ConstantVelocityModel, np.ndarray]:
+    """The model after some frames of constant velocity, and the last pose."""
+    motion, pose = ConstantVelocityModel(CONFIG, 10.0), START
     motion.restart(0, pose)
     for number in range(1, frames + 1):
         pose = pose @ se3.exp(0.1 * TWIST)
@@ -25,7 +25,7 @@ def moving(frames: int = 5) -> tuple[SteadyMotion, np.ndarray]:
     return motion, pose
 
 
-def test_steady_motion_is_told_and_goes_on() -> None:
+def test_constant_velocity_is_measured_and_continues() -> None:
     motion, pose = moving()
     np.testing.assert_allclose(motion.twist, TWIST, atol=1e-9)
     expected = motion.at(6 * FRAME_NS)
@@ -34,8 +34,8 @@ def test_steady_motion_is_told_and_goes_on() -> None:
     assert not expected.is_measured
 
 
-def test_one_pose_tells_no_velocity_and_leaves_it_wide_open() -> None:
-    motion = SteadyMotion(CONFIG, 10.0)
+def test_after_one_pose_the_velocity_is_zero_and_very_uncertain() -> None:
+    motion = ConstantVelocityModel(CONFIG, 10.0)
     motion.restart(0, START)
     np.testing.assert_array_equal(motion.twist, 0.0)
     expected = motion.at(FRAME_NS)
@@ -44,34 +44,34 @@ def test_one_pose_tells_no_velocity_and_leaves_it_wide_open() -> None:
     assert expected.covariance[3, 3] > 10 * moving()[0].at(6 * FRAME_NS).covariance[3, 3]
 
 
-def test_a_correction_of_the_pose_is_no_motion() -> None:
+def test_a_correction_of_the_pose_is_not_a_motion() -> None:
     motion, pose = moving()
-    seen = pose @ se3.exp(0.1 * TWIST)
-    corrected = se3.exp(np.array([0.0, 0.0, 0.2, 1.0, -1.0, 0.0])) @ seen
-    motion.add(6 * FRAME_NS, seen, corrected, SHARP, is_keyframe=False)
+    measured = pose @ se3.exp(0.1 * TWIST)
+    corrected = se3.exp(np.array([0.0, 0.0, 0.2, 1.0, -1.0, 0.0])) @ measured
+    motion.add(6 * FRAME_NS, measured, corrected, SHARP, is_keyframe=False)
     np.testing.assert_allclose(motion.twist, TWIST, atol=1e-9)
     np.testing.assert_allclose(motion.at(7 * FRAME_NS).T_world_body, corrected @ se3.exp(0.1 * TWIST), atol=1e-9)
 
 
-def test_without_sight_the_velocity_fades_and_the_doubt_grows() -> None:
+def test_without_vision_the_velocity_decays_and_the_uncertainty_grows() -> None:
     motion, pose = moving()
-    speeds, doubts, stamp_ns = [], [], 5 * FRAME_NS
+    speeds, traces, stamp_ns = [], [], 5 * FRAME_NS
     for _ in range(20):
         stamp_ns += FRAME_NS
         expected = motion.at(stamp_ns)
         speeds.append(np.linalg.norm(expected.velocity_world))
-        doubts.append(np.trace(expected.covariance))
+        traces.append(np.trace(expected.covariance))
         pose = expected.T_world_body
         motion.add(stamp_ns, pose, pose, None, is_keyframe=False)
-    np.testing.assert_allclose(speeds, np.linalg.norm(TWIST[3:]) * np.exp(-0.1 * np.arange(20) / CONFIG.memory_s))
-    assert np.all(np.diff(doubts) > 0.0)
+    np.testing.assert_allclose(speeds, np.linalg.norm(TWIST[3:]) * np.exp(-0.1 * np.arange(20) / CONFIG.decay_s))
+    assert np.all(np.diff(traces) > 0.0)
     travelled = np.linalg.norm(pose[:3, 3] - moving()[1][:3, 3])
-    assert 0.4 * np.linalg.norm(TWIST[3:]) < travelled < 0.6 * np.linalg.norm(TWIST[3:])  # half a second's way
+    assert 0.4 * np.linalg.norm(TWIST[3:]) < travelled < 0.6 * np.linalg.norm(TWIST[3:])  # half a second
 
 
-def test_the_twist_is_told_from_long_enough_a_time() -> None:
+def test_the_twist_is_derived_over_a_long_enough_time() -> None:
     """At 200 frames a second, noise of a millimetre would be 0.2 m/s from frame to frame; over 80 ms it is 13 mm/s."""
-    motion = SteadyMotion(CONFIG, 10.0)
+    motion = ConstantVelocityModel(CONFIG, 10.0)
     motion.restart(0, np.eye(4))
     for number in range(1, 101):
         pose = np.eye(4)
@@ -80,7 +80,7 @@ def test_the_twist_is_told_from_long_enough_a_time() -> None:
     assert motion.twist[3] == pytest.approx(1.0, abs=0.02)
 
 
-def test_its_covariance_grows_with_time_and_is_never_zero() -> None:
+def test_the_covariance_grows_with_time_and_is_never_zero() -> None:
     motion, _ = moving()
     traces = [np.trace(motion.covariance(dt_s)) for dt_s in (0.0, 0.1, 0.5, 2.0)]
     assert traces[0] > 0.0

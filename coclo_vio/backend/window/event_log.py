@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the smoother tells of itself: counts, events, and its health at each keyframe."""
+"""What the smoother reports besides its estimates: counts, events, and its health at each keyframe."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ from coclo_vio.values.outputs import Event, KeyframeHealth
 _SMALLEST = 1e-300  # keeps a quotient finite
 
 
-class Diary:
-    """Counts for ever; keeps events and health until somebody takes them, so memory stays flat."""
+class EventLog:
+    """Counts over the whole run; keeps events and health until they are taken, so memory stays flat."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
         self._events: list[Event] = []
         self._health: list[KeyframeHealth] = []
-        self._is_blind = False
+        self._has_vision = True
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -28,31 +28,34 @@ class Diary:
         return {name: count for name, count in sorted(self._counts.items()) if count}
 
     def count(self, name: str) -> None:
-        """Count something that is nothing out of the ordinary."""
+        """Count something ordinary, which is no event."""
         self._counts[name] += 1
 
-    def tell(self, stamp_ns: int, kind: str, detail: str) -> None:
+    def add(self, stamp_ns: int, kind: str, detail: str) -> None:
         """Count an event and keep it."""
         self._counts[kind] += 1
         self._events.append(Event(stamp_ns, kind, detail))
 
-    def tell_sight(self, tracks: StereoTracks, *, is_blind: bool) -> None:
-        """Count a frame without sight; its beginning and its end are events."""
-        self._counts["blind_frames"] += is_blind
-        if is_blind == self._is_blind:
+    def add_vision(self, tracks: StereoTracks, *, has_vision: bool) -> None:
+        """Count a frame without vision; the loss of vision and its recovery are events."""
+        self._counts["frames_without_vision"] += not has_vision
+        if has_vision == self._has_vision:
             return
-        self._is_blind = is_blind
-        if is_blind:
-            why = tracks.reason or f"{len(tracks)} tracks, too few that fit the landmarks"
-            self.tell(tracks.stamp_ns, "blind", f"{why}; carried on without sight")
+        self._has_vision = has_vision
+        if has_vision:
+            detail = "landmarks are observed again; the frame is localised by them"
+            self.add(tracks.stamp_ns, "vision_recovered", detail)
         else:
-            self.tell(tracks.stamp_ns, "sight", "landmarks are seen again")
+            reason = tracks.reason or f"too few of {len(tracks)} tracks fit the landmarks"
+            self.add(
+                tracks.stamp_ns, "vision_lost", f"{reason}; poses are predicted until landmarks are observed again"
+            )
 
-    def note(self, stamp_ns: int, tracks: int, keyframes: int, solution: Solution, compute_s: float) -> None:
+    def add_keyframe(self, stamp_ns: int, tracks: int, keyframes: int, solution: Solution, compute_s: float) -> None:
         """Count a keyframe and keep its health.
 
         Args:
-            stamp_ns: its time.
+            stamp_ns: time of the keyframe.
             tracks: points that were matched to landmarks or began one.
             keyframes: in the window.
             solution: of the window.

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The window over time: begun, extended by keyframes, solved, marginalised, and begun anew where that fails."""
+
+import time
+
+import gtsam
+import numpy as np
+
+from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.event_log import EventLog
+from coclo_vio.backend.window.frame_estimate import FrameEstimate, propagated_covariance
+from coclo_vio.backend.window.frame_localisation import FrameLocalisation
+from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_evidence
+from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
+from coclo_vio.backend.window.motion_prediction import ExternalOdometry, MotionPredictor
+from coclo_vio.backend.window.stereo_model import PoseFit
+from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import RectifiedStereo
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.keyframes import KeyframeResult, OdometryDelta, PoseEvidence, PoseMarginal
+from coclo_vio.values.measurements import StereoTracks
+from coclo_vio.values.units import NS_PER_S
+
+_REST_OVERLAP_NS = 500_000_000  # of a rest that is integrated with the motion after it: both show tilt and bias
+
+
+class WindowUpdater:
+    """Keeps the window and what belongs to its newest keyframe.
+
+    Attributes:
+        window: None before the start.
+        bias: of the IMU at the newest keyframe.
+        keyframe_covariance: of that keyframe's [pose, velocity, accelerometer bias, gyroscope bias], (15, 15).
+        keyframe_result: marginal and evidence of that keyframe; None where no start was given.
+        given_start: the marginal to start from, where one was given.
+    """
+
+    def __init__(
+        self,
+        rig: RectifiedStereo,
+        config: SmootherConfig,
+        imu: Preintegration | None,
+        velocity_model: ConstantVelocityModel,
+        log: EventLog,
+    ) -> None:
+        self._rig, self._config, self._imu = rig, config, imu
+        self._velocity_model, self._log = velocity_model, log
+        self._predictor = MotionPredictor(config, imu, velocity_model)
+        self.window: Window | None = None
+        self.bias = gtsam.imuBias.ConstantBias()
+        self.keyframe_covariance = np.eye(15)
+        self.keyframe_result: KeyframeResult | None = None
+        self.given_start: PoseMarginal | None = None
+
+    @property
+    def started_window(self) -> Window:
+        """The window after the start."""
+        assert self.window is not None
+        return self.window
+
+    def begin(self, tracks: StereoTracks, T_world_body: Array, covariance: Array, velocity: Array) -> FrameEstimate:
+        """Begin a window of one keyframe.
+
+        Args:
+            tracks: of the keyframe.
+            T_world_body: its pose, (4, 4).
+            covariance: of its pose in the world and its velocity, (9, 9).
+            velocity: m/s, world frame, (3,).
+        """
+        number = 0 if self.window is None else self.window.newest.number + 1
+        self.window = Window(self._rig, self._config, is_anchored=self.given_start is not None)
+        keyframe = Keyframe(number, tracks.stamp_ns, tracks)
+        self.window.add(keyframe, T_world_body, np.zeros(len(tracks), dtype=np.bool_))
+        if self._imu is not None:
+            sigmas, bias = np.sqrt(np.diag(self.keyframe_covariance)[9:]), self.bias.vector()
+            keyframe.terms.append(factors.velocity_prior(number, velocity, float(np.sqrt(covariance[6, 6]))))
+            keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
+            self.window.set_inertial(number, velocity, self.bias)
+            self._imu.restart(tracks.stamp_ns, self.bias)
+        covariance = covariance.copy()
+        covariance[:6, :6] = self.window.fix_first(covariance[:6, :6])
+        self._velocity_model.restart(tracks.stamp_ns, T_world_body)
+        self.keyframe_covariance[:9, :] = self.keyframe_covariance[:, :9] = 0.0
+        self.keyframe_covariance[:9, :9] = covariance
+        self.keyframe_result = self._result(self.window, None, None)
+        return FrameEstimate(tracks.stamp_ns, T_world_body, velocity, covariance)
+
+    def predict(self, stamp_ns: int, odometry: OdometryDelta | None) -> PredictedMotion:
+        """Where the body should be at ``stamp_ns``, by odometry, IMU, or constant velocity."""
+        return self._predictor.predict(self.started_window, stamp_ns, odometry, self.bias, self.keyframe_covariance)
+
+    def predicted_frame(self, frame: FrameLocalisation) -> FrameEstimate:
+        """A frame without vision that becomes no keyframe: its prediction."""
+        motion = frame.motion
+        covariance = self._propagated(motion, None)
+        return FrameEstimate(frame.tracks.stamp_ns, motion.T_world_body, motion.velocity_world, covariance)
+
+    def localised_frame(self, frame: FrameLocalisation, fit: PoseFit) -> FrameEstimate:
+        """A localised frame that becomes no keyframe."""
+        motion = frame.motion
+        off = fit.T_world_body[:3, 3] - motion.T_world_body[:3, 3]
+        velocity = motion.velocity_world + motion.velocity_gain @ off
+        if not motion.is_measured:
+            velocity = fit.T_world_body[:3, :3] @ self._velocity_model.twist[3:]
+        return FrameEstimate(frame.tracks.stamp_ns, fit.T_world_body, velocity, self._propagated(motion, fit))
+
+    def stay_at_keyframe(self, stamp_ns: int) -> FrameEstimate:
+        """A frame at a standstill: pose and velocity of the newest keyframe."""
+        imu, window = self._imu, self.started_window
+        if imu is not None and (imu.start_ns is None or stamp_ns - imu.start_ns > 2 * _REST_OVERLAP_NS):
+            imu.restart(stamp_ns - _REST_OVERLAP_NS, self.bias)
+        number = window.newest.number
+        return FrameEstimate(stamp_ns, window.pose(number), window.velocity(number), self.keyframe_covariance[:9, :9])
+
+    def solve_at_rest(self, frame: FrameLocalisation, rate: Array, sigma_radps: float) -> FrameEstimate:
+        """Solve with the newest keyframe at rest, whose gyroscope has the bias ``rate``, rad/s, imu frame, (3,)."""
+        window, stamp_ns = self.started_window, frame.tracks.stamp_ns
+        speed = self._config.standstill.velocity_mps
+        window.newest.rest_terms = [*factors.rest(window.newest.number, speed, rate, sigma_radps)]
+        predicted = self._predicted_covariance(window, frame.motion)
+        if self._try_to_solve(window, stamp_ns) is None:
+            return self._restart(frame, predicted)
+        return self.stay_at_keyframe(stamp_ns)
+
+    def add_keyframe(self, frame: FrameLocalisation, external: ExternalOdometry) -> FrameEstimate:
+        """Make a frame a keyframe: solve the window with it, and marginalise the oldest one."""
+        began_s = time.process_time()
+        window, stamp_ns, motion = self.started_window, frame.tracks.stamp_ns, frame.motion
+        before, predicted = window.newest, self._predicted_covariance(window, motion)
+        terms = [*self._predictor.motion_terms(window, stamp_ns, motion, external, self.bias)]
+        self._insert(window, frame, terms)
+        solution = self._try_to_solve(window, stamp_ns)
+        if solution is None:
+            return self._restart(frame, predicted)
+        is_exchanged = self.given_start is not None and external.delta is not None
+        evidence = self._try_evidence(window, terms) if is_exchanged else None
+        if len(window.keyframes) > self._config.keyframes:
+            self._marginalise_oldest(window, stamp_ns)
+        marginal = None if evidence is None else self._try_marginal(window)
+        self.keyframe_result = self._result(window, marginal, evidence)
+        if self._imu is not None:
+            self._imu.restart(stamp_ns, self.bias)
+        used, compute_s = int(np.count_nonzero(~frame.is_wrong)), time.process_time() - began_s
+        self._log.add_keyframe(stamp_ns, used, len(window.keyframes), solution, compute_s)
+        T, velocity = window.pose(window.newest.number), self._velocity(window, before)
+        return FrameEstimate(stamp_ns, T, velocity, self.keyframe_covariance[:9, :9])
+
+    def restart_without_velocity(self, frame: FrameLocalisation) -> FrameEstimate:
+        """Begin anew at the predicted pose and at rest: after so long without vision no velocity is known."""
+        failure, motion = self._config.failure, frame.motion
+        detail = (
+            f"no vision for more than {failure.max_without_vision_s} s; the velocity by the IMU is discarded, and the "
+            f"window starts anew at the predicted pose with a speed of 0 +- {failure.restart_speed_mps} m/s"
+        )
+        self._log.add(frame.tracks.stamp_ns, "dead_reckoning_stopped", detail)
+        covariance = self._predicted_covariance(self.started_window, motion)
+        covariance[6:] = covariance[:, 6:] = 0.0
+        covariance[6:, 6:] = np.eye(3) * failure.restart_speed_mps**2
+        return self.begin(frame.tracks, motion.T_world_body, covariance, np.zeros(3))
+
+    def _restart(self, frame: FrameLocalisation, covariance: Array) -> FrameEstimate:
+        """Begin anew at the predicted pose, with the covariance (9, 9) that the prediction had before solving."""
+        stamp_ns, motion = frame.tracks.stamp_ns, frame.motion
+        self._log.add(stamp_ns, "window_restart", "the window was discarded; it starts anew at the predicted pose")
+        return self.begin(frame.tracks, motion.T_world_body, covariance, motion.velocity_world)
+
+    def _insert(self, window: Window, frame: FrameLocalisation, terms: list[factors.Term]) -> None:
+        """Add a frame to the window at its localised or predicted pose."""
+        stamp_ns, motion = frame.tracks.stamp_ns, frame.motion
+        keyframe = Keyframe(window.newest.number + 1, stamp_ns, frame.tracks, list(terms))
+        if self._imu is not None and not self._predictor.has_inertial_term:
+            detail = (
+                f"IMU readings since the last keyframe are missing, or pause for more than "
+                f"{self._config.inertial.max_gap_s} s; this keyframe gets no IMU factor"
+            )
+            self._log.add(stamp_ns, "imu_gap", detail)
+        T = motion.T_world_body if frame.fit is None else frame.fit.T_world_body
+        window.add(keyframe, T, frame.is_wrong)
+        if self._imu is not None:
+            window.set_inertial(keyframe.number, motion.velocity_world, self.bias)
+
+    def _try_to_solve(self, window: Window, stamp_ns: int) -> Solution | None:
+        """Solve and take over biases and covariance; None where it failed or diverged."""
+        try:
+            solution = window.solve()
+        except SmootherError as error:
+            self._log.add(stamp_ns, "solver_failed", f"{error}; the window is discarded")
+            return None
+        if window.last_speed_mps > self._config.failure.fastest_mps:
+            detail = (
+                f"the solution moves at {window.last_speed_mps:.0f} m/s, faster than failure.fastest_mps = "
+                f"{self._config.failure.fastest_mps}; the window is discarded"
+            )
+            self._log.add(stamp_ns, "solver_failed", detail)
+            return None
+        self.keyframe_covariance = np.zeros((15, 15))
+        size = len(solution.covariance)
+        self.keyframe_covariance[:size, :size] = solution.covariance
+        if self._imu is not None:
+            self.bias = window.bias(window.newest.number)
+        else:
+            self.keyframe_covariance[6:9, 6:9] = np.eye(3) * self._config.motion.acceleration_mps2**2 * 0.01
+        return solution
+
+    def _try_evidence(self, window: Window, without: list[factors.Term]) -> PoseEvidence | None:
+        try:
+            return pair_evidence(window, without)
+        except SmootherError as error:
+            detail = f"{error}; this keyframe's result has no evidence"
+            self._log.add(window.newest.stamp_ns, "evidence_unavailable", detail)
+            return None
+
+    def _try_marginal(self, window: Window) -> PoseMarginal | None:
+        """The newest keyframe's marginal once the oldest one has left, and with it what the prior does not keep."""
+        try:
+            return newest_marginal(window)
+        except SmootherError as error:
+            detail = f"{error}; the solver's covariance stands for this keyframe's marginal"
+            self._log.add(window.newest.stamp_ns, "evidence_unavailable", detail)
+            return None
+
+    def _result(
+        self, window: Window, marginal: PoseMarginal | None, evidence: PoseEvidence | None
+    ) -> KeyframeResult | None:
+        """The newest keyframe's result; its marginal is by the solver where there is no other."""
+        if self.given_start is None:
+            return None
+        newest = window.newest
+        by_solver = PoseMarginal(newest.stamp_ns, window.pose(newest.number), self.keyframe_covariance[:6, :6])
+        return KeyframeResult(marginal or by_solver, evidence)
+
+    def _marginalise_oldest(self, window: Window, stamp_ns: int) -> None:
+        try:
+            window.drop_oldest()
+        except SmootherError as error:
+            detail = f"{error}; of the past only a prior on the oldest pose is kept"
+            self._log.add(stamp_ns, "prior_simplified", detail)
+            window.discard_oldest(self.keyframe_covariance)
+
+    def _velocity(self, window: Window, before: Keyframe) -> Array:
+        """Velocity of the newest keyframe, m/s, world frame, (3,)."""
+        if self._imu is not None:
+            return window.velocity(window.newest.number)
+        dt_s = (window.newest.stamp_ns - before.stamp_ns) / NS_PER_S
+        return np.asarray((window.pose(window.newest.number)[:3, 3] - window.pose(before.number)[:3, 3]) / dt_s)
+
+    def _propagated(self, motion: PredictedMotion, fit: PoseFit | None) -> Array:
+        """The last keyframe's covariance propagated to a frame, with that of the motion since then, (9, 9)."""
+        T, added = motion.T_world_body, motion.covariance
+        if fit is not None:
+            T, added = fit.T_world_body, fit.covariance
+        before = self.started_window.pose(self.started_window.newest.number)
+        return propagated_covariance(self.keyframe_covariance[:9, :9], before, T, added)
+
+    def _predicted_covariance(self, window: Window, motion: PredictedMotion) -> Array:
+        """Of pose in the world and velocity where the body is predicted, (9, 9)."""
+        covariance = self._propagated(motion, None)
+        covariance[:6, :6] += window.gauge_covariance(motion.T_world_body)
+        return covariance
