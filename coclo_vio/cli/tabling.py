@@ -110,8 +110,8 @@ def table(
             f"{len(lost)} jobs have left nothing in {store.folder}, such as {lost[0].name}: do all workers see that "
             "folder? Run again, the finished jobs are kept"
         )
-    told = {"set": parse_settings(settings or ()), "file": read_yaml(config) if config else {}}
-    made, notes = build.write_table(plan, store, _command(plan, settings or [], config), told)
+    given = {"set": parse_settings(settings or ()), "file": read_yaml(config) if config else {}}
+    made, notes = build.write_table(plan, store, _command(plan, settings or [], config), given)
     _show(made, notes, output, as_json=as_json)
 
 

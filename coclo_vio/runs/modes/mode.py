@@ -37,7 +37,7 @@ _SENSORS: dict[Need, frozenset[type]] = {
 
 
 class Compared(Enum):
-    """Whether ``compare`` runs a mode without being told to."""
+    """Whether ``compare`` runs a mode by default."""
 
     ALWAYS = "always"
     WITHOUT_LEGS = "without legs"
@@ -58,8 +58,8 @@ class Mode:
         uses: what it uses where a recording has it, besides its needs.
         rank: place in listings, the lowest first.
         default_rank: of the modes that a recording is enough for ``run`` takes the one with the lowest; None: never.
-        compared: whether ``compare`` runs it without being told to.
-        table: whether ``table`` runs it without being told to.
+        compared: whether ``compare`` runs it by default.
+        table: whether ``table`` runs it by default.
     """
 
     name: str
