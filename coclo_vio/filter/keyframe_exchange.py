@@ -87,7 +87,7 @@ class MarkedFrame:
         self.stamp_ns = stamp_ns
 
     @property
-    def T_world_body(self) -> Array:  # noqa: N802
+    def T_world_body(self) -> Array:
         """Pose of the body at the frame as estimated now, (4, 4).
 
         Raises:
@@ -159,7 +159,7 @@ class FramePair:
         self.stamp_ns = stamp_ns
 
     @property
-    def T_world_body(self) -> Array:  # noqa: N802
+    def T_world_body(self) -> Array:
         """Pose of the body at the frame as estimated now, (4, 4).
 
         Raises:

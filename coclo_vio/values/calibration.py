@@ -35,7 +35,7 @@ class ImuCalibration(StageConfig):
     accelerometer_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, m/s^3/sqrt(Hz)")] = 3e-4
 
     @property
-    def T_body_imu(self) -> Array:  # noqa: N802
+    def T_body_imu(self) -> Array:
         """Maps imu coordinates to body, (4, 4)."""
         roll, pitch, yaw = self.rotation_body_imu_rpy_rad
         rotation = so3.about_z(yaw) @ so3.exp(np.array([0.0, pitch, 0.0])) @ so3.exp(np.array([roll, 0.0, 0.0]))
@@ -101,12 +101,12 @@ class StereoCalibration(StageConfig):
         return self
 
     @property
-    def T_body_left_camera(self) -> Array:  # noqa: N802
+    def T_body_left_camera(self) -> Array:
         """Maps left camera coordinates to body, (4, 4)."""
         return np.array(self.body_left_camera)
 
     @property
-    def T_body_right_camera(self) -> Array:  # noqa: N802
+    def T_body_right_camera(self) -> Array:
         """Maps right camera coordinates to body, (4, 4)."""
         return np.array(self.body_right_camera)
 

@@ -36,12 +36,12 @@ class MountingConfig(StageConfig):
     imu_position_m: Annotated[Triple, Field(description="of the body's IMU, body frame, m")] = (0.0, 0.0, 0.05)
 
     @property
-    def T_body_imu(self) -> Array:  # noqa: N802
+    def T_body_imu(self) -> Array:
         """The body's IMU, axes along the body's, (4, 4)."""
         return se3.transform(np.eye(3), np.array(self.imu_position_m))
 
     @property
-    def T_left_camera_imu(self) -> Array:  # noqa: N802
+    def T_left_camera_imu(self) -> Array:
         """The camera's IMU in the left camera's frame, axes along the camera's, (4, 4)."""
         return se3.transform(np.eye(3), np.array(self.camera_imu_position_m))
 
