@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What evaluations leave on the disk: ``compare.json`` and ``ranking.json``, of one recording or of several.
+"""The files of evaluations: ``compare.json`` and ``ranking.json``, of one recording or of several.
 
 The keys of ``EvaluationRecord`` are the contract of ``evaluate --json`` and ``compare.json``.
 """

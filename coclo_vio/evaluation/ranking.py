@@ -32,7 +32,7 @@ class Ranking:
         against: the one that it is compared with.
         drift: of the subject, ``less`` or ``more``; ``undecided`` where the ground truth is too noisy for it.
         subject_m: position error of the subject at the end, m.
-        against_m: the same of the other.
+        against_m: that of the other trajectory, m.
         resolution_m: a smaller difference than this may be noise of the ground truth, m.
         path_length_m: of the ground truth, m.
     """

@@ -190,7 +190,7 @@ def _timed(until_s: float) -> dict[str, float | None]:
         "vision_ms_p95": _share(front + window, 95.0),
         "keyframes_per_frame": len(keyframes) / len(front) if len(front) else None,
         **{
-            f"keyframe_{name}": _share(np.array([getattr(one, name) for one in keyframes]), 50.0)
+            f"keyframe_{name}": _share(np.array([getattr(keyframe, name) for keyframe in keyframes]), 50.0)
             for name in ("tracks", "factors", "landmarks", "iterations")
         },
     }

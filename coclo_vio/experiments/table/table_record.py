@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a table leaves on the disk: a file for each finished job, and ``table.json`` with the summary of all."""
+"""The files of a table: one for each finished job, and ``table.json`` with the summary of all."""
 
 from typing import Any, ClassVar, Literal
 
