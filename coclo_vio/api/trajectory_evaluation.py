@@ -7,6 +7,7 @@ from coclo_vio.api.run import load_ground_truth
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluate import evaluate as evaluate_trajectory
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.runs.modes.registry import modes
 from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum
 
 
@@ -27,6 +28,7 @@ def evaluate(
         DatasetError: a file cannot be read.
         EvaluationError: the two cannot be compared.
     """
+    modes()  # whoever shows the result asks for the kinds of its trajectories
     trajectory = estimate if isinstance(estimate, Trajectory) else read_tum(Path(estimate))
     truth = ground_truth if isinstance(ground_truth, GroundTruth) else load_ground_truth(ground_truth)
     return evaluate_trajectory(trajectory, truth, config or EvaluationConfig())

@@ -10,7 +10,7 @@ an object that a later call replaced is void, and its methods raise FilterError.
 from collections.abc import Callable
 
 from coclo_vio.filter import remembered_poses
-from coclo_vio.filter.evidence_gate import EvidenceGate, GateOutcome, GateResult
+from coclo_vio.filter.evidence_gate import EvidenceGate, GateResult
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
@@ -195,12 +195,8 @@ class FramePair:
                 f"evidence on {stamps_ns} ns does not belong to the pair of {(self.keyframe_ns, self.stamp_ns)} ns; "
                 "take start_ns and end_ns from poses() of this pair"
             )
-        before = core.factor
         core.inflate_poses(inflation)
-        result = self._exchange.gate.correct(core, evidence, fallback)
-        if result.outcome in {GateOutcome.REJECTED, GateOutcome.EMPTY}:
-            core.factor = before
-        return result
+        return self._exchange.gate.correct(core, evidence, fallback)
 
     def keep(self) -> Keyframe:
         """Make the frame the keyframe. This pair and its keyframe are void then.

@@ -7,6 +7,7 @@ from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import run_folder
+from coclo_vio.runs.modes.registry import modes
 from coclo_vio.values.errors import CocloError, DatasetError, EvaluationError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
 from coclo_vio.values.trajectory import GroundTruth, read_tum
@@ -30,6 +31,7 @@ def evaluate_run(
     Raises:
         DatasetError: no run folder, or no ground truth.
     """
+    modes()  # whoever shows the result asks for the kinds of its trajectories
     record = run_folder.read_record(folder)
     truth = truth or run_folder.read_ground_truth(folder, record)
     if truth is None:

@@ -16,7 +16,6 @@ from coclo_vio.experiments.table.table_record import Fingerprint
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.feedback import feedback_policies
 from coclo_vio.robot.description import urdf_path
-from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of, modes
 from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.simulation.simulated_recording import IDEAL_ROBOT, SIMULATED_ROBOT, SimulationConfig, simulation_config
@@ -29,11 +28,6 @@ JPEG: Mapping[str, Any] = {"camera": {"encoding": "jpeg"}}  # a third as large a
 def default_modes() -> tuple[str, ...]:
     """The modes that declare themselves as part of the table."""
     return tuple(mode.name for mode in modes().values() if mode.table)
-
-
-def _has_feedback(mode: Mode) -> bool:
-    """Whether a feedback policy acts in a mode: several fused trajectories correct each other, a single one cannot."""
-    return sum(kind.standalone is not None for kind in mode.trajectories) > 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +124,7 @@ class TablePlan:
         return tuple(
             Variant(mode, None if policy == configured else policy)
             for mode in (self.modes if self.policy_seeds else ())
-            if _has_feedback(mode_of(mode))
+            if mode_of(mode).has_feedback
             for policy in feedback_policies()
         )
 

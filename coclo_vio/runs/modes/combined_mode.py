@@ -58,5 +58,6 @@ MODES = (
         rank=30,
         default_rank=0,
         table=True,
+        has_feedback=True,
     ),
 )

@@ -60,6 +60,7 @@ class Mode:
         default_rank: of the modes that a recording is enough for ``run`` takes the one with the lowest; None: never.
         compared: whether ``compare`` runs it by default.
         table: whether ``table`` runs it by default.
+        has_feedback: whether ``bridge.feedback`` acts in it, so that ``table`` can compare policies.
     """
 
     name: str
@@ -72,6 +73,7 @@ class Mode:
     default_rank: int | None = None
     compared: Compared = Compared.ALWAYS
     table: bool = False
+    has_feedback: bool = False
     sensors: frozenset[type] = field(init=False)
 
     def __post_init__(self) -> None:
