@@ -57,5 +57,5 @@ def test_an_unknown_place_names_those_there_are(tmp_path: Path) -> None:
 def test_a_file_without_origin_is_refused(tmp_path: Path) -> None:
     Provenances({}).write(tmp_path / "provenance.json")
     (tmp_path / "demo.json").write_text('{"printed": ""}', encoding="utf-8")
-    with pytest.raises(DatasetError, match="no entry for demo.json; measure again"):
+    with pytest.raises(DatasetError, match=r"no entry for demo\.json; measure again"):
         rendered("<!-- results: demo -->\n<!-- end of results -->", ResultFiles(tmp_path))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from coclo_vio.experiments.results.provenance import Provenances
+from coclo_vio.experiments.table.table_record import FigureSpreads, TableRecord, TableSummary
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.values.record import read_json
 from coclo_vio.values.trajectory_kind import trajectory_kind
@@ -41,6 +42,14 @@ class ResultFiles:
         """
         return read_json(self.folder / name, _NEXT)
 
+    def table(self) -> TableSummary:
+        """The summary of Table I.
+
+        Raises:
+            DatasetError: the table is missing or of another version.
+        """
+        return TableRecord.read(self.folder / "table.json").summary
+
     def origin(self, name: str) -> str:
         """A line on where a file comes from.
 
@@ -63,19 +72,17 @@ def _demo(files: ResultFiles) -> str:
 
 def _trials(files: ResultFiles) -> str:
     """The paper's trials over seeds: median drift / RPE (worst), wins, and consistency."""
-    summary = files.read("table.json")["summary"]
-    rows = [
-        [trial, *(_drift_and_rpe(summary["trials"][trial][name]["vicon"]) for name in _COLUMNS)] for trial in _TRIALS
-    ]
+    summary = files.table()
+    rows = [[trial, *(_drift_and_rpe(summary.trials[trial][name].vicon) for name in _COLUMNS)] for trial in _TRIALS]
     table = _table(["trial", *(_head(name) for name in _COLUMNS)], rows)
     return f"{table}\n\n{_wins(summary)}\n{_consistency(summary)}\n\n{files.origin('table.json')}"
 
 
 def _trials_in_short(files: ResultFiles) -> str:
     """The same without spreads."""
-    trials = files.read("table.json")["summary"]["trials"]
+    trials = files.table().trials
     rows = [
-        [trial, *(_drift_and_rpe(trials[trial][name]["vicon"], with_worst=False) for name in _COLUMNS)]
+        [trial, *(_drift_and_rpe(trials[trial][name].vicon, with_worst=False) for name in _COLUMNS)]
         for trial in _TRIALS
     ]
     table = _table(["trial", *(_head(name) for name in _COLUMNS)], rows)
@@ -88,33 +95,39 @@ def _head(name: str) -> str:
     return f"**{kind.label}**" if kind.standalone else kind.label
 
 
-def _drift_and_rpe(against: Mapping[str, Any], *, with_worst: bool = True) -> str:
-    drift, rpe = against["drift_percent"], against["rpe_1m_percent"]
-    median = f"{drift['median']:.2f} / {rpe['median']:.2f}"
-    return f"{median} ({drift['worst']:.2f} / {rpe['worst']:.2f})" if with_worst else median
+def _drift_and_rpe(against: FigureSpreads, *, with_worst: bool = True) -> str:
+    drift, rpe = against.drift_percent, against.rpe_1m_percent
+    if drift is None or rpe is None:
+        return "-"
+    median = f"{drift.median:.2f} / {rpe.median:.2f}"
+    return f"{median} ({drift.worst:.2f} / {rpe.worst:.2f})" if with_worst else median
 
 
-def _wins(summary: Mapping[str, Any]) -> str:
+def _wins(summary: TableSummary) -> str:
     sentences = []
-    for name, wins in summary["wins"].items():
+    for name, wins in summary.wins.items():
         every = wins["vicon"]["all"]
         kind = trajectory_kind(name)
+        alone = trajectory_kind(kind.standalone or "").label
         sentences.append(
-            f"{kind.label} drifts less than {trajectory_kind(kind.standalone or '').label} in {every['drift']['wins']} "
-            f"of {every['drift']['of']} pairs of trial and seed, and has the lower RPE in {every['rpe']['wins']}."
+            f"{kind.label} drifts less than {alone} in {every.drift.wins} of {every.drift.of} pairs of trial and "
+            f"seed, and has the lower RPE in {every.rpe.wins}."
         )
     return " ".join(sentences)
 
 
-def _consistency(summary: Mapping[str, Any]) -> str:
-    trials = summary["trials"]
+def _consistency(summary: TableSummary) -> str:
     cells = ", ".join(
-        f"{trial} {trials[trial]['combined_coclo']['truth']['anees_pose']['median']:.2f}"
-        f" ({trials[trial]['coclo']['truth']['anees_pose']['median']:.2f},"
-        f" {trials[trial]['vins']['truth']['anees_pose']['median']:.2f})"
+        f"{trial} {_anees(summary, trial, 'combined_coclo')} ({_anees(summary, trial, 'coclo')}, "
+        f"{_anees(summary, trial, 'vins')})"
         for trial in _TRIALS
     )
     return f"Median ANEES of combined COCLO against the truth (in parentheses COCLO, VINS): {cells}."
+
+
+def _anees(summary: TableSummary, trial: str, name: str) -> str:
+    spread = summary.trials[trial][name].truth.anees_pose
+    return "-" if spread is None else f"{spread.median:.2f}"
 
 
 def _go1(files: ResultFiles) -> str:
