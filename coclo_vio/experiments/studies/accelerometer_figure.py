@@ -4,23 +4,25 @@
 ``python -m coclo_vio.experiments.studies.accelerometer_figure [PNG]``
 """
 
-import os
 import sys
 from pathlib import Path
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from coclo_vio.experiments.studies.shocks import NS_PER_S, deviations, excess_kurtosis, touch_down_peaks, touch_downs
+from coclo_vio.experiments.studies.touch_down_shocks import (
+    deviations,
+    excess_kurtosis,
+    touch_down_peaks,
+    touch_downs,
+)
 from coclo_vio.robot.description import load_robot
 from coclo_vio.simulation.simulated_recording import SIMULATED_ROBOT, simulation_config
 from coclo_vio.simulation.trial.sensors import EPOCH_NS
 from coclo_vio.simulation.trial.trial import Trial, simulate
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
+from coclo_vio.values.units import NS_PER_S
 
 SEED = 7
 SHOWN_S = (40.0, 48.0)
@@ -32,7 +34,7 @@ AXIS_COLOURS = ("tab:blue", "tab:orange", "tab:green")
 
 
 def draw(trial: Trial) -> Figure:
-    """Eight seconds on the stairs, an IMU a panel."""
+    """Eight seconds on the stairs, one panel for each IMU."""
     figure = Figure(figsize=(8.0, 5.2), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     landed = touch_downs(trial)

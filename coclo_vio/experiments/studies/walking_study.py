@@ -1,27 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Walks the three trials over many seeds, physics only: who gets to the end, how far, what touched what, what shook.
+"""The walks of the three trials over many seeds, physics only: falls, path length, unwanted contacts, shocks.
 
-``python -m coclo_vio.experiments.studies.trials --seeds 20 --workers 1 -o out/trials.json`` (about half a minute a
-trial and core).
+``python -m coclo_vio.experiments.studies.walking_study --seeds 20 --workers 1 -o out/trials.json`` takes about half a
+minute a trial and core. Finished trials are kept: an interrupted study continues.
 """
 
-import argparse
 import json
-import os
-import sys
 import time
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: one core a process
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from coclo_vio.experiments.studies.shocks import deviations, excess_kurtosis, touch_down_peaks, touch_downs
+from coclo_vio.experiments.studies.study import (
+    ResultFile,
+    Row,
+    add_seeds_and_workers,
+    parser,
+    report,
+    run_jobs,
+    seeds_of,
+)
+from coclo_vio.experiments.studies.touch_down_shocks import deviations, excess_kurtosis, touch_down_peaks, touch_downs
 from coclo_vio.robot.description import load_robot
 from coclo_vio.simulation.simulated_recording import SIMULATED_ROBOT, simulation_config, walked_m
 from coclo_vio.simulation.trial.terrain import TERRAINS, TerrainName
@@ -29,11 +28,9 @@ from coclo_vio.simulation.trial.trial import Trial, simulate
 from coclo_vio.values.errors import SimulationError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
 
-Row = dict[str, Any]
-
 
 def walk(name: TerrainName, seed: int) -> Row:
-    """One trial in figures."""
+    """The figures of one trial."""
     began = time.perf_counter()
     row: Row = {"trial": name, "seed": seed, "fell": None}
     try:
@@ -41,20 +38,20 @@ def walk(name: TerrainName, seed: int) -> Row:
     except SimulationError as error:
         return row | {"fell": str(error), "wall_s": time.perf_counter() - began}
     truth = trial.truth
-    came_m = walked_m(truth.trajectory)
+    distance_m = walked_m(truth.trajectory)
     return row | {
         "duration_s": truth.trajectory.duration_s,
-        "walked_m": came_m,
-        "path_length_ratio": came_m / trial.terrain.path_length_m,
+        "walked_m": distance_m,
+        "path_length_ratio": distance_m / trial.terrain.path_length_m,
         "legs_touching_each_other": truth.self_contacts,
         "legs_touching_the_ground": truth.ground_contacts,
-        "deepest_mm": 1e3 * truth.deepest_m,
-        "accelerometer": {"body": _shaking(trial, ImuSample), "camera": _shaking(trial, CameraImuSample)},
+        "deepest_mm": 1e3 * truth.max_penetration_m,
+        "accelerometer": {"body": _shocks(trial, ImuSample), "camera": _shocks(trial, CameraImuSample)},
         "wall_s": time.perf_counter() - began,
     }
 
 
-def _shaking(trial: Trial, kind: type[ImuSample] | type[CameraImuSample]) -> Row:
+def _shocks(trial: Trial, kind: type[ImuSample] | type[CameraImuSample]) -> Row:
     stamps, values = deviations(trial, kind)
     peaks = touch_down_peaks(stamps, values, touch_downs(trial))
     return {
@@ -66,16 +63,16 @@ def _shaking(trial: Trial, kind: type[ImuSample] | type[CameraImuSample]) -> Row
     }
 
 
-def summary(rows: Iterable[Row]) -> dict[str, Row]:
-    """The worst of each trial's seeds."""
-    told: dict[str, Row] = {}
+def summary(rows: list[Row]) -> Row:
+    """The extremes over the seeds of each trial."""
+    by_trial: Row = {}
     for name in TERRAINS:
         of_name = [row for row in rows if row["trial"] == name]
         walked = [row for row in of_name if row["fell"] is None]
-        told[name] = {"seeds": len(of_name), "fell": len(of_name) - len(walked)}
+        by_trial[name] = {"seeds": len(of_name), "fell": len(of_name) - len(walked)}
         if walked:
-            told[name] |= _extremes(walked)
-    return told
+            by_trial[name] |= _extremes(walked)
+    return by_trial
 
 
 def _extremes(walked: list[Row]) -> Row:
@@ -97,27 +94,22 @@ def _extremes(walked: list[Row]) -> Row:
     }
 
 
+def _key(row: Row) -> tuple[int, int]:
+    return TERRAINS.index(row["trial"]), row["seed"]
+
+
 def main() -> None:
-    """Walk, and write what came of it after each trial."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seeds", type=int, default=20, help="how many")
-    parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/trials.json"))
-    given = parser.parse_args()
-    given.output.parent.mkdir(parents=True, exist_ok=True)
-    rows: list[Row] = []
-    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
-        seeds = range(given.first_seed, given.first_seed + given.seeds)
-        jobs = [pool.submit(walk, name, seed) for seed in seeds for name in TERRAINS]
-        for job in as_completed(jobs):
-            rows.append(job.result())
-            row = rows[-1]
-            print(f"{row['trial']} {row['seed']}: {row['fell'] or 'walked'} ({row['wall_s']:.0f} s)", file=sys.stderr)
-            rows.sort(key=lambda row: (TERRAINS.index(row["trial"]), row["seed"]))
-            told = {"summary": summary(rows), "trials": rows}
-            given.output.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(summary(rows), indent=2))
+    """Simulate what is missing, writing after each trial."""
+    arguments = parser(__doc__, Path("out/trials.json"))
+    add_seeds_and_workers(arguments, 20)
+    options = arguments.parse_args()
+    results = ResultFile(options.output, summary, _key)
+    done = {(row["trial"], row["seed"]) for row in results.rows}
+    jobs = [(name, seed) for seed in seeds_of(options) for name in TERRAINS if (name, seed) not in done]
+    for row in run_jobs(walk, jobs, options.workers):
+        report(f"{row['trial']} {row['seed']}: {row['fell'] or 'walked'} ({row['wall_s']:.0f} s)")
+        results.add(row)
+    print(json.dumps(results.summary(), indent=2))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What walking does to an accelerometer: readings without gravity's slow part, touch-downs, kurtosis, peaks."""
+"""The shocks of walking in an accelerometer: deviations from the running mean, touch-downs, kurtosis, peaks."""
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -8,11 +8,11 @@ from scipy.stats import kurtosis
 from coclo_vio.simulation.trial.trial import Trial
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
+from coclo_vio.values.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
-_SLOW_S = 1.0  # what an accelerometer shows of tilt is slower
-_IN_THE_AIR = 100  # steps of 1 ms; a shorter loss of contact is no swing
-_AROUND_S = 0.05  # of a touch-down, in which its shock falls
+_SLOW_S = 1.0  # averaging time; changes by tilt are slower
+_SHORTEST_SWING = 100  # steps of 1 ms; a shorter loss of contact is no swing
+_AROUND_S = 0.05  # half width of the interval around a touch-down that holds its shock
 
 
 def deviations(trial: Trial, kind: type[ImuSample] | type[CameraImuSample]) -> tuple[IntArray, Array]:
@@ -26,22 +26,22 @@ def deviations(trial: Trial, kind: type[ImuSample] | type[CameraImuSample]) -> t
 
 
 def touch_downs(trial: Trial) -> IntArray:
-    """When a foot that was in the air touched the ground, ns, ascending."""
+    """Stamps of the ends of all swings, ns, ascending."""
     contact, stamps = trial.truth.contact, trial.truth.contact_ns
     found: list[int] = []
     for foot in contact.T:
         landed = np.flatnonzero(foot[1:] & ~foot[:-1]) + 1
-        found += [int(stamps[step]) for step in landed if not foot[max(step - _IN_THE_AIR, 0) : step].any()]
+        found += [int(stamps[step]) for step in landed if not foot[max(step - _SHORTEST_SWING, 0) : step].any()]
     return np.sort(np.array(found, dtype=np.int64))
 
 
 def excess_kurtosis(values: Array) -> list[float]:
-    """Of each axis; 0 is Gaussian."""
+    """Excess kurtosis of each axis; 0 for a Gaussian."""
     return [float(value) for value in kurtosis(values, axis=0)]
 
 
 def touch_down_peaks(stamps: IntArray, values: Array, landed: IntArray) -> Array:
-    """The largest deviation of any axis about each touch-down, m/s^2."""
+    """The largest deviation of any axis around each touch-down, m/s^2."""
     half = round(_AROUND_S * NS_PER_S)
     spans = zip(np.searchsorted(stamps, landed - half), np.searchsorted(stamps, landed + half), strict=True)
     return np.array([np.abs(values[first:last]).max() for first, last in spans if last > first])
