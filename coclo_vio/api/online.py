@@ -7,6 +7,7 @@ from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.plugins import load_plugins
 from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.values.calibration import SensorCalibrations, StereoCalibration
 from coclo_vio.values.config import merged
@@ -39,6 +40,7 @@ def make_estimator(
         CalibrationMissing: cameras or an IMU without a calibration.
         RobotModelError: the robot's description does not fit its URDF.
     """
+    load_plugins()  # a robot's file may name a contact estimator of theirs
     described = robot if isinstance(robot, RobotDescription) else None if robot is None else load_robot(robot)
     known = SensorCalibrations(stereo=calibration) if isinstance(calibration, StereoCalibration) else calibration
     known = known or SensorCalibrations()

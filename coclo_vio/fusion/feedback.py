@@ -21,7 +21,7 @@ class Feedback:
 
     Attributes:
         evidence: of the keyframe before and of this one.
-        inflation: factor on the filter's own sigmas of rotation and positions where the evidence is taken.
+        inflation: factor on the filter's own sigmas of rotation and positions, before the gate decides on the evidence.
         fallback: all that the window knows of this keyframe: taken instead of the evidence where the filter has
             rejected the window so often that it widens to accept it; None for the evidence itself.
     """

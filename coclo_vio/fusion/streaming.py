@@ -14,7 +14,8 @@ from coclo_vio.values.outputs import Output
 class StreamingEstimator(ABC):
     """An estimator that processes measurements one by one, in the order of the IMU's clock.
 
-    Invariant: where processing fails, the outputs before are returned first, and the error is raised by the next call.
+    Invariant: where processing fails, the outputs before come first. The error is raised by the next ``push``, and in
+    ``finish`` after its outputs.
     """
 
     def __init__(self, clock: ImageClock | None = None) -> None:
@@ -35,13 +36,14 @@ class StreamingEstimator(ABC):
         """
         return self._outputs(self._clock.push(measurement))
 
-    def finish(self) -> Sequence[Output]:
+    def finish(self) -> Iterator[Output]:
         """The outputs of measurements that wait for others, once no measurement comes any more.
 
         Raises:
             CocloError: the estimator cannot go on.
         """
-        return self._outputs(self._clock.finish())
+        yield from self._outputs(self._clock.finish())
+        self._raise_error()
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -53,9 +55,7 @@ class StreamingEstimator(ABC):
         """The outputs of a measurement that is next in order."""
 
     def _outputs(self, due: Iterable[Measurement]) -> Sequence[Output]:
-        if self._error is not None:
-            error, self._error = self._error, None
-            raise error
+        self._raise_error()
         outputs: list[Output] = []
         try:
             for measurement in due:
@@ -66,3 +66,9 @@ class StreamingEstimator(ABC):
                 raise
             self._error = error
         return outputs
+
+    def _raise_error(self) -> None:
+        """Raise the error that was held back, if there is one."""
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error

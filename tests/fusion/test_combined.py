@@ -1,188 +1,335 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Legs and eyes joined: on an analytic walk among points that are seen exactly where they are, give or take a pixel."""
+"""Combined odometry on an analytic walk among points whose pixels are known up to noise."""
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import pytest
+from stand_ins import NotingFrontend, NotingSmoother, frame
+from walk_among_points import (
+    DAISY,
+    FRAME_NS,
+    JOINT_NS,
+    between,
+    combined,
+    error_m,
+    in_order,
+    outputs_of,
+    states,
+    stream,
+    trial,
+    with_late_clock,
+    without,
+    without_tracks,
+)
 
-from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.filter.config import FilterConfig, RobustConfig
+from coclo_vio.filter.evidence_gate import GateConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.fusion.bridge import BridgeConfig
-from coclo_vio.fusion.combined import BY_EYES, BY_LEGS, CombinedOdometry
-from coclo_vio.geometry import se3, so3
-from coclo_vio.robot.description import load_robot
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
-from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.estimates import Several, StateEstimate
-from coclo_vio.values.measurements import ImuSample, JointSample, Measurement, StereoTracks
-
-DAISY = RobotModel(load_robot("daisy"))
-WALK = BodyMotionConfig(rest_s=1.0, walk_s=3.5, stop_s=0.0, ramp_s=0.6, speed_mps=0.18, curvature_per_m=0.3)
-FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-RIG = RectifiedStereo((380.0, 380.0), (320.0, 240.0), 0.1, se3.transform(FORWARD, np.array([0.2, 0.05, 0.1])))
-FRAME_NS = 66_666_667
-POINTS = np.random.default_rng(1).uniform((-3.0, -4.0, -1.0), (6.0, 4.0, 3.0), (1500, 3))
-SEEN_PX = 0.3
+from coclo_vio.fusion.combined import COMBINED_COCLO, COMBINED_VINS, CombinedOdometry
+from coclo_vio.fusion.config import BridgeConfig
+from coclo_vio.fusion.feedback import (
+    Feedback,
+    NoFeedback,
+    register_feedback_policy,
+    unregister_feedback_policy,
+)
+from coclo_vio.geometry import se3
+from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.keyframes import KeyframeResult, PoseEvidence, PoseMarginal, PosePair
+from coclo_vio.values.measurements import ImuSample, JointSample, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.outputs import Calibration, Estimate, Event, KeyframeHealth, Output, Picture
+from coclo_vio.values.units import NS_PER_S
 
 
-@pytest.fixture(scope="module")
-def trial() -> AnalyticTrial:
-    return generate(AnalyticTrialConfig(body=WALK), DAISY, seed=5)
-
-
-def true_pose(trial: AnalyticTrial, stamp_ns: int) -> np.ndarray:
-    """Between samples on the geodesic."""
-    stamps = trial.truth.stamps_ns
-    row = int(np.clip(np.searchsorted(stamps, stamp_ns), 1, len(stamps) - 1))
-    T_before, T_after = trial.truth.T_world_body[row - 1 : row + 1]
-    share = (stamp_ns - stamps[row - 1]) / (stamps[row] - stamps[row - 1])
-    return np.asarray(T_before @ se3.exp(share * se3.log(se3.inverse(T_before) @ T_after)))
-
-
-def sight(trial: AnalyticTrial, stamp_ns: int) -> StereoTracks:
-    """What the rig sees of the points between 0.8 and 5 m."""
-    in_camera = se3.apply(se3.inverse(true_pose(trial, stamp_ns) @ RIG.T_body_camera), POINTS)
-    ahead = np.flatnonzero((in_camera[:, 2] > 0.8) & (in_camera[:, 2] < 5.0))
-    left, disparity = RIG.pixels(in_camera[ahead])
-    inside = ((left > 0.0) & (left < [640.0, 480.0])).all(axis=1)
-    left, disparity, ids = left[inside][:60], disparity[inside][:60], ahead[inside][:60]
-    random = np.random.default_rng(stamp_ns)
-    left = left + SEEN_PX * random.standard_normal(left.shape)
-    disparity = disparity + SEEN_PX * random.standard_normal(len(ids))
-    return StereoTracks(stamp_ns, ids, left, left - np.column_stack((disparity, np.zeros(len(ids)))))
-
-
-def events(trial: AnalyticTrial) -> list[Measurement]:
-    """Everything in time order; frames lie between joint samples."""
-    last_ns = int(trial.truth.stamps_ns[-1])
-    frames = [sight(trial, stamp_ns) for stamp_ns in range(3_000_000, last_ns, FRAME_NS)]
-    return sorted([*trial.measurements, *frames], key=lambda one: one.stamp_ns)
-
-
-def combined(config: BridgeConfig | None = None, legs: FilterConfig | None = None) -> CombinedOdometry:
-    smoother = SmootherConfig.parse({"noise": {"track_px": SEEN_PX, "disparity_px": SEEN_PX}}, "test")
-    return CombinedOdometry(
-        LegOdometryFilter(DAISY, legs, remembers_frames=True),
-        SlidingWindowSmoother(RIG, smoother, uses_imu=False),
-        None,
-        config,
-    )
-
-
-def play(odometry: CombinedOdometry, stream: Iterable[Measurement]) -> tuple[list[StateEstimate], list[StateEstimate]]:
-    by_legs, by_eyes = [], []
-    for measurement in stream:
-        estimate = odometry.push(measurement)
-        if estimate is not None:
-            by_legs.append(estimate)
-        by_eyes += [other for name, other in odometry.take_others() if name == BY_EYES]
-    return by_legs, by_eyes
-
-
-def miss_m(trial: AnalyticTrial, estimate: StateEstimate) -> float:
-    """Distance from the truth, whose heading and place at the start are those of the world."""
-    start = trial.truth.T_world_body[0]
-    T_start = se3.transform(so3.about_z(float(so3.yaw(start[:3, :3]))), start[:3, 3])
-    T_true = se3.inverse(T_start) @ true_pose(trial, estimate.stamp_ns)
-    return float(np.linalg.norm(estimate.nav.T_world_body[:3, 3] - T_true[:3, 3]))
-
-
-def silent(stream: Iterable[Measurement], kind: type, start_s: float, end_s: float) -> list[Measurement]:
-    """Without samples of a kind for a while."""
-    return [one for one in stream if not (isinstance(one, kind) and start_s <= one.stamp_ns * 1e-9 < end_s)]
-
-
-@pytest.fixture(scope="module")
-def stream(trial: AnalyticTrial) -> list[Measurement]:
-    return events(trial)
-
-
-def test_two_trajectories_come_out_that_agree(trial: AnalyticTrial, stream: list[Measurement]) -> None:
+@cache
+def whole_walk() -> tuple[CombinedOdometry, list[Output]]:
+    """The whole stream with the default configuration; for tests that only look at it."""
     odometry = combined()
-    assert isinstance(odometry, Several)
-    assert (odometry.name, odometry.other_names) == (BY_LEGS, (BY_EYES,))
-    by_legs, by_eyes = play(odometry, stream)
-    assert set(np.diff([one.stamp_ns for one in by_legs])) == {10_000_000}
-    assert set(np.diff([one.stamp_ns for one in by_eyes])) == {FRAME_NS}
-    assert miss_m(trial, by_legs[-1]) < 0.01
-    assert miss_m(trial, by_eyes[-1]) < 0.01
-    assert odometry.counts["feedback_taken"] > 3
-    assert odometry.counts.get("feedback_refused", 0) <= 1
-    apart = by_legs[-1].nav.T_world_body[:3, 3] - by_eyes[-1].nav.T_world_body[:3, 3]
+    return odometry, outputs_of(odometry, stream())
+
+
+def test_two_trajectories_come_out_that_agree() -> None:
+    odometry, outputs = whole_walk()
+    by_legs, by_vision = states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
+    assert {output.name for output in outputs if isinstance(output, Estimate)} == {COMBINED_COCLO, COMBINED_VINS}
+    assert set(np.diff([one.stamp_ns for one in by_legs])) == {JOINT_NS}
+    assert set(np.diff([one.stamp_ns for one in by_vision])) == {FRAME_NS}
+    assert error_m(by_legs[-1]) < 0.01
+    assert error_m(by_vision[-1]) < 0.01
+    assert odometry.counts["feedback_accepted"] > 3
+    assert odometry.counts.get("feedback_rejected", 0) <= 1
+    apart = by_legs[-1].nav.T_world_body[:3, 3] - by_vision[-1].nav.T_world_body[:3, 3]
     assert np.linalg.norm(apart) < 0.02
 
 
-@pytest.mark.parametrize("latency_s", [0.0, 0.05, 0.2])
-def test_a_late_result_is_taken_at_the_frame_it_is_of(
-    trial: AnalyticTrial, stream: list[Measurement], latency_s: float
-) -> None:
+@pytest.mark.parametrize("latency_s", [0.0, 0.2])
+def test_a_late_result_corrects_the_frame_that_it_is_of(latency_s: float) -> None:
     odometry = combined(BridgeConfig(vision_latency_s=latency_s))
-    by_legs, _ = play(odometry, stream)
-    assert miss_m(trial, by_legs[-1]) < 0.01
-    assert odometry.counts["feedback_taken"] > 3
-    assert ("frame_while_busy" in odometry.counts) == (latency_s > FRAME_NS * 1e-9)
+    by_legs = states(outputs_of(odometry, stream()), COMBINED_COCLO)
+    assert error_m(by_legs[-1]) < 0.01
+    assert odometry.counts["feedback_accepted"] > 3
+    assert ("frame_while_busy" in odometry.counts) == (latency_s > FRAME_NS / NS_PER_S)
 
 
-def test_feedback_teaches_the_filter_what_only_eyes_can_see(trial: AnalyticTrial, stream: list[Measurement]) -> None:
-    """A start on the move with legs that may turn anyhow: only eyes know how far the gyroscope is off."""
-    unsure = FilterConfig(robust=RobustConfig(slip_turn_per_m=0.5))
-    moving = [one for one in stream if one.stamp_ns >= 2_000_000_000]
-    wrong = {}
+def test_feedback_corrects_what_vision_alone_can_determine() -> None:
+    """A start on the move with legs that may slip in yaw: only vision determines the gyroscope's bias."""
+    uncertain = FilterConfig(robust=RobustConfig(slip_turn_per_m=0.5))
+    moving = between(stream(), 2.0, 9.0)
+    true_bias = trial().gyroscope_bias[-1] @ DAISY.description.imu.T_body_imu[:3, :3].T
+    errors = {}
     for policy in ("off", "decorrelated"):
-        by_legs, _ = play(combined(BridgeConfig.parse({"feedback": policy}, "test"), unsure), moving)
-        wrong[policy] = (
-            by_legs[-1].nav.gyroscope_bias - trial.gyroscope_bias[-1] @ DAISY.description.imu.T_body_imu[:3, :3].T
-        )
-    assert np.linalg.norm(wrong["decorrelated"]) < 0.5 * np.linalg.norm(wrong["off"])
+        odometry = combined(BridgeConfig.parse({"feedback": policy}, "test"), uncertain)
+        errors[policy] = states(outputs_of(odometry, moving), COMBINED_COCLO)[-1].nav.gyroscope_bias - true_bias
+    assert np.linalg.norm(errors["decorrelated"]) < 0.5 * np.linalg.norm(errors["off"])
 
 
 @pytest.mark.parametrize("policy", ["paper", "ci"])
-def test_other_policies_feed_back_too(trial: AnalyticTrial, stream: list[Measurement], policy: str) -> None:
+def test_other_policies_feed_back_too(policy: str) -> None:
     odometry = combined(BridgeConfig.parse({"feedback": policy}, "test"))
-    by_legs, _ = play(odometry, stream)
-    assert miss_m(trial, by_legs[-1]) < 0.02
-    assert odometry.counts["feedback_taken"] > 3
+    by_legs = states(outputs_of(odometry, stream()), COMBINED_COCLO)
+    assert error_m(by_legs[-1]) < 0.02
+    assert odometry.counts["feedback_accepted"] > 3
 
 
-def test_in_the_dark_the_legs_carry_on_and_the_first_frame_that_sees_is_tied_to_them(
-    trial: AnalyticTrial, stream: list[Measurement]
-) -> None:
-    nothing = np.zeros((0, 2))
-
-    def dark(one: Measurement) -> Measurement:
-        is_dark = isinstance(one, StereoTracks) and 2.5 <= one.stamp_ns * 1e-9 < 3.5
-        return StereoTracks(one.stamp_ns, np.zeros(0, dtype=np.int64), nothing, nothing) if is_dark else one
+def test_without_vision_the_legs_carry_on_and_tie_the_first_frame_that_has_landmarks_again() -> None:
+    def darkened(one: Measurement) -> Measurement:
+        is_dark = isinstance(one, StereoTracks) and 2.5 <= one.stamp_ns / NS_PER_S < 3.5
+        return without_tracks(one) if is_dark else one  # type: ignore[arg-type]
 
     odometry = combined()
-    by_legs, by_eyes = play(odometry, [dark(one) for one in stream])
-    told = [event.kind for event in odometry.take_events()]
-    assert told.count("vision_lost") == told.count("vision_recovered") == 1
-    assert max(miss_m(trial, one) for one in by_legs) < 0.03
-    assert max(miss_m(trial, one) for one in by_eyes) < 0.03
+    outputs = outputs_of(odometry, [darkened(one) for one in stream()])
+    by_legs, by_vision = states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
+    kinds = [output.kind for output in outputs if isinstance(output, Event)]
+    assert kinds.count("vision_lost") == kinds.count("vision_recovered") == 1
+    assert max(error_m(one) for one in by_legs) < 0.03
+    assert max(error_m(one) for one in by_vision) < 0.03
     assert odometry.counts["smoother_frames_without_vision"] > 10
-    in_the_dark = [one for one in by_eyes if 3.0 <= one.stamp_ns * 1e-9 < 3.5]
-    felt = {one.stamp_ns: one.nav.velocity_world for one in by_legs}
+    in_the_dark = [one for one in by_vision if 3.0 <= one.stamp_ns / NS_PER_S < 3.5]
+    velocity = {one.stamp_ns: one.nav.velocity_world for one in by_legs}
     for one in in_the_dark:
-        before_ns = max(stamp_ns for stamp_ns in felt if stamp_ns <= one.stamp_ns)
-        np.testing.assert_allclose(one.nav.velocity_world, felt[before_ns], err_msg="legs say how fast it goes")
+        before_ns = max(stamp_ns for stamp_ns in velocity if stamp_ns <= one.stamp_ns)
+        np.testing.assert_allclose(one.nav.velocity_world, velocity[before_ns], err_msg="it is the legs' velocity")
 
 
 @pytest.mark.parametrize("kind", [JointSample, ImuSample])
-def test_while_legs_say_nothing_the_eyes_hold(trial: AnalyticTrial, stream: list[Measurement], kind: type) -> None:
-    odometry, alone = combined(), LegOdometryFilter(DAISY)
-    halting = silent(stream, kind, 2.5, 3.5)
-    by_legs, by_eyes = play(odometry, halting)
-    seeing_nothing = [one for one in halting if not isinstance(one, StereoTracks)]
-    blind = [one for one in map(alone.push, seeing_nothing) if one is not None]
-    assert max(miss_m(trial, by_eyes[-1]), miss_m(trial, by_legs[-1])) < max(0.005, 0.6 * miss_m(trial, blind[-1]))
+def test_without_leg_samples_vision_holds_the_pose(kind: type) -> None:
+    alone = LegOdometryFilter(DAISY)
+    halting = without(stream(), kind, 2.5, 3.5)
+    outputs = outputs_of(combined(), halting)
+    by_legs, by_vision = states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
+    of_legs = [one for one in halting if not isinstance(one, StereoTracks)]
+    by_legs_alone = [one for one in map(alone.push, of_legs) if one is not None]
+    assert max(error_m(by_vision[-1]), error_m(by_legs[-1])) < max(0.005, 0.6 * error_m(by_legs_alone[-1]))
 
 
-def test_frames_before_the_filter_has_started_are_counted(stream: list[Measurement]) -> None:
+def test_frames_before_the_filter_has_started_are_counted() -> None:
     odometry = combined()
-    odometry.push(next(one for one in stream if isinstance(one, StereoTracks)))
+    assert odometry.push(next(one for one in stream() if isinstance(one, StereoTracks))) == []
     assert odometry.counts == {"frame_before_start": 1}
+
+
+def _same(one: StateEstimate, other: StateEstimate) -> bool:
+    return one.stamp_ns == other.stamp_ns and (one.nav.T_world_body == other.nav.T_world_body).all()
+
+
+@pytest.mark.parametrize(("offset_s", "frames", "joint_samples"), [(0.2, 3, 0), (-0.2, 0, 20)])
+def test_a_camera_clock_of_its_own_loses_no_frame_and_no_joint_sample(
+    offset_s: float, frames: int, joint_samples: int
+) -> None:
+    """What waits for the other clock comes out at the end; the estimates are those of cameras on the IMU's clock."""
+    recorded = between(with_late_clock(stream(), offset_s), 0.0, 2.4)
+    expected = outputs_of(combined(), with_late_clock(recorded, -offset_s))
+    odometry = combined(time_offset_s=offset_s)
+    pushed = [output for one in recorded for output in odometry.push(one)]
+    finished = list(odometry.finish())
+    assert (len(states(finished, COMBINED_VINS)), len(states(finished, COMBINED_COCLO))) == (frames, joint_samples)
+    assert odometry.counts.get("not_waited_for_clock", 0) == 0
+    for name, least in ((COMBINED_COCLO, 190), (COMBINED_VINS, 25)):
+        got, wanted = states([*pushed, *finished], name), states(expected, name)
+        assert len(got) == len(wanted) > least
+        assert all(_same(one, other) for one, other in zip(got, wanted, strict=True))
+    joints = [one.stamp_ns for one in recorded if isinstance(one, JointSample)]
+    by_legs = [one.stamp_ns for one in states([*pushed, *finished], COMBINED_COCLO)]
+    assert by_legs == joints[joints.index(by_legs[0]) :]
+
+
+def test_the_calibration_comes_after_each_accepted_feedback_with_sigmas_that_never_grow() -> None:
+    odometry, outputs = whole_walk()
+    calibrations = [output for output in outputs if isinstance(output, Calibration)]
+    counts = odometry.counts
+    assert len(calibrations) == counts["feedback_accepted"] + counts.get("feedback_forced", 0) > 10
+    keyframes_ns = [output.stamp_ns for output in outputs if isinstance(output, KeyframeHealth)]
+    assert {one.stamp_ns for one in calibrations} <= set(keyframes_ns)
+    sigmas = np.array([(*one.rotation_sigma, one.stereo_scale_sigma) for one in calibrations])
+    assert (np.diff(sigmas, axis=0) <= 1e-12).all()
+    assert (sigmas[-1] < 0.9 * sigmas[0]).all()
+    assert calibrations[-1].stereo_scale == pytest.approx(1.0, abs=3.0 * calibrations[-1].stereo_scale_sigma)
+    assert (np.abs(calibrations[-1].rotation_body) < 3.0 * calibrations[-1].rotation_sigma).all()
+
+
+# From here on the smoother is a stand-in: each frame is a keyframe, and its result is the policy's own.
+
+
+class Claiming(NoFeedback):
+    """Feeds back that the frame is ``shift`` away from the filter's pose, with sigmas of a millimetre and mrad."""
+
+    shift = np.zeros(6)
+    inflation = 1.0
+
+    def feedback_for_filter(self, pair: PosePair, known: PoseMarginal, result: KeyframeResult) -> Feedback | None:
+        information = np.zeros((12, 12))
+        information[6:, 6:] = 1e6 * np.eye(6)
+        T_end = pair.T_world_end @ se3.exp(self.shift)
+        evidence = PoseEvidence(pair.start_ns, pair.end_ns, pair.T_world_start, T_end, information, np.zeros(12))
+        return Feedback(evidence, self.inflation)
+
+
+class Outlier(Claiming):
+    shift = np.array([0.0, 0.0, 0.0, 2.0, 0.0, 0.0])
+
+
+class InflatedOutlier(Outlier):
+    inflation = 3.0
+
+
+class Undetermined(NoFeedback):
+    def evidence_for_window(self, pair: PosePair, known: PoseMarginal | None) -> PoseEvidence | None:
+        raise SmootherError("the covariance is singular")
+
+    def feedback_for_filter(self, pair: PosePair, known: PoseMarginal, result: KeyframeResult) -> Feedback | None:
+        raise SmootherError("the marginal is singular")
+
+
+@pytest.fixture
+def _own_policies() -> Iterator[None]:
+    own = {"claiming": Claiming, "outlier": Outlier, "inflated": InflatedOutlier, "undetermined": Undetermined}
+    for name, policy in own.items():
+        register_feedback_policy(name, policy, "of this test")
+    yield
+    for name in own:
+        unregister_feedback_policy(name)
+
+
+def window_result(stamp_ns: int, before_ns: int | None) -> KeyframeResult:
+    marginal = PoseMarginal(stamp_ns, np.eye(4), np.eye(6))
+    if before_ns is None:
+        return KeyframeResult(marginal, None)
+    evidence = PoseEvidence(before_ns, stamp_ns, np.eye(4), np.eye(4), np.eye(12), np.zeros(12))
+    return KeyframeResult(marginal, evidence)
+
+
+def with_images(end_s: float) -> tuple[Measurement, ...]:
+    """The walk's leg samples and black images at the frames."""
+    return in_order(
+        frame(one.stamp_ns) if isinstance(one, StereoTracks) else one for one in between(stream(), 0.0, end_s)
+    )
+
+
+def exchanging(
+    policy: str, end_s: float, *, max_rejections: int = 3, pictures_every: int | None = None
+) -> tuple[CombinedOdometry, NotingSmoother, list[tuple[Measurement, list[Output]]]]:
+    """Combined odometry with a policy and a smoother that makes every frame a keyframe; outputs by measurement."""
+    smoother = NotingSmoother(keyframes_every=1, result=window_result)
+    config = FilterConfig(feedback_gate=GateConfig(max_rejections=max_rejections))
+    odometry = CombinedOdometry(
+        LegOdometryFilter(DAISY, config, remembers_frames=True),
+        smoother,
+        NotingFrontend(),
+        BridgeConfig.parse({"feedback": policy}, "test"),
+        pictures_every=pictures_every,
+    )
+    return odometry, smoother, [(one, list(odometry.push(one))) for one in with_images(end_s)]
+
+
+@pytest.mark.usefixtures("_own_policies")
+def test_outputs_of_a_frame_and_of_feedback_are_in_order() -> None:
+    odometry, smoother, given = exchanging("claiming", 1.2, pictures_every=2)
+    of_frames = [outputs for one, outputs in given if isinstance(one, StereoFrame) and outputs]
+    kinds = [[type(output) for output in outputs] for outputs in of_frames]
+    plain = [Event, KeyframeHealth, Estimate]
+    assert kinds[0] == [Picture, *plain]
+    assert kinds[1:] == [plain, [Picture, *plain]] * (len(kinds[1:]) // 2) + [plain] * (len(kinds[1:]) % 2)
+    pictures = [output for outputs in of_frames for output in outputs if isinstance(output, Picture)]
+    assert np.diff([picture.stamp_ns for picture in pictures]).tolist() == [2 * FRAME_NS] * (len(pictures) - 1)
+    assert len(pictures) >= 5
+    with_feedback = [
+        (one.stamp_ns, outputs) for one, outputs in given if any(isinstance(each, Calibration) for each in outputs)
+    ]
+    assert len(with_feedback) == odometry.counts["feedback_accepted"] > 8
+    for stamp_ns, (calibration, *rest) in with_feedback:
+        assert isinstance(calibration, Calibration)
+        assert 50_000_000 <= stamp_ns - calibration.stamp_ns < 60_000_000, "the latency, then the next leg sample"
+        assert {type(output) for output in rest} <= {Estimate}
+    assert smoother.start is not None
+
+
+@pytest.mark.usefixtures("_own_policies")
+def test_evidence_that_does_not_fit_is_rejected_and_forced_after_rejections_in_a_row() -> None:
+    odometry, _, given = exchanging("outlier", 1.2)
+    outputs = [output for _, of_one in given for output in of_one]
+    events = [output for output in outputs if isinstance(output, Event) and output.kind != "vision_lost"]
+    cycle = ["feedback_rejected"] * 3 + ["feedback_forced"]
+    kinds = [event.kind for event in events]
+    assert kinds[:4] == cycle
+    assert set(kinds) == set(cycle)
+    assert Counter(kinds) == {kind: odometry.counts[kind] for kind in set(cycle)}
+    for event in events[:3]:
+        assert event.detail.startswith("the evidence of vision has a squared innovation of ")
+        assert event.detail.endswith(" where 6 is expected; it was rejected")
+    assert events[3].detail.endswith("the filter's covariance was inflated and the evidence accepted")
+    accepted = odometry.counts["feedback_forced"] + odometry.counts.get("feedback_accepted", 0)
+    assert sum(isinstance(output, Calibration) for output in outputs) == accepted
+
+
+@pytest.mark.usefixtures("_own_policies")
+def test_rejected_evidence_leaves_the_filter_as_it_was() -> None:
+    """Estimates and covariances to the last bit: those of a run without feedback."""
+    runs = {}
+    for policy in ("outlier", "off"):
+        odometry, _, given = exchanging(policy, 1.2, max_rejections=1000)
+        runs[policy] = odometry, states([output for _, of_one in given for output in of_one], COMBINED_COCLO)
+    assert runs["outlier"][0].counts["feedback_rejected"] > 8
+    assert len(runs["off"][1]) > 70
+    for one, other in zip(runs["outlier"][1], runs["off"][1], strict=True):
+        np.testing.assert_array_equal(one.nav.T_world_body, other.nav.T_world_body)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+@pytest.mark.usefixtures("_own_policies")
+def test_inflation_comes_before_the_gate() -> None:
+    """Rejected evidence moves nothing, but its inflation of the filter's sigmas stays."""
+    sigmas_m = {}
+    for policy in ("inflated", "off"):
+        _, _, given = exchanging(policy, 0.54, max_rejections=1000)
+        last = states([output for _, of_one in given for output in of_one], COMBINED_COCLO)[-1]
+        sigmas_m[policy] = np.sqrt(np.diag(last.covariance)[3:6])
+    np.testing.assert_array_less(1.5 * sigmas_m["off"], sigmas_m["inflated"])
+    np.testing.assert_array_less(sigmas_m["inflated"], 3.0 * sigmas_m["off"] + 1e-12)
+
+
+@pytest.mark.usefixtures("_own_policies")
+def test_evidence_that_cannot_be_determined_is_an_event_and_the_relative_motion_ties_alone() -> None:
+    odometry, smoother, given = exchanging("undetermined", 0.9)
+    events = [output for _, of_one in given for output in of_one if isinstance(output, Event)]
+    details = Counter(event.detail for event in events if event.kind == "evidence_unavailable")
+    frames = smoother.frames - 1  # the first one is no pair
+    assert details == {"the covariance is singular": frames, "the marginal is singular": frames}
+    assert frames > 4
+    assert smoother.evidence == [None] * smoother.frames
+    assert [one is None for one in smoother.odometry] == [True] + [False] * frames
+    assert not any(name.startswith("feedback") for name in odometry.counts)
+
+
+@pytest.mark.usefixtures("_own_policies")
+def test_the_motion_between_frames_is_the_filters() -> None:
+    _, smoother, given = exchanging("off", 2.4)
+    deltas = [one for one in smoother.odometry if one is not None]
+    assert [one.end_ns - one.start_ns for one in deltas] == [FRAME_NS] * len(deltas)
+    by_legs = states([output for _, of_one in given for output in of_one], COMBINED_COCLO)
+    travelled_m = sum(one.T_start_end[0, 3] for one in deltas)
+    assert travelled_m == pytest.approx(by_legs[-1].nav.T_world_body[0, 3], abs=0.02)
+    assert travelled_m > 0.1
