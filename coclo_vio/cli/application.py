@@ -105,8 +105,16 @@ def _fail(error: CocloError, status: int) -> None:
     sys.exit(status)
 
 
-@app.callback(invoke_without_command=True)
-def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    if version:
+def _print_version(is_given: bool) -> None:
+    if is_given:
         out.print(__version__)
         raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[  # eager: before typer reads any other parameter, which would load pydantic
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    """What stands before the command."""

@@ -80,7 +80,7 @@ def simulate(
     config: ConfigOption = None,
     settings: SettingOption = None,
 ) -> None:
-    """Simulate one of the paper's trials: a walking Daisy with all its sensors, and Vicon; the truth is kept apart."""
+    """Simulate one of the paper's trials: a Daisy walks, records and is tracked by Vicon; the truth is kept apart."""
     check_simulator("simulating", "sim")
     from coclo_vio.simulation import simulated_recording as simulator  # noqa: PLC0415 -- an extra
 

@@ -78,7 +78,7 @@ def table(
     as_json: JsonOption = False,
     output: OutOption = Path("out/table"),
 ) -> None:
-    """The paper's Table I over simulated trials; a run that was stopped goes on where it was."""
+    """The paper's Table I over simulated trials; a stopped run is resumed."""
     check_simulator("a table", "sim,viz")
     from coclo_vio.experiments.table import build  # noqa: PLC0415
     from coclo_vio.experiments.table import plan as planning  # noqa: PLC0415
