@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The contract of the command line: status, what goes to which stream, one sentence for what a user can mend."""
+"""The contract of the command line: status, what goes to which stream, one sentence for what a user can correct."""
 
 import json
 import os
@@ -12,30 +12,15 @@ import yaml
 from console import Answer, Coclo, is_one_sentence
 
 from coclo_vio import __version__
-from coclo_vio.datasets.writer import write_leg_log
-from coclo_vio.robot.description import load_robot, robot_names
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.runs import comparison
+from coclo_vio.api import run as api_run
+from coclo_vio.robot.description import robot_names
 from coclo_vio.runs.run_config import resolve
-from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
-from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.runs.run_record import RunRecord, TrajectoryRecord
 
-PROMISED = {
+CONTRACT_KEYS = {
     *("ate_m", "rpe_1m_percent", "drift_percent", "paper_drift_percent", "velocity_rmse_mps", "yaw_drift_deg"),
     *("path_length_m", "path_length_ratio", "coverage", "anees_pose", "realtime_factor"),
 }
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds of a Daisy, with ground truth."""
-    robot = load_robot("daisy")
-    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
-    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
-    folder = tmp_path_factory.mktemp("data") / "walk"
-    write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
-    return folder
 
 
 @pytest.fixture
@@ -50,7 +35,7 @@ def test_the_console_script_prints_its_version() -> None:
     assert (done.stdout, done.stderr) == (f"{__version__}\n", "")
 
 
-def test_run_says_how_far_it_drifted(coclo: Coclo, log: Path) -> None:
+def test_run_prints_the_drift(coclo: Coclo, log: Path) -> None:
     answer = coclo("run", log, "-m", "naive")
     assert answer.status == 0
     assert "naive" in answer.out
@@ -59,16 +44,37 @@ def test_run_says_how_far_it_drifted(coclo: Coclo, log: Path) -> None:
     assert "robot daisy; results in out" in answer.err
 
 
-def test_a_mode_of_several_answers_without_any_estimate_is_one_sentence(
+def test_a_mode_of_two_trajectories_without_any_estimate_is_one_sentence(
     coclo: Coclo, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    none: dict[str, object] = {"mode": "combined", "sensors": [], "counts": {}, "events": [], "keyframes": None}
-    none |= {"estimates": 0, "measurements": 7, "failure": None, "pictures": 0}
-    told = {"robot": "daisy", "ground_truth": None, "estimators": {"combined_coclo": none, "combined_vins": none}}
-    monkeypatch.setattr(comparison, "run_all", lambda *_: told)
+    empty = TrajectoryRecord(
+        mode="combined",
+        sensors=(),
+        measurements=7,
+        estimates=0,
+        compute_s=0.0,
+        realtime_factor=None,
+        counts={},
+        events=(),
+        keyframes=None,
+        calibration=None,
+        pictures=0,
+        recording_ns=None,
+        failure=None,
+    )
+    record = RunRecord(
+        version=__version__,
+        dataset="walk",
+        robot="daisy",
+        imu_calibration="robot",
+        ground_truth=None,
+        faults=None,
+        estimators={"combined_coclo": empty, "combined_vins": empty},
+    )
+    monkeypatch.setattr(api_run, "run_modes", lambda *_, **__: record)
     answer = coclo("run", log, "-m", "combined")
     assert (answer.status, answer.out) == (1, "")
-    assert "no estimate came out of the 7 measurements" in answer.err
+    assert "combined gave no estimate for the 7 measurements of " in answer.err
 
 
 def test_run_writes_its_result_as_a_bag(coclo: Coclo, log: Path, tmp_path: Path) -> None:
@@ -78,7 +84,7 @@ def test_run_writes_its_result_as_a_bag(coclo: Coclo, log: Path, tmp_path: Path)
     assert (tmp_path / "result.mcap").read_bytes().startswith(b"\x89MCAP")
     again = coclo("run", log, "-m", "naive", "--bag", "result.mcap", "-o", "elsewhere")
     assert (again.status, again.out) == (1, "")
-    assert "result.mcap is there already; delete it" in again.err
+    assert "result.mcap exists already; delete it" in again.err
     assert not (tmp_path / "elsewhere").exists()
 
 
@@ -87,22 +93,22 @@ def test_json_is_one_object_per_estimator_and_nothing_else(coclo: Coclo, run_out
     assert answer.status == 0
     values = json.loads(answer.out)
     assert set(values) == {"naive"}
-    assert set(values["naive"]) >= PROMISED
+    assert set(values["naive"]) >= CONTRACT_KEYS
     assert 0.8 < values["naive"]["coverage"] <= 1.0
     assert values["naive"]["notes"]
 
 
-def test_json_stays_json_in_a_pipe_that_pretends_to_colours(run_out: Path) -> None:
+def test_json_stays_json_in_a_pipe_where_colour_is_forced(run_out: Path) -> None:
     """Long notes are not folded, keys not coloured, though the terminal is narrow and colour is forced."""
     environment = {**os.environ, "FORCE_COLOR": "1", "COLUMNS": "40", "TTY_COMPATIBLE": "1"}
     command = [sys.executable, "-c", "from coclo_vio.cli import main; main()", "evaluate", str(run_out), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     values = json.loads(done.stdout)
-    assert set(values["naive"]) >= PROMISED
+    assert set(values["naive"]) >= CONTRACT_KEYS
     assert max(map(len, values["naive"]["notes"])) > 40
 
 
-def test_config_can_be_given_back(coclo: Coclo, tmp_path: Path) -> None:
+def test_the_printed_configuration_is_a_configuration_file(coclo: Coclo, tmp_path: Path) -> None:
     first = coclo("config", "-r", "go1", "--set", "filter.profile=paper")
     assert (first.status, first.err) == (0, "")
     (tmp_path / "mine.yaml").write_text(first.out, encoding="utf-8")
@@ -110,16 +116,16 @@ def test_config_can_be_given_back(coclo: Coclo, tmp_path: Path) -> None:
     assert resolve(None, tmp_path / "mine.yaml") == resolve("go1", settings=["filter.profile=paper"])
 
 
-def test_inspect_tells_what_is_there_and_what_is_missing(coclo: Coclo, log: Path) -> None:
+def test_inspect_lists_what_is_there_and_what_is_missing(coclo: Coclo, log: Path) -> None:
     answer = coclo("inspect", log)
     assert (answer.status, answer.err) == (0, "")
     assert "walk: leg log" in answer.out
     assert "all 18 joints found, with torques" in answer.out
     assert max(map(len, answer.out.splitlines())) <= 80
-    told = json.loads(coclo("inspect", log, "--json").out)
-    assert told["robot"] == "daisy"
-    assert told["modes"]["coclo"] == {"ready": True, "missing": []}
-    assert told["modes"]["stereo"] == {"ready": False, "missing": ["stereo images", "calibration of the cameras"]}
+    listed = json.loads(coclo("inspect", log, "--json").out)
+    assert listed["robot"] == "daisy"
+    assert listed["modes"]["coclo"] == {"ready": True, "missing": []}
+    assert listed["modes"]["stereo"] == {"ready": False, "missing": ["stereo images", "calibration of the cameras"]}
 
 
 def test_robots_lists_them_all(coclo: Coclo) -> None:
@@ -132,7 +138,7 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")  # restored afterwards; the command sets its own
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.setenv(name, "7")
-    answer = coclo("benchmark", "--json", "--seconds", 2, "--rounds", 1, "--sight-seconds", 1)
+    answer = coclo("benchmark", "--json", "--seconds", 2, "--rounds", 1, "--vision-seconds", 1)
     assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
     assert answer.status == 0
     figures = json.loads(answer.out)
@@ -146,9 +152,9 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (["run", "nowhere"], 1, "there is no nowhere; give the path of a recording"),
+        (["run", "nowhere"], 1, "nowhere does not exist; pass the path of a recording"),
         (["run", "{log}", "-r", "go1"], 1, "FL_hip"),
-        (["inspect", "nowhere"], 1, "there is no nowhere; give the path of a recording"),
+        (["inspect", "nowhere"], 1, "nowhere does not exist; pass the path of a recording"),
         (["inspect", "{log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
         (["run", "{log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
         (["run", "{log}", "-m", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
@@ -156,9 +162,13 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
         (["run", "{log}", "-c", "bad.yaml"], 2, "bad.yaml is not YAML"),
         (["run", "{log}", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
         (["run", "{log}", "-o", "bad.yaml/out"], 1, "cannot make the folder bad.yaml/out"),
-        (["compare", "{log}", "--modes", " , "], 2, "--modes names no estimator; there are: coclo"),
+        (["compare", "{log}", "--modes", " , "], 2, "--modes names no mode; there are: coclo"),
         (["compare", "{log}", "--modes", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
-        (["compare", "{log}", "nowhere", "--modes", "naive"], 1, "there is no nowhere; give the path of a recording"),
+        (
+            ["compare", "{log}", "nowhere", "--modes", "naive"],
+            1,
+            "nowhere does not exist; pass the path of a recording",
+        ),
         (["evaluate", "{log}/groundtruth.tum"], 1, "give one with --vicon FILE"),
         (["evaluate", "missing.tum"], 1, "missing.tum"),
         (["evaluate", "{log}"], 1, "no run folder: it has no run.json"),
@@ -166,7 +176,7 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
         (["evaluate", "nan.tum", "--vicon", "{log}/groundtruth.tum"], 1, "nan.tum, line 1"),
     ],
 )
-def test_what_a_user_can_mendis_one_sentence(
+def test_an_error_that_a_user_can_correct_is_one_sentence(
     arguments: list[str], status: int, words: str, coclo: Coclo, log: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "bad.yaml").write_text("filter: [1, 2", encoding="utf-8")
@@ -196,7 +206,7 @@ def test_wrong_usage_is_status_2(arguments: list[str], coclo: Coclo) -> None:
     ("file", "content"),
     [("run.json", '{"estimators": {"naive"'), ("run.json", '{"estimators": 3}'), ("groundtruth.tum", "1 2 3\n")],
 )
-def test_a_spoilt_run_folder_is_told(file: str, content: str, coclo: Coclo, run_out: Path) -> None:
+def test_a_malformed_file_in_a_run_folder_is_one_sentence(file: str, content: str, coclo: Coclo, run_out: Path) -> None:
     (run_out / file).write_text(content, encoding="utf-8")
     answer = coclo("evaluate", run_out, "--json")
     assert (answer.status, answer.out) == (1, "")
@@ -204,7 +214,7 @@ def test_a_spoilt_run_folder_is_told(file: str, content: str, coclo: Coclo, run_
     assert is_one_sentence(answer)
 
 
-def test_an_estimator_with_a_spoilt_state_file_is_left_out(coclo: Coclo, run_out: Path) -> None:
+def test_a_trajectory_with_a_malformed_state_file_is_left_out(coclo: Coclo, run_out: Path) -> None:
     path = run_out / "naive_state.csv"
     path.write_text(path.read_text(encoding="utf-8")[:-20], encoding="utf-8")
     answer = coclo("evaluate", run_out, "--json")
@@ -224,7 +234,7 @@ def test_a_run_without_ground_truth_can_be_evaluated_with_one(coclo: Coclo, log:
     assert "--vicon FILE" in refused.err
     given = coclo("evaluate", "out", "--vicon", log / "groundtruth.tum", "--json")
     assert given.status == 0
-    assert set(json.loads(given.out)["naive"]) >= PROMISED
+    assert set(json.loads(given.out)["naive"]) >= CONTRACT_KEYS
 
 
 def test_a_recording_that_breaks_off_keeps_its_estimates_and_is_status_1(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Estimators side by side from the command line: what is printed, and what is left in the folder."""
+"""Modes side by side from the command line: what is printed, and what is written to the folder."""
 
 import json
 import sys
@@ -12,36 +12,22 @@ import numpy as np
 import pytest
 from console import Coclo, is_one_sentence
 
-from coclo_vio.cli import printing as results
-from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.api import comparison as api_comparison
+from coclo_vio.api.recording import Recording
+from coclo_vio.api.run import Run
+from coclo_vio.cli import printing
 from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.geometry import se3
-from coclo_vio.robot.description import load_robot
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.runs import comparison
-from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
-from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
-PROMISED = {
+CONTRACT_KEYS = {
     *("ate_m", "rpe_1m_percent", "drift_percent", "paper_drift_percent", "velocity_rmse_mps", "yaw_drift_deg"),
     *("path_length_m", "path_length_ratio", "coverage", "anees_pose", "realtime_factor"),
 }
 Measured = Callable[[float, float], Evaluation]
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds of a Daisy, with ground truth."""
-    robot = load_robot("daisy")
-    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
-    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
-    folder = tmp_path_factory.mktemp("data") / "walk"
-    write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
-    return folder
 
 
 @pytest.fixture
@@ -78,19 +64,23 @@ def test_two_recordings_of_one_name_have_a_page_over_both(coclo: Coclo, log: Pat
     assert set(compared) == {"walk", "walk_2"}
     for name, values in compared.items():
         assert set(values) == {"naive", "naive_rolling"}
-        assert set(values["naive"]) >= PROMISED
+        assert set(values["naive"]) >= CONTRACT_KEYS
         assert json.loads((tmp_path / "both" / name / "compare.json").read_text(encoding="utf-8")) == values
         assert (tmp_path / "both" / name / "report.html").stat().st_size > 10_000
     assert answer.out.splitlines()[-1] == "report: both/report.html"
-    assert "naive: standstill" not in answer.err, "what was counted is in run.json"
+    assert "naive: standstill" not in answer.err, "counts are in run.json only"
     assert answer.err.count("clock offset") == 2, "once a recording, not once an estimator"
-    assert json.loads((tmp_path / "both" / "claims.json").read_text(encoding="utf-8")) == {"walk": [], "walk_2": []}
+    assert json.loads((tmp_path / "both" / "ranking.json").read_text(encoding="utf-8")) == {
+        name: {"schema_version": 1, "pairs": []} for name in ("walk", "walk_2")
+    }
     assert (tmp_path / "both" / "walk" / "figures" / "overview.png").is_file()
     page = (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
     assert '<a href="walk_2/report.html">' in page
 
 
-def test_a_recording_without_ground_truth_is_told_before_anything_runs(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+def test_a_recording_without_ground_truth_is_refused_before_anything_runs(
+    coclo: Coclo, log: Path, tmp_path: Path
+) -> None:
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "leg_log.csv").write_bytes((log / "leg_log.csv").read_bytes())
     answer = coclo("compare", log, "bare", "--modes", "naive", "-o", "out")
@@ -103,21 +93,21 @@ def test_a_recording_without_ground_truth_is_told_before_anything_runs(coclo: Co
 def test_a_recording_that_fails_leaves_the_others_their_results(
     coclo: Coclo, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor does it take matplotlib to have a report."""
+    """And a report needs no matplotlib."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    run_all = comparison.run_all
+    run = api_comparison.run
 
-    def failing_at_first(path: Path, *arguments: Any) -> dict[str, Any]:
-        if path.name == "first":
+    def failing_at_first(recording: Recording, *arguments: Any, **options: Any) -> Run:
+        if recording.path.name == "first":
             raise DatasetError("the disk is full; make room")
-        return run_all(path, *arguments)
+        return run(recording, *arguments, **options)
 
-    monkeypatch.setattr(comparison, "run_all", failing_at_first)
+    monkeypatch.setattr(api_comparison, "run", failing_at_first)
     (tmp_path / "first").symlink_to(log)
     answer = coclo("compare", tmp_path / "first", log, "--modes", "naive")
     assert answer.status == 1
     assert "walk stopped early or has no result: the disk is full; make room" in answer.err
-    assert "no estimator got through" in answer.err.splitlines()[-1]
+    assert "no mode went through on " in answer.err.splitlines()[-1]
     assert answer.out.splitlines()[-1] == "report: out/report.html"
     assert set(json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))) == {"walk_2"}
     assert "no figures: matplotlib is not installed" in answer.err
@@ -127,22 +117,22 @@ def test_a_recording_that_fails_leaves_the_others_their_results(
 def test_small_errors_are_shown_in_millimetres_and_empty_columns_not_at_all(
     measured: Measured, shown: Callable[[], str]
 ) -> None:
-    results.print_table({"naive": measured(0.6, 0.004), "coclo": measured(0.6, 0.002)}, "short")
+    printing.print_table({"naive": measured(0.6, 0.004), "coclo": measured(0.6, 0.002)}, "short")
     short = shown()
     assert "mm" in short
     assert "RPE" not in short
     assert short.index("coclo ") < short.index("naive "), "the paper's estimators come first"
-    results.print_table({"combined_coclo": replace(measured(6.0, 0.6), anees_pose=22.5, realtime_factor=11.0)}, "long")
+    printing.print_table({"combined_coclo": replace(measured(6.0, 0.6), anees_pose=22.5, realtime_factor=11.0)}, "long")
     long = shown()
     assert "mm" not in long
     assert "RPE" in long
     assert max(map(len, (short + long).splitlines())) <= 80
-    assert "…" not in long, "every number is there whole"
+    assert "…" not in long, "no number is cut short"
 
 
-def test_claims_are_printed_a_line_each(measured: Measured, shown: Callable[[], str]) -> None:
+def test_rankings_are_printed_a_line_each(measured: Measured, shown: Callable[[], str]) -> None:
     evaluations = {"coclo": measured(5.0, 0.2), "vins": measured(5.0, 0.1), "combined_coclo": measured(5.0, 0.05)}
-    results.print_claims(evaluations, EvaluationConfig())
+    printing.print_ranking(evaluations, EvaluationConfig())
     assert [line.partition(":")[0] for line in shown().splitlines()] == [
         "VINS drifts less than COCLO",
         "combined COCLO drifts less than COCLO",
@@ -152,7 +142,7 @@ def test_claims_are_printed_a_line_each(measured: Measured, shown: Callable[[], 
 
 def test_the_table_over_several_recordings_fits_a_terminal(measured: Measured, shown: Callable[[], str]) -> None:
     one = dict.fromkeys(("coclo", "vins", "combined_coclo", "combined_vins"), measured(5.0, 0.05))
-    results.print_table_one(TableOne.of({"daisy_stairs_of_a_very_long_name_indeed.mcap": one, "ramp [red]x": one}))
+    printing.print_table_one(TableOne.of({"daisy_stairs_of_a_very_long_name_indeed.mcap": one, "ramp [red]x": one}))
     text = shown()
     assert max(map(len, text.splitlines())) <= 80
     assert "ramp [red]x" in text

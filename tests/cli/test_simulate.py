@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command ``simulate``: what it writes and tells, what its options change, and what stops it before it walks."""
+"""The command ``simulate``: what it writes and prints, what its options change, and what it refuses."""
 
 import subprocess
 import sys
@@ -21,13 +21,13 @@ from coclo_vio.simulation.visuals import opengl
 SHORT = ("--duration", 1, "--no-images")
 
 
-def test_it_tells_where_the_recording_is_and_where_the_truth(coclo: Coclo, tmp_path: Path) -> None:
+def test_it_prints_the_paths_of_the_recording_and_of_its_truth(coclo: Coclo, tmp_path: Path) -> None:
     answer = coclo("simulate", "stairs", "--seed", 5, "-o", "walk.mcap", *SHORT)
     assert (answer.status, answer.err) == (0, "")
     lines = answer.out.splitlines()
     assert lines[0].startswith("recording: walk.mcap (")
     assert lines[1].startswith("truth, which no estimator may read: walk_truth (")
-    assert lines[2] == "1.0 s, 0.00 m walked of a way of 4.99 m"
+    assert lines[2] == "1.0 s, 0.00 m walked of a path of 4.99 m"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.mcap", "walk_truth"]
     assert (tmp_path / "walk.mcap").read_bytes().startswith(b"\x89MCAP")
 
@@ -40,7 +40,7 @@ def test_it_tells_where_the_recording_is_and_where_the_truth(coclo: Coclo, tmp_p
         (("-o", "walk.db3"), "walk.db3"),
     ],
 )
-def test_the_format_is_that_of_the_suffix_or_as_asked(
+def test_the_format_is_that_of_the_suffix_or_of_the_option(
     arguments: tuple[str, ...], written: str, coclo: Coclo, tmp_path: Path
 ) -> None:
     answer = coclo("simulate", "flat", *arguments, *SHORT)
@@ -113,10 +113,10 @@ def test_the_kept_configuration_and_the_seed_repeat_the_recording(coclo: Coclo, 
         (["-o", "walk", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
     ],
 )
-def test_what_is_wrong_is_said_before_the_robot_walks(
+def test_errors_are_reported_before_the_simulation_starts(
     arguments: list[str], status: int, words: str, coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(simulated_recording, "simulate", lambda *_, **__: pytest.fail("it walked"))
+    monkeypatch.setattr(simulated_recording, "simulate", lambda *_, **__: pytest.fail("the simulation started"))
     (tmp_path / "there.bag").touch()
     (tmp_path / "old_truth").mkdir()
     answer = coclo("simulate", "flat", *arguments)
@@ -126,8 +126,10 @@ def test_what_is_wrong_is_said_before_the_robot_walks(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old_truth", "there.bag"]
 
 
-def test_without_opengl_it_does_not_walk_first(coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulated_recording, "simulate", lambda *_, **__: pytest.fail("it walked"))
+def test_missing_opengl_is_reported_before_the_simulation_starts(
+    coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_recording, "simulate", lambda *_, **__: pytest.fail("the simulation started"))
     monkeypatch.setattr(opengl, "works", lambda backend: False)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     answer = coclo("simulate", "flat", "-o", "walk.bag")
