@@ -3,7 +3,9 @@
 
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -16,13 +18,14 @@ from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import evaluating, run_folder
+from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.output_logs import read_calibrations, read_health
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_figures import draw_figure
 from coclo_vio.runs.run_folder import RecordedTrajectory
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.runs.running import Progress, Watch, run_modes
-from coclo_vio.values.errors import DatasetError, EvaluationError, listing
+from coclo_vio.values.errors import ConfigError, DatasetError, EvaluationError, listing
 from coclo_vio.values.outputs import Calibration, Event, KeyframeHealth
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
@@ -38,9 +41,17 @@ class Run:
         record: what ``run.json`` holds: by trajectory sensors, counts, times, events and failures.
     """
 
-    def __init__(self, folder: Path, record: RunRecord, *, temporary: "tempfile.TemporaryDirectory[str] | None" = None):
+    def __init__(self, folder: Path, record: RunRecord, *, remove: Callable[[], None] | None = None) -> None:
+        """Read a run folder.
+
+        Args:
+            folder: of the run.
+            record: its ``run.json``.
+            remove: removes the folder; called once this object is gone. None keeps the folder.
+        """
         self.folder, self.record = folder, record
-        self._temporary = temporary
+        if remove is not None:
+            weakref.finalize(self, remove)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -183,24 +194,28 @@ def run(
         pictures_every: write every n-th frame with its tracks to ``debug_images`` of the folder; none if None.
 
     Raises:
-        ConfigError: there is no such mode.
+        ConfigError: there is no such mode, or the list of modes is empty.
         CocloError: the recording or the robot is at fault, or no mode has what it needs.
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
-    names = [mode or recording.default_mode] if mode is None or isinstance(mode, str) else list(mode)
-    temporary = tempfile.TemporaryDirectory(prefix="coclo_vio_") if folder is None else None
-    target = Path(temporary.name if folder is None and temporary is not None else str(folder))
-    record = run_modes(
-        recording.path,
-        names,
-        recording.config,
-        target,
-        progress=progress,
-        watch=watch,
-        pictures_every=pictures_every,
-    )
-    return Run(target, record, temporary=temporary)
+    chosen = recording.default_mode if mode is None else mode
+    names = [chosen] if isinstance(chosen, str) else list(chosen)
+    if not names:
+        raise ConfigError(f"the list of modes is empty; give at least one of {listing(modes())}")
+    with ExitStack() as stack:
+        if folder is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_"))
+        record = run_modes(
+            recording.path,
+            names,
+            recording.config,
+            Path(folder),
+            progress=progress,
+            watch=watch,
+            pictures_every=pictures_every,
+        )
+        return Run(Path(folder), record, remove=stack.pop_all().close)
 
 
 def load_run(folder: str | Path) -> Run:
