@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from short_recording import write_beginning
+from short_recording import write_beginning, write_leg_walk
 
 # The same examples on every machine and in every run.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
@@ -27,6 +27,12 @@ def shared_data() -> Path:
 def short_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``walk.mcap``: the first six seconds of the bundled recording, with all sensors and ground truth."""
     return write_beginning(tmp_path_factory.mktemp("short_recording") / "walk.mcap")
+
+
+@pytest.fixture(scope="session")
+def leg_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``walk``: a leg log of a Daisy over three seconds, with ground truth."""
+    return write_leg_walk(tmp_path_factory.mktemp("leg_log") / "walk")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The beginning of the bundled recording: long enough for a stand and a few steps, short enough for a test."""
+"""Recordings that are short enough for a test: the beginning of the bundled one, and a leg log with known truth."""
 
 from collections.abc import Iterator
 from itertools import takewhile
@@ -9,6 +9,10 @@ import coclo_vio as cv
 from coclo_vio.datasets.images import encoded
 from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.bag_writer import write_bag
+from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
+from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.measurements import ALL_SENSORS, EncodedStereoFrame
 from coclo_vio.values.units import NS_PER_S
 
@@ -45,3 +49,12 @@ def write_beginning(path: Path, length_s: float = LENGTH_S) -> Path:
         frames(),
     )
     return write_bag(path, contents)
+
+
+def write_leg_walk(folder: Path) -> Path:
+    """Write three seconds of a Daisy that stands and walks as a leg log, with exact ground truth; its folder."""
+    robot = cv.load_robot("daisy")
+    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
+    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
+    write_leg_log(folder, robot, trial.measurements, cv.GroundTruth(trial.truth, True, "truth"))
+    return folder

@@ -6,23 +6,6 @@ import pytest
 from console import Answer, Coclo
 
 from coclo_vio import cli
-from coclo_vio.datasets.writer import write_leg_log
-from coclo_vio.robot.description import load_robot
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
-from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.values.trajectory import GroundTruth
-
-
-@pytest.fixture(scope="session")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds of a Daisy, with ground truth."""
-    robot = load_robot("daisy")
-    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
-    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
-    folder = tmp_path_factory.mktemp("data") / "walk"
-    write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
-    return folder
 
 
 @pytest.fixture

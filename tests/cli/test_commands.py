@@ -24,8 +24,8 @@ CONTRACT_KEYS = {
 
 
 @pytest.fixture
-def run_out(coclo: Coclo, log: Path, tmp_path: Path) -> Path:
-    assert coclo("run", log, "-m", "naive", "-o", "out").status == 0
+def run_out(coclo: Coclo, leg_log: Path, tmp_path: Path) -> Path:
+    assert coclo("run", leg_log, "-m", "naive", "-o", "out").status == 0
     return tmp_path / "out"
 
 
@@ -35,8 +35,8 @@ def test_the_console_script_prints_its_version() -> None:
     assert (done.stdout, done.stderr) == (f"{__version__}\n", "")
 
 
-def test_run_prints_the_drift(coclo: Coclo, log: Path) -> None:
-    answer = coclo("run", log, "-m", "naive")
+def test_run_prints_the_drift(coclo: Coclo, leg_log: Path) -> None:
+    answer = coclo("run", leg_log, "-m", "naive")
     assert answer.status == 0
     assert "naive" in answer.out
     assert "drift" in answer.out
@@ -45,7 +45,7 @@ def test_run_prints_the_drift(coclo: Coclo, log: Path) -> None:
 
 
 def test_a_mode_of_two_trajectories_without_any_estimate_is_one_sentence(
-    coclo: Coclo, log: Path, monkeypatch: pytest.MonkeyPatch
+    coclo: Coclo, leg_log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     empty = TrajectoryRecord(
         mode="combined",
@@ -72,17 +72,17 @@ def test_a_mode_of_two_trajectories_without_any_estimate_is_one_sentence(
         estimators={"combined_coclo": empty, "combined_vins": empty},
     )
     monkeypatch.setattr(api_run, "run_modes", lambda *_, **__: record)
-    answer = coclo("run", log, "-m", "combined")
+    answer = coclo("run", leg_log, "-m", "combined")
     assert (answer.status, answer.out) == (1, "")
     assert "combined gave no estimate for the 7 measurements of " in answer.err
 
 
-def test_run_writes_its_result_as_a_bag(coclo: Coclo, log: Path, tmp_path: Path) -> None:
-    answer = coclo("run", log, "-m", "naive", "--bag", "result.mcap")
+def test_run_writes_its_result_as_a_bag(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
+    answer = coclo("run", leg_log, "-m", "naive", "--bag", "result.mcap")
     assert answer.status == 0
     assert "bag: result.mcap" in answer.out
     assert (tmp_path / "result.mcap").read_bytes().startswith(b"\x89MCAP")
-    again = coclo("run", log, "-m", "naive", "--bag", "result.mcap", "-o", "elsewhere")
+    again = coclo("run", leg_log, "-m", "naive", "--bag", "result.mcap", "-o", "elsewhere")
     assert (again.status, again.out) == (1, "")
     assert "result.mcap exists already; delete it" in again.err
     assert not (tmp_path / "elsewhere").exists()
@@ -116,13 +116,13 @@ def test_the_printed_configuration_is_a_configuration_file(coclo: Coclo, tmp_pat
     assert resolve(None, tmp_path / "mine.yaml") == resolve("go1", settings=["filter.profile=paper"])
 
 
-def test_inspect_lists_what_is_there_and_what_is_missing(coclo: Coclo, log: Path) -> None:
-    answer = coclo("inspect", log)
+def test_inspect_lists_what_is_there_and_what_is_missing(coclo: Coclo, leg_log: Path) -> None:
+    answer = coclo("inspect", leg_log)
     assert (answer.status, answer.err) == (0, "")
     assert "walk: leg log" in answer.out
     assert "all 18 joints found, with torques" in answer.out
     assert max(map(len, answer.out.splitlines())) <= 80
-    listed = json.loads(coclo("inspect", log, "--json").out)
+    listed = json.loads(coclo("inspect", leg_log, "--json").out)
     assert listed["robot"] == "daisy"
     assert listed["modes"]["coclo"] == {"ready": True, "missing": []}
     assert listed["modes"]["stereo"] == {"ready": False, "missing": ["stereo images", "calibration of the cameras"]}
@@ -153,35 +153,35 @@ def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.Monke
     ("arguments", "status", "words"),
     [
         (["run", "nowhere"], 1, "nowhere does not exist; pass the path of a recording"),
-        (["run", "{log}", "-r", "go1"], 1, "FL_hip"),
+        (["run", "{leg_log}", "-r", "go1"], 1, "FL_hip"),
         (["inspect", "nowhere"], 1, "nowhere does not exist; pass the path of a recording"),
-        (["inspect", "{log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
-        (["run", "{log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
-        (["run", "{log}", "-m", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
-        (["run", "{log}", "--set", "filter.profil=paper"], 2, "there is no filter.profil; the keys there are: "),
-        (["run", "{log}", "-c", "bad.yaml"], 2, "bad.yaml is not YAML"),
-        (["run", "{log}", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
-        (["run", "{log}", "-o", "bad.yaml/out"], 1, "cannot make the folder bad.yaml/out"),
-        (["compare", "{log}", "--modes", " , "], 2, "--modes names no mode; there are: coclo"),
-        (["compare", "{log}", "--modes", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
+        (["inspect", "{leg_log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
+        (["run", "{leg_log}", "-r", "spot"], 2, "no robot 'spot'; the known robots are: "),
+        (["run", "{leg_log}", "-m", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
+        (["run", "{leg_log}", "--set", "filter.profil=paper"], 2, "there is no filter.profil; the keys there are: "),
+        (["run", "{leg_log}", "-c", "bad.yaml"], 2, "bad.yaml is not YAML"),
+        (["run", "{leg_log}", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
+        (["run", "{leg_log}", "-o", "bad.yaml/out"], 1, "cannot make the folder bad.yaml/out"),
+        (["compare", "{leg_log}", "--modes", " , "], 2, "--modes names no mode; there are: coclo"),
+        (["compare", "{leg_log}", "--modes", "cocolo"], 2, "no mode 'cocolo'; the modes are: coclo"),
         (
-            ["compare", "{log}", "nowhere", "--modes", "naive"],
+            ["compare", "{leg_log}", "nowhere", "--modes", "naive"],
             1,
             "nowhere does not exist; pass the path of a recording",
         ),
-        (["evaluate", "{log}/groundtruth.tum"], 1, "give one with --vicon FILE"),
+        (["evaluate", "{leg_log}/groundtruth.tum"], 1, "give one with --vicon FILE"),
         (["evaluate", "missing.tum"], 1, "missing.tum"),
-        (["evaluate", "{log}"], 1, "no run folder: it has no run.json"),
-        (["evaluate", "{log}/groundtruth.tum", "--vicon", "gone.tum"], 1, "gone.tum"),
-        (["evaluate", "nan.tum", "--vicon", "{log}/groundtruth.tum"], 1, "nan.tum, line 1"),
+        (["evaluate", "{leg_log}"], 1, "no run folder: it has no run.json"),
+        (["evaluate", "{leg_log}/groundtruth.tum", "--vicon", "gone.tum"], 1, "gone.tum"),
+        (["evaluate", "nan.tum", "--vicon", "{leg_log}/groundtruth.tum"], 1, "nan.tum, line 1"),
     ],
 )
 def test_an_error_that_a_user_can_correct_is_one_sentence(
-    arguments: list[str], status: int, words: str, coclo: Coclo, log: Path, tmp_path: Path
+    arguments: list[str], status: int, words: str, coclo: Coclo, leg_log: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "bad.yaml").write_text("filter: [1, 2", encoding="utf-8")
     (tmp_path / "nan.tum").write_text("0.0 nan 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n", encoding="utf-8")
-    answer = coclo(*(argument.format(log=log) for argument in arguments))
+    answer = coclo(*(argument.format(leg_log=leg_log) for argument in arguments))
     assert answer.status == status
     assert answer.out == ""
     assert words in answer.err
@@ -224,23 +224,23 @@ def test_a_trajectory_with_a_malformed_state_file_is_left_out(coclo: Coclo, run_
     assert "Traceback" not in answer.err
 
 
-def test_a_run_without_ground_truth_can_be_evaluated_with_one(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+def test_a_run_without_ground_truth_can_be_evaluated_with_one(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     (tmp_path / "bare").mkdir()
-    (tmp_path / "bare" / "leg_log.csv").write_bytes((log / "leg_log.csv").read_bytes())
+    (tmp_path / "bare" / "leg_log.csv").write_bytes((leg_log / "leg_log.csv").read_bytes())
     assert coclo("run", "bare", "-m", "naive").status == 0
     refused = coclo("evaluate", "out")
     assert refused.status == 1
     assert is_one_sentence(refused)
     assert "--vicon FILE" in refused.err
-    given = coclo("evaluate", "out", "--vicon", log / "groundtruth.tum", "--json")
+    given = coclo("evaluate", "out", "--vicon", leg_log / "groundtruth.tum", "--json")
     assert given.status == 0
     assert set(json.loads(given.out)["naive"]) >= CONTRACT_KEYS
 
 
 def test_a_recording_that_breaks_off_keeps_its_estimates_and_is_status_1(
-    coclo: Coclo, log: Path, tmp_path: Path
+    coclo: Coclo, leg_log: Path, tmp_path: Path
 ) -> None:
-    lines = (log / "leg_log.csv").read_text(encoding="ascii").splitlines(keepends=True)
+    lines = (leg_log / "leg_log.csv").read_text(encoding="ascii").splitlines(keepends=True)
     lines[250] = lines[250].replace(",", ",oops,", 1)
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "leg_log.csv").write_text("".join(lines), encoding="ascii")
@@ -253,10 +253,10 @@ def test_a_recording_that_breaks_off_keeps_its_estimates_and_is_status_1(
     assert len((tmp_path / "out" / "naive.tum").read_text(encoding="ascii").splitlines()) > 150
 
 
-def test_names_that_look_like_markup_are_printed_as_they_are(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+def test_names_that_look_like_markup_are_printed_as_they_are(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     odd = tmp_path / "walk [red]x"
     odd.mkdir()
-    for file in log.iterdir():
+    for file in leg_log.iterdir():
         (odd / file.name).write_bytes(file.read_bytes())
     answer = coclo("run", odd, "-m", "naive", "-o", "out [bold]y")
     assert answer.status == 0
@@ -271,8 +271,8 @@ def test_stamps_are_written_to_the_nanosecond(coclo: Coclo, run_out: Path) -> No
     assert stamps[-1] == "3.000000000"
 
 
-def test_the_configuration_of_a_run_repeats_it(coclo: Coclo, log: Path, run_out: Path, tmp_path: Path) -> None:
-    assert coclo("run", log, "-m", "naive", "-c", run_out / "config.yaml", "-o", "again").status == 0
+def test_the_configuration_of_a_run_repeats_it(coclo: Coclo, leg_log: Path, run_out: Path, tmp_path: Path) -> None:
+    assert coclo("run", leg_log, "-m", "naive", "-c", run_out / "config.yaml", "-o", "again").status == 0
     for file in ("naive.tum", "naive_state.csv", "config.yaml"):
         assert (tmp_path / "again" / file).read_bytes() == (run_out / file).read_bytes()
     assert yaml.safe_load((run_out / "config.yaml").read_text(encoding="utf-8"))["robot"]["name"] == "daisy"

@@ -52,13 +52,13 @@ def shown(capsys: pytest.CaptureFixture[str]) -> Callable[[], str]:
     return lambda: capsys.readouterr().out
 
 
-def test_two_recordings_of_one_name_have_a_page_over_both(coclo: Coclo, log: Path, tmp_path: Path) -> None:
+def test_two_recordings_of_one_name_have_a_page_over_both(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     twin = tmp_path / "again" / "walk"
     twin.mkdir(parents=True)
-    for file in log.iterdir():
+    for file in leg_log.iterdir():
         (twin / file.name).write_bytes(file.read_bytes())
-    answer = coclo("compare", log, twin, "--modes", "naive, naive_rolling", "-o", "both")
+    answer = coclo("compare", leg_log, twin, "--modes", "naive, naive_rolling", "-o", "both")
     assert answer.status == 0
     compared = json.loads((tmp_path / "both" / "compare.json").read_text(encoding="utf-8"))
     assert set(compared) == {"walk", "walk_2"}
@@ -79,11 +79,11 @@ def test_two_recordings_of_one_name_have_a_page_over_both(coclo: Coclo, log: Pat
 
 
 def test_a_recording_without_ground_truth_is_refused_before_anything_runs(
-    coclo: Coclo, log: Path, tmp_path: Path
+    coclo: Coclo, leg_log: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "bare").mkdir()
-    (tmp_path / "bare" / "leg_log.csv").write_bytes((log / "leg_log.csv").read_bytes())
-    answer = coclo("compare", log, "bare", "--modes", "naive", "-o", "out")
+    (tmp_path / "bare" / "leg_log.csv").write_bytes((leg_log / "leg_log.csv").read_bytes())
+    answer = coclo("compare", leg_log, "bare", "--modes", "naive", "-o", "out")
     assert (answer.status, answer.out) == (1, "")
     assert "bare has no ground truth to compare with" in answer.err
     assert is_one_sentence(answer)
@@ -91,7 +91,7 @@ def test_a_recording_without_ground_truth_is_refused_before_anything_runs(
 
 
 def test_a_recording_that_fails_leaves_the_others_their_results(
-    coclo: Coclo, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    coclo: Coclo, leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And a report needs no matplotlib."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
@@ -103,8 +103,8 @@ def test_a_recording_that_fails_leaves_the_others_their_results(
         return run(recording, *arguments, **options)
 
     monkeypatch.setattr(api_comparison, "run", failing_at_first)
-    (tmp_path / "first").symlink_to(log)
-    answer = coclo("compare", tmp_path / "first", log, "--modes", "naive")
+    (tmp_path / "first").symlink_to(leg_log)
+    answer = coclo("compare", tmp_path / "first", leg_log, "--modes", "naive")
     assert answer.status == 1
     assert "walk stopped early or has no result: the disk is full; make room" in answer.err
     assert "no mode went through on " in answer.err.splitlines()[-1]
