@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The only importer of GTSAM. Import a module of it when its estimator is asked for: GTSAM takes its time to load."""
+"""The only importer of GTSAM. Import its modules only when an estimator of it is made: GTSAM loads slowly."""

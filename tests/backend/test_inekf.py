@@ -44,7 +44,7 @@ def run(estimator: InvariantLegOdometry, measurements: tuple[Measurement, ...]) 
 
 
 def errors(estimates: list[StateEstimate], trial: AnalyticTrial) -> np.ndarray:
-    """Pose errors (M, 6) [rotation, position], both tied at the first estimate."""
+    """Pose errors (M, 6) [rotation, position], both aligned at the first estimate."""
     truth = trial.truth.T_world_body[-len(estimates) :]
     start = estimates[0].nav.T_world_body @ se3.inverse(truth[0])
     return np.array(
@@ -65,7 +65,7 @@ def test_a_robot_that_stands_stays_where_it_is(go1: RobotModel) -> None:
 
 
 @pytest.mark.parametrize("name", ["go1", "daisy"])
-def test_with_rolling_taken_out_perfect_sensors_drift_by_a_millimetre_in_a_metre(name: str) -> None:
+def test_with_rolling_compensated_perfect_sensors_drift_by_a_millimetre_in_a_metre(name: str) -> None:
     robot = RobotModel(load_robot(name))
     trial = generate(AnalyticTrialConfig(body=WALKING, sensors=PERFECT, substeps=1), robot, seed=11)
     estimates = run(InvariantLegOdometry(robot, ROLLING), trial.measurements)
@@ -75,7 +75,7 @@ def test_with_rolling_taken_out_perfect_sensors_drift_by_a_millimetre_in_a_metre
 
 
 def test_as_published_it_falls_short_by_what_the_feet_roll(go1: RobotModel, walk: AnalyticTrial) -> None:
-    """Foot centres taken for fixed points: the body loses what they move, on average over those that stand."""
+    """Foot centres taken as fixed points: the estimate lacks their mean motion over the feet in stance."""
     estimates = run(InvariantLegOdometry(go1), walk.measurements)
     stands = walk.stance[1:] & walk.stance[:-1]
     moved = np.diff(walk.feet_world, axis=0) * stands[:, :, None]
@@ -87,7 +87,7 @@ def test_as_published_it_falls_short_by_what_the_feet_roll(go1: RobotModel, walk
     assert np.linalg.norm(shortfall - rolled) < 0.2 * np.linalg.norm(rolled)
 
 
-def test_noise_drifts_less_than_the_covariance_says(go1: RobotModel) -> None:
+def test_the_drift_of_noisy_data_is_within_the_covariance(go1: RobotModel) -> None:
     trial = generate(AnalyticTrialConfig(body=WALKING, substeps=1), go1, seed=4)
     estimates = run(InvariantLegOdometry(go1, ROLLING), trial.measurements)
     error, covariance = errors(estimates, trial)[-1], estimates[-1].covariance[:6, :6]
@@ -105,7 +105,7 @@ def test_only_yaw_and_position_grow_uncertain(go1: RobotModel, walk: AnalyticTri
 
 
 def test_an_imu_off_the_origin_and_turned_gives_the_same_body(walk: AnalyticTrial) -> None:
-    """Lever arm and mounting are taken out: the same walk seen by two mountings."""
+    """Lever arm and mounting are compensated: the same walk measured with two mountings."""
     ends = []
     for position, rpy in (((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.2, -0.1, 0.1), (0.1, 3.0, -1.0))):
         description = load_robot("go1")
@@ -189,7 +189,7 @@ def test_stamps_that_repeat_or_go_back_are_refused_and_counted(go1: RobotModel, 
     np.testing.assert_array_equal(estimates[-1].nav.T_world_body, clean[-1].nav.T_world_body)
 
 
-def test_a_gap_of_half_a_second_is_survived_counted_and_owned_up_to(go1: RobotModel, walk: AnalyticTrial) -> None:
+def test_a_gap_of_half_a_second_is_counted_and_inflates_the_covariance(go1: RobotModel, walk: AnalyticTrial) -> None:
     gapped = tuple(s for s in walk.measurements if not 4_000_000_000 < s.stamp_ns < 4_500_000_000)
     estimator = InvariantLegOdometry(go1, ROLLING)
     estimates = run(estimator, gapped)
@@ -205,7 +205,7 @@ def test_a_gap_of_half_a_second_is_survived_counted_and_owned_up_to(go1: RobotMo
     assert np.linalg.norm(drift) < 3.0 * np.sqrt(np.trace(last.covariance[3:6, 3:6]))
 
 
-def test_it_starts_on_the_move_when_the_robot_never_rests(go1: RobotModel, walk: AnalyticTrial) -> None:
+def test_it_starts_in_motion_when_the_robot_never_rests(go1: RobotModel, walk: AnalyticTrial) -> None:
     moving = tuple(sample for sample in walk.measurements if sample.stamp_ns > 3_000_000_000)
     estimator = InvariantLegOdometry(go1, InvariantConfig(rest_timeout_s=1.0))
     estimates = run(estimator, moving)
@@ -218,13 +218,13 @@ def test_it_starts_on_the_move_when_the_robot_never_rests(go1: RobotModel, walk:
     assert np.linalg.norm(estimates[-150].nav.velocity_world[:2]) == pytest.approx(speed, abs=0.03)
 
 
-def test_contact_from_torques_drives_it_too(daisy: RobotModel) -> None:
+def test_contact_from_torques_is_used_too(daisy: RobotModel) -> None:
     trial = generate(AnalyticTrialConfig(body=BodyMotionConfig(walk_s=4.0), substeps=1), daisy, seed=6)
     torques_only = tuple(sample for sample in trial.measurements if not isinstance(sample, FootForceSample))
     estimates = run(InvariantLegOdometry(daisy), torques_only)
-    held = np.array([e.feet.is_stance for e in estimates if e.feet is not None])
-    assert (held == trial.stance[-len(held) :]).mean() > 0.9
-    assert not held.all()
+    is_stance = np.array([e.feet.is_stance for e in estimates if e.feet is not None])
+    assert (is_stance == trial.stance[-len(is_stance) :]).mean() > 0.9
+    assert not is_stance.all()
 
 
 def test_a_sample_of_another_robot_is_an_error(go1: RobotModel) -> None:

@@ -3,7 +3,7 @@
 
 The prior is linear at the estimate at which it was made (``LinearContainerFactor``). Position in the world is measured
 by nothing. Once the estimate has left the point of linearisation, a prior has spurious information on it all the same,
-and the whole window drifts by metres. ``relative_to`` removes that information.
+and the whole window drifts by metres. ``removing_terms`` removes that information.
 """
 
 from collections.abc import Iterable, Sequence
@@ -71,7 +71,7 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
     return kept
 
 
-def relative_to(prior: Sequence[Term], key: int, free: Array, values: gtsam.Values) -> list[Term]:
+def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.Values) -> list[Term]:
     """Terms that, added to ``prior``, remove its information on some directions of a pose, and nothing else.
 
     With g those directions and x everything else, information L and vector h, the prior is p(x | g) p(g); p(g) is

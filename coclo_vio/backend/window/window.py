@@ -12,7 +12,7 @@ from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import ObservationFactors, Term
 from coclo_vio.backend.window.gauge import Gauge, tilt_prior, unobservable_directions
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
-from coclo_vio.backend.window.marginalisation import marginal_prior, relative_to
+from coclo_vio.backend.window.marginalisation import marginal_prior, removing_terms
 from coclo_vio.backend.window.solver import minimise
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.values.arrays import Array, BoolArray
@@ -265,7 +265,7 @@ class Window:
         if not self._is_anchored:
             following = self.keyframes[1].number
             key, free = factors.pose_key(following), self._unobservable(following)
-            self.prior += relative_to(self.prior, key, free, values)
+            self.prior += removing_terms(self.prior, key, free, values)
             self._fix(following, self.gauge_covariance(self.pose(following)) + self._next_covariance)
         self._remove(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}

@@ -7,7 +7,7 @@ import pytest
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.marginalisation import relative_to
+from coclo_vio.backend.window.marginalisation import removing_terms
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
@@ -45,7 +45,7 @@ def test_removed_information_leaves_the_rest_as_it_is_relative_to_the_pose(direc
     ]
     free = np.linalg.qr(rng.standard_normal((6, 6)))[0][:, :directions]
 
-    graph = _linear([*prior, *relative_to(prior, factors.pose_key(0), free, values)], values)
+    graph = _linear([*prior, *removing_terms(prior, factors.pose_key(0), free, values)], values)
 
     keys = gtsam.Ordering()
     for key in (factors.pose_key(1), factors.pose_key(0)):
@@ -69,7 +69,7 @@ def test_nothing_is_removed_from_a_prior_without_the_pose() -> None:
     values = gtsam.Values()
     values.insert(factors.pose_key(1), gtsam.Pose3())
     prior = [factors.pose_prior(1, np.eye(4), np.eye(6))]
-    assert relative_to(prior, factors.pose_key(0), np.eye(6), values) == []
+    assert removing_terms(prior, factors.pose_key(0), np.eye(6), values) == []
 
 
 def _drive(frames: int, rng: np.random.Generator) -> list[StereoTracks]:

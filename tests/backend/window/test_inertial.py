@@ -322,13 +322,13 @@ def test_a_restart_before_the_kept_readings_is_a_gap() -> None:
 
 
 def test_a_pause_divided_by_frames_is_a_gap_all_the_same() -> None:
-    """Frames every 0.1 s, each a keyframe, and 0.5 s without a reading: held readings must not stand in for it."""
+    """Frames every 0.1 s, each a keyframe, and 0.5 s without a reading, which the last one must not replace."""
     motion = integrated([as_read(k * STEP_NS, np.zeros(3), UP) for k in range(-3, 21)], 100_000_000)
-    felt = []
+    advanced = []
     for stamp_ns in range(200_000_000, 600_000_001, 100_000_000):
         motion.restart(stamp_ns - 100_000_000, NO_BIAS)
-        felt.append(motion.advance(stamp_ns))
-    assert felt == [True, True, False, False, False]  # 0.2 s is allowed
+        advanced.append(motion.advance(stamp_ns))
+    assert advanced == [True, True, False, False, False]  # 0.2 s is allowed
 
 
 @pytest.mark.parametrize("what", ["angular_velocity", "specific_force"])

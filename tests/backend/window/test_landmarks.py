@@ -158,13 +158,13 @@ def test_a_retired_landmark_takes_no_more_sightings_until_it_is_forgotten() -> N
 
 
 def test_a_wandering_track_becomes_another_point_after_a_while() -> None:
-    """1 px of track, 0.5 px of walk from keyframe to keyframe: after four sightings it is no longer the same."""
+    """1 px of track, 0.5 px of walk from keyframe to keyframe: after four observations it is another point."""
     config = CONFIG.model_copy(update={"noise": PixelNoiseConfig(track_px=1.0, walk_px=0.5)})
     points, landmarks = ahead((0.3, -0.2, 3.0)), LandmarkMap(RIG, config)
     for number in range(6):
         observed(landmarks, number, tracks_of(points, LEFT))
-    assert [sorted(one.observations) for _, one in landmarks.items()] == [[0, 1, 2, 3], [3, 4, 5]]
-    assert [one.is_retired for _, one in landmarks.items()] == [True, False]
+    assert [sorted(each.observations) for _, each in landmarks.items()] == [[0, 1, 2, 3], [3, 4, 5]]
+    assert [each.is_retired for _, each in landmarks.items()] == [True, False]
     assert landmarks[1].track_id == landmarks[0].track_id
     landmarks.remove(0)
     observed(landmarks, 6, tracks_of(points, LEFT))

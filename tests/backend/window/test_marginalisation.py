@@ -28,8 +28,8 @@ def chain(seed: int) -> tuple[list[list[Term]], list[list[int]]]:
     for step in range(STEPS):
         now: list[Term] = []
         if step == 0:
-            held = gtsam.noiseModel.Isotropic.Sigma(2, 0.1)
-            now.append(Term(gtsam.PriorFactorVector(pose_key(0), np.zeros(2), held), (pose_key(0),)))
+            kept_terms = gtsam.noiseModel.Isotropic.Sigma(2, 0.1)
+            now.append(Term(gtsam.PriorFactorVector(pose_key(0), np.zeros(2), kept_terms), (pose_key(0),)))
         else:
             measured = np.array([1.0, 0.0]) + random.standard_normal(2)
             now.append(between(pose_key(step - 1), pose_key(step), measured, ACROSS))
@@ -55,11 +55,11 @@ def solved(terms: list[Term]) -> tuple[gtsam.Values, list[int], np.ndarray]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_window_has_estimate_and_covariance_of_the_batch_while_keyframes_leave(seed: int) -> None:
     terms, observed = chain(seed)
-    held: list[Term] = []
+    kept_terms: list[Term] = []
     oldest, lost = 0, 0
     for step in range(STEPS):
-        held += terms[step]
-        values, _, covariance = solved(held)
+        kept_terms += terms[step]
+        values, _, covariance = solved(kept_terms)
         batch_values, _, batch_covariance = solved([term for some in terms[: step + 1] for term in some])
         newest = pose_key(step)
         np.testing.assert_allclose(values.atVector(newest), batch_values.atVector(newest), atol=1e-9)
@@ -68,10 +68,10 @@ def test_the_window_has_estimate_and_covariance_of_the_batch_while_keyframes_lea
             continue
         gone = [landmark_key(each) for each in range(lost, observed[step][0])]  # not by the newest keyframe
         leaving = [*gone, pose_key(oldest)]
-        touched = [term for term in held if set(term.keys) & set(leaving)]
-        rest = [term for term in held if not set(term.keys) & set(leaving)]
-        held = rest + marginal_prior(touched, leaving, values)
-        assert not {key for term in held for key in term.keys} & set(leaving)
+        touched = [term for term in kept_terms if set(term.keys) & set(leaving)]
+        rest = [term for term in kept_terms if not set(term.keys) & set(leaving)]
+        kept_terms = rest + marginal_prior(touched, leaving, values)
+        assert not {key for term in kept_terms for key in term.keys} & set(leaving)
         oldest, lost = oldest + 1, observed[step][0]
     assert oldest > STEPS // 2
 

@@ -21,6 +21,7 @@ from worlds import (
     scattered,
     stamps_ns,
     velocity_at,
+    without_tracks,
     worst,
 )
 
@@ -217,12 +218,11 @@ def test_odometry_bridges_a_time_without_vision() -> None:
     """A second without a track: the constant-velocity model misses the turn, odometry does not."""
     smoother = stereo()
     for tracks in frames(WALK, stamps_ns(2.0, 6.0, FRAME_NS), WORLD):
-        dark = 4.0 <= tracks.stamp_ns / NS_PER_S < 5.0
         delta, start_ns = None, smoother.keyframe_ns
         if start_ns is not None:
             T = se3.inverse(pose_at(WALK, start_ns)) @ pose_at(WALK, tracks.stamp_ns)
             delta = OdometryDelta(start_ns, tracks.stamp_ns, T, 1e-6 * np.eye(6))
-        shown = tracks if not dark else type(tracks)(tracks.stamp_ns, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
+        shown = without_tracks(tracks) if 4.0 <= tracks.stamp_ns / NS_PER_S < 5.0 else tracks
         estimate = smoother.push_tracks(shown, delta).estimate
         truth = se3.inverse(pose_at(WALK, 2 * NS_PER_S)) @ pose_at(WALK, tracks.stamp_ns)
         assert np.linalg.norm((se3.inverse(truth) @ estimate.nav.T_world_body)[:3, 3]) < 2e-3
@@ -256,11 +256,11 @@ def test_the_same_input_gives_the_same_bits() -> None:
         np.testing.assert_array_equal(estimate.covariance, second[stamp].covariance)
 
 
-def lengths(thing: object, seen: set[int], depth: int = 0) -> dict[str, int]:
+def lengths(thing: object, visited: set[int], depth: int = 0) -> dict[str, int]:
     """The length of every container that can be reached from an object of this package, by its name."""
-    if id(thing) in seen or depth > 7:
+    if id(thing) in visited or depth > 7:
         return {}
-    seen.add(id(thing))
+    visited.add(id(thing))
     names = [*getattr(thing, "__dict__", {}), *getattr(type(thing), "__slots__", ())]
     found: dict[str, int] = {}
     for name in names:
@@ -268,7 +268,7 @@ def lengths(thing: object, seen: set[int], depth: int = 0) -> dict[str, int]:
         if hasattr(inside, "__len__") and not isinstance(inside, str | np.ndarray):
             found[f"{type(thing).__name__}.{name}"] = len(inside)
         if type(inside).__module__.startswith("coclo_vio.backend"):
-            found |= lengths(inside, seen, depth + 1)
+            found |= lengths(inside, visited, depth + 1)
     return found
 
 

@@ -148,10 +148,10 @@ def test_a_blackout_is_an_event_and_vision_recovers(dark_s: float, uses_imu: boo
 
 def test_the_imu_bridges_a_second_without_vision() -> None:
     _, estimates = run(changed(4.0, 5.0, without_tracks, new_identities=True), READINGS, uses_imu=True)
-    seen, after = estimates[3_900_000_000], estimates[5_500_000_000]
-    assert seen is not None
+    last, after = estimates[3_900_000_000], estimates[5_500_000_000]
+    assert last is not None
     assert after is not None
-    travelled = se3.inverse(seen.nav.T_world_body) @ after.nav.T_world_body
+    travelled = se3.inverse(last.nav.T_world_body) @ after.nav.T_world_body
     truth = se3.inverse(pose_at(WALKING, 3_900_000_000)) @ pose_at(WALKING, 5_500_000_000)
     assert np.linalg.norm(truth[:3, 3]) > 0.4
     assert np.linalg.norm((se3.inverse(truth) @ travelled)[:3, 3]) < 0.06
@@ -183,10 +183,10 @@ def test_two_seconds_of_wrong_tracks_are_an_event_and_are_recovered_from(new_ide
 
 def test_with_an_imu_the_error_from_wrong_tracks_is_bounded() -> None:
     _, estimates = run(changed(4.0, 6.0, wrong_tracks), READINGS, uses_imu=True)
-    seen, after = estimates[3_900_000_000], estimates[6_500_000_000]
-    assert seen is not None
+    last, after = estimates[3_900_000_000], estimates[6_500_000_000]
+    assert last is not None
     assert after is not None
-    travelled = se3.inverse(seen.nav.T_world_body) @ after.nav.T_world_body
+    travelled = se3.inverse(last.nav.T_world_body) @ after.nav.T_world_body
     truth = se3.inverse(pose_at(WALKING, 3_900_000_000)) @ pose_at(WALKING, 6_500_000_000)
     assert np.linalg.norm((se3.inverse(truth) @ travelled)[:3, 3]) < 0.3
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The window of keyframes: exact measurements, information that is kept or given up, sightings that do not fit."""
+"""The window of keyframes: exact measurements, information that is kept or dropped, observations that do not fit."""
 
 from dataclasses import replace
 
@@ -18,16 +18,16 @@ from coclo_vio.values.measurements import StereoTracks
 
 PLAIN = PixelNoiseConfig(track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0)
 EXACT = SmootherConfig(tolerance=0.0, iterations=4, spacing_px=0.0, most_kept_landmarks=10_000, noise=PLAIN)
-WORLD = scattered(count=800)  # 60 points in sight
+WORLD = scattered(count=800)  # 60 points in view
 START_COVARIANCE = 1e-8 * np.eye(6)
 STAMPS = range(1_500_000_000, 6_500_000_000, 3 * FRAME_NS)
 
 
-def never_again(seen: list[StereoTracks]) -> list[StereoTracks]:
-    """A point that comes back into sight gets a new identity, as a tracker would give it."""
+def with_new_identities(tracked: list[StereoTracks]) -> list[StereoTracks]:
+    """A point that returns into view gets a new identity, as from a tracker."""
     named: dict[int, int] = {}
     fresh, result = 0, []
-    for tracks in seen:
+    for tracks in tracked:
         now = {}
         for point in tracks.track_ids.tolist():
             if point not in named:
@@ -43,13 +43,13 @@ def add(window: Window, number: int, tracks: StereoTracks, pose: Array, *terms: 
 
 
 def filled(
-    config: SmootherConfig, seen: list[StereoTracks], longest: int | None = None, disturbed: float = 0.0
+    config: SmootherConfig, tracked: list[StereoTracks], longest: int | None = None, disturbed: float = 0.0
 ) -> tuple[Window, Solution]:
     """A window that was fed keyframes of the walk, never longer than ``longest``."""
     random = np.random.default_rng(6)
     window = Window(RIG, config)
     solution = None
-    for number, tracks in enumerate(seen):
+    for number, tracks in enumerate(tracked):
         pose = pose_at(WALK, tracks.stamp_ns)
         off = se3.exp(disturbed * random.standard_normal(6)) if number else np.eye(4)
         add(window, number, tracks, pose @ off)
@@ -71,9 +71,9 @@ def worst_pose(window: Window) -> float:
 
 def test_exact_measurements_are_fitted_to_1e_8_from_disturbed_values() -> None:
     """Poses off by 6 cm and 3 deg, points placed from those poses."""
-    seen = frames(WALK, STAMPS[:8], WORLD)
+    tracked = frames(WALK, STAMPS[:8], WORLD)
     config = EXACT.model_copy(update={"iterations": 15})
-    window, solution = filled(config, seen, disturbed=0.05)
+    window, solution = filled(config, tracked, disturbed=0.05)
     assert worst_pose(window) < 1e-8
     assert solution.reprojection_px < 1e-6
     points = WORLD.points
@@ -83,19 +83,19 @@ def test_exact_measurements_are_fitted_to_1e_8_from_disturbed_values() -> None:
 
 
 def test_the_default_configuration_converges_as_well_from_ordinary_initial_values() -> None:
-    seen = frames(WALK, STAMPS[:8], WORLD)
-    window, _ = filled(SmootherConfig(tolerance=0.0, iterations=15), seen, disturbed=0.005)
+    tracked = frames(WALK, STAMPS[:8], WORLD)
+    window, _ = filled(SmootherConfig(tolerance=0.0, iterations=15), tracked, disturbed=0.005)
     assert worst_pose(window) < 1e-8
 
 
-def batch(seen: list[StereoTracks]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+def batch(tracked: list[StereoTracks]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """All observations of all frames and a prior on the first pose, solved at once."""
     make = factors.ObservationFactors(RIG, PLAIN).make
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.push_back(factors.pose_prior(0, pose_at(WALK, seen[0].stamp_ns), START_COVARIANCE).factor)
-    times = np.unique(np.concatenate([tracks.track_ids for tracks in seen]), return_counts=True)
+    graph.push_back(factors.pose_prior(0, pose_at(WALK, tracked[0].stamp_ns), START_COVARIANCE).factor)
+    times = np.unique(np.concatenate([tracks.track_ids for tracks in tracked]), return_counts=True)
     often = {int(track) for track, count in zip(*times, strict=True) if count > 1}
-    for number, tracks in enumerate(seen):
+    for number, tracks in enumerate(tracked):
         pose = pose_at(WALK, tracks.stamp_ns)
         values.insert(factors.pose_key(number), gtsam.Pose3(pose))
         points = RIG.points(tracks.left_px, tracks.left_px[:, 0] - tracks.right_px[:, 0])
@@ -127,14 +127,14 @@ def test_a_sliding_window_has_estimate_and_covariance_of_the_batch(longest: int)
 
     Noise of 1e-4 px makes a linear problem of it: the two differ far less than noise moves them.
     """
-    seen = never_again(frames(WALK, STAMPS, WORLD, noise_px=1e-4))
-    window, slid = filled(EXACT, seen, longest)
-    oldest, newest = window.keyframes[0].number, len(seen) - 1
+    tracked = with_new_identities(frames(WALK, STAMPS, WORLD, noise_px=1e-4))
+    window, slid = filled(EXACT, tracked, longest)
+    oldest, newest = window.keyframes[0].number, len(tracked) - 1
     assert oldest == newest - longest + 1
-    graph, values = batch(seen)
+    graph, values = batch(tracked)
     slid_motion = se3.inverse(window.pose(oldest)) @ window.pose(newest)
     whole, _ = between(graph, values, oldest, newest)
-    truth = se3.inverse(pose_at(WALK, seen[oldest].stamp_ns)) @ pose_at(WALK, seen[newest].stamp_ns)
+    truth = se3.inverse(pose_at(WALK, tracked[oldest].stamp_ns)) @ pose_at(WALK, tracked[newest].stamp_ns)
     apart, off = (se3.log(se3.inverse(each) @ whole) for each in (slid_motion, truth))
     assert np.abs(apart).max() < 1e-9
     assert np.abs(apart).max() < 1e-4 * np.abs(off).max()
@@ -144,10 +144,10 @@ def test_a_sliding_window_has_estimate_and_covariance_of_the_batch(longest: int)
 
 
 def test_landmarks_left_out_of_the_prior_lose_information() -> None:
-    seen = never_again(frames(WALK, STAMPS, WORLD))
-    kept = filled(EXACT, seen, 4)[1].covariance
-    some = filled(EXACT.model_copy(update={"most_kept_landmarks": 20}), seen, 4)[1].covariance
-    none = filled(EXACT.model_copy(update={"most_kept_landmarks": 0}), seen, 4)[1].covariance
+    tracked = with_new_identities(frames(WALK, STAMPS, WORLD))
+    kept = filled(EXACT, tracked, 4)[1].covariance
+    some = filled(EXACT.model_copy(update={"most_kept_landmarks": 20}), tracked, 4)[1].covariance
+    none = filled(EXACT.model_copy(update={"most_kept_landmarks": 0}), tracked, 4)[1].covariance
     for less, more in ((some, kept), (none, some)):
         assert np.linalg.eigvalsh(less - more).min() > -1e-6 * np.trace(more)
         assert np.trace(less) > 1.05 * np.trace(more)
@@ -173,18 +173,18 @@ def test_covariance_is_of_pose_velocity_and_biases_in_this_order() -> None:
 
 def test_the_residuals_of_noisy_observations_are_their_noise() -> None:
     """Left column and row with 0.3 px, right column with 0.3 and 0.15 px: 0.31 px, less what the points take up."""
-    seen = frames(WALK, STAMPS[:8], WORLD, noise_px=0.3)
-    assert 0.2 < filled(EXACT, seen)[1].reprojection_px < 0.32
+    tracked = frames(WALK, STAMPS[:8], WORLD, noise_px=0.3)
+    assert 0.2 < filled(EXACT, tracked)[1].reprojection_px < 0.32
 
 
 def test_an_observation_that_does_not_fit_is_removed_and_its_landmark_retired_if_it_is_the_newest() -> None:
-    seen = frames(WALK, STAMPS[:5], WORLD)
-    common = set.intersection(*({*tracks.track_ids.tolist()} for tracks in seen))
+    tracked = frames(WALK, STAMPS[:5], WORLD)
+    common = set.intersection(*({*tracks.track_ids.tolist()} for tracks in tracked))
     early, late = sorted(common)[:2]
     for frame, wrong in ((2, early), (4, late)):
-        left_px = seen[frame].left_px + 30.0 * (seen[frame].track_ids == wrong)[:, None]
-        seen[frame] = replace(seen[frame], left_px=left_px)
-    window, _ = filled(SmootherConfig(tolerance=0.0, iterations=20, spacing_px=0.0), seen)
+        left_px = tracked[frame].left_px + 30.0 * (tracked[frame].track_ids == wrong)[:, None]
+        tracked[frame] = replace(tracked[frame], left_px=left_px)
+    window, _ = filled(SmootherConfig(tolerance=0.0, iterations=20, spacing_px=0.0), tracked)
     by_track = {each.track_id: each for _, each in window.landmarks.items()}
     assert sorted(by_track[early].observations) == [0, 1, 3, 4]
     assert not by_track[early].is_retired
@@ -196,10 +196,10 @@ def test_an_observation_that_does_not_fit_is_removed_and_its_landmark_retired_if
 
 def test_a_failed_marginalisation_changes_nothing() -> None:
     """Without its prior the oldest keyframe is indeterminate: none of its observations is left."""
-    seen = frames(WALK, STAMPS[:3], WORLD)
-    window, _ = filled(EXACT, seen)
+    tracked = frames(WALK, STAMPS[:3], WORLD)
+    window, _ = filled(EXACT, tracked)
     window.keyframes[0].terms.clear()
-    window.keyframes[0].tracks = replace(seen[0])
+    window.keyframes[0].tracks = replace(tracked[0])
     for _, landmark in window.landmarks.items():
         landmark.observations.pop(0, None)
     before, count = gtsam.Values(window.values), len(window.landmarks)
@@ -211,8 +211,8 @@ def test_a_failed_marginalisation_changes_nothing() -> None:
 
 
 def test_after_discarding_the_oldest_keyframe_the_next_one_is_fixed() -> None:
-    seen = frames(WALK, STAMPS[:6], WORLD)
-    window, _ = filled(EXACT, seen, 4)
+    tracked = frames(WALK, STAMPS[:6], WORLD)
+    window, _ = filled(EXACT, tracked, 4)
     covariance = np.diag(np.square(np.repeat([0.01, 0.02, 0.1], 3)))
     window.discard_oldest(covariance)
     numbers = [each.number for each in window.keyframes]
@@ -223,8 +223,8 @@ def test_after_discarding_the_oldest_keyframe_the_next_one_is_fixed() -> None:
 
 
 def test_removed_keyframes_leave_nothing_behind() -> None:
-    seen = never_again(frames(WALK, STAMPS, WORLD))
-    window, _ = filled(EXACT, seen, 4)
+    tracked = with_new_identities(frames(WALK, STAMPS, WORLD))
+    window, _ = filled(EXACT, tracked, 4)
     alive = {each.number for each in window.keyframes}
     known = {number for _, landmark in window.landmarks.items() for number in landmark.observations}
     assert known <= alive
