@@ -116,7 +116,7 @@ class DecorrelatedFeedback:
 
     def feedback_for_filter(self, pair: PosePair, known: PoseMarginal, result: KeyframeResult) -> Feedback | None:
         """The window's evidence of both keyframes without the common knowledge of the last one."""
-        assert result.evidence is not None, "a policy is asked where there is evidence"
+        assert result.evidence is not None, "feedback needs evidence"
         novel = evidence_beyond(result.evidence, known, self._parameters.min_novel_share)
         return Feedback(novel, fallback=end_evidence(pair, result.marginal))
 

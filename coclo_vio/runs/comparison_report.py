@@ -36,7 +36,7 @@ class Compared:
 def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
     """``compare.json``, ``ranking.json``, figures and ``report.html`` of a run folder; the path of the report.
 
-    Without matplotlib the report has no figures and says so.
+    Without matplotlib the report has no figures, and a sentence instead.
     """
     rankings = rank(evaluations, config.evaluation)
     with run_folder.writing(folder):

@@ -160,7 +160,7 @@ def resolve_if_known(
     """
     guess = None
     if robot is None:
-        any_robot = robot_names()[0]  # settings may speak of a robot; how to read the recording is all that is asked
+        any_robot = robot_names()[0]  # settings may name keys of a robot; only those of the dataset are used
         guess = guess_robot(path, resolve(None, file, settings, any_robot).dataset)
     config = resolve(robot, file, settings, guess)
     return config, config.robot

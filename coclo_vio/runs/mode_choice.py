@@ -39,7 +39,7 @@ def _met_needs(path: Path, config: RunConfig) -> tuple[set[Need], bool]:
     """The needs that a recording meets, and whether it has legs.
 
     A recording without cameras is taken to have legs, and one without legs to have calibrated cameras, also where
-    the robot or a calibration is missing: running a mode says what to give.
+    the robot or a calibration is missing: running a mode raises the error that names it.
     """
     dataset = open_dataset(path, config.robot, config.dataset)
     sensors = sensors_of(dataset)

@@ -72,8 +72,8 @@ def resolve(
     if file is not None and given.get("robot") is not None:
         given["robot"] = _robot_of_file(given["robot"], file, is_replaced=robot is not None)
     values = merged(given, parse_settings(settings))
-    said = values.pop("robot", None)
-    changes = {} if said is None else dict(_mapping(said))
+    robot_values = values.pop("robot", None)
+    changes = {} if robot_values is None else dict(_mapping(robot_values))
     preset = robot or changes.pop("preset", None)
     changes.pop("preset", None)
     if preset is None and "legs" not in changes:
@@ -89,9 +89,9 @@ def resolve(
     if "imu" in changes:  # a mounting that is configured counts, whatever the recording has
         values = {"imu_calibration": "robot", **values}
     described = merged(load_robot(preset).model_dump() if preset else {}, changes)
-    own, asked = described.get("filter"), values.get("filter", {})
-    if isinstance(own, Mapping) and isinstance(asked, Mapping):  # otherwise the check below says what is wrong
-        values["filter"] = merged(own, asked)
+    of_robot, of_run = described.get("filter"), values.get("filter", {})
+    if isinstance(of_robot, Mapping) and isinstance(of_run, Mapping):  # otherwise the check below raises the error
+        values["filter"] = merged(of_robot, of_run)
     return RunConfig.parse({**values, "robot": described}, source)
 
 
@@ -102,14 +102,14 @@ def _mapping(robot: Any) -> Mapping[str, Any]:
 
 
 def _robot_of_file(robot: Any, file: Path, *, is_replaced: bool) -> Mapping[str, Any]:
-    """What a file says of the robot, its URDF found from the file's own folder.
+    """The robot of a file, its URDF found from the file's own folder.
 
     Where the command line names another robot, the file's changes of its own robot do not hold for it.
     """
-    said = dict(_mapping(robot))
-    if is_replaced and ("legs" in said or "preset" in said):
+    values = dict(_mapping(robot))
+    if is_replaced and ("legs" in values or "preset" in values):
         return {}
-    urdf = said.get("urdf")
+    urdf = values.get("urdf")
     if isinstance(urdf, str) and not urdf.startswith(EXTRA_SCHEME):
-        said["urdf"] = str(file.parent.resolve() / urdf)
-    return said
+        values["urdf"] = str(file.parent.resolve() / urdf)
+    return values

@@ -40,7 +40,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class KeyframeHealth:
-    """How the smoother fared at one keyframe.
+    """The state of a sliding window at one keyframe.
 
     Attributes:
         stamp_ns: of the keyframe, in nanoseconds.
@@ -67,7 +67,7 @@ class KeyframeHealth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What an estimator has learnt of the cameras, beside what the recording says.
+    """What an estimator has learnt of the cameras, relative to their calibration in the recording.
 
     Attributes:
         stamp_ns: the estimate is of this time, in nanoseconds.

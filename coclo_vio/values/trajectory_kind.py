@@ -2,7 +2,7 @@
 """What tables and figures have to know of a trajectory besides its poses: label, line, and what it is compared with.
 
 Modes register the kinds of trajectories that they give (``runs.modes``); everything that shows trajectories asks here.
-A trajectory that nobody registered, such as another program's TUM file, has a kind made from its name.
+An unregistered trajectory, such as another program's TUM file, has a kind made from its name.
 """
 
 from collections.abc import Mapping
