@@ -27,6 +27,7 @@ from coclo_vio.values.outputs import KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
 
 _SENSORS: frozenset[type] = frozenset({CameraImuSample, StereoFrame})
+_MEMORY_S = 15.0  # of the sample, its images decoded and kept, where memory is measured
 _T = TypeVar("_T")
 
 
@@ -114,7 +115,7 @@ class TimedSmoother:
 
 
 def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | None]:
-    """The figures of ``vins`` on the bundled sample (stereo 640 x 480 at 15 Hz), by name.
+    """The figures of ``vins`` on the bundled sample (stereo 640 x 480 at 7.5 Hz), by name.
 
     ``frontend_ms_*`` are per frame, ``smoother_ms_*`` per keyframe with all readings since the frame before,
     ``vision_ms_per_frame`` is the mean of both together, ``vision_ms_p95`` their 95th percentile; figures of a keyframe
@@ -131,14 +132,14 @@ def vision_figures(until_s: float = 15.0, rounds: int = 1) -> dict[str, float | 
 def vision_resident_mb(frames: int, samples: int = 10) -> tuple[float, ...]:
     """Memory of this process (MiB) at even distances over so many frames through ``vins``, the first at their start.
 
-    The sample is processed forwards and backwards in turn, so that the world never jumps: backwards in time rates
-    change their sign and specific forces do not.
+    The sample's first 15 s are processed forwards and backwards in turn, so that the world never jumps: backwards in
+    time rates change their sign and specific forces do not.
 
     Raises:
         DatasetError: the system does not report the memory of a process (Linux does, in /proc).
     """
     dataset, odometry, _, _ = _stages()
-    recorded = tuple(dataset.measurements(_SENSORS))
+    recorded = tuple(_beginning(dataset, _MEMORY_S))
     due = [round(frames * number / samples) for number in range(samples + 1)]
     held: list[float] = []
     frames_done = 0
@@ -167,11 +168,7 @@ def _timed(until_s: float) -> dict[str, float | None]:
     dataset, odometry, frontend, smoother = _stages()
     frontend_ms, smoother_ms, is_keyframe = [], [], []
     keyframes: list[KeyframeHealth] = []
-    end_ns: float | None = None
-    for measurement in dataset.measurements(_SENSORS):
-        end_ns = measurement.stamp_ns + until_s * NS_PER_S if end_ns is None else end_ns
-        if measurement.stamp_ns > end_ns:
-            break
+    for measurement in _beginning(dataset, until_s):
         outputs = odometry.push(measurement)
         if isinstance(measurement, StereoFrame):
             health = [output for output in outputs if isinstance(output, KeyframeHealth)]
@@ -194,6 +191,16 @@ def _timed(until_s: float) -> dict[str, float | None]:
             for name in ("tracks", "factors", "landmarks", "iterations")
         },
     }
+
+
+def _beginning(dataset: Dataset, until_s: float) -> Iterator[Measurement]:
+    """The measurements of the first seconds."""
+    end_ns: float | None = None
+    for measurement in dataset.measurements(_SENSORS):
+        end_ns = measurement.stamp_ns + until_s * NS_PER_S if end_ns is None else end_ns
+        if measurement.stamp_ns > end_ns:
+            return
+        yield measurement
 
 
 def _share(values: Array, share: float) -> float | None:

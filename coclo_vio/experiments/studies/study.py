@@ -26,7 +26,6 @@ JPEG = {"camera": {"encoding": "jpeg"}}
 AGAINST_TRUTH = against_truth(EvaluationConfig())
 """Evaluation against the exact truth, on the recording's clock."""
 
-
 _NEXT_STEP = "remove it, or name another file with -o"
 
 

@@ -66,7 +66,7 @@ class CameraModel:
         options = (
             [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]  # noise has no repeated patterns to compress
             if config.encoding == "png"
-            else [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality]
+            else [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]  # same pixels, smaller
         )
         _, data = cv2.imencode(_ENCODERS[config.encoding], image, options)
         return data.tobytes()

@@ -114,3 +114,12 @@ def test_png_keeps_every_bit_and_jpeg_nearly() -> None:
     np.testing.assert_array_equal(read_back("png"), recorded)
     error = read_back("jpeg").astype(float) - recorded
     assert 0.0 < error.std() < 3.0
+
+
+def test_jpeg_files_are_smaller_than_opencvs_default_ones_and_hold_the_same_pixels() -> None:
+    recorded = camera().record(step_edge(), METRE, STILL, NOMINAL, 0)
+    config = CameraConfig.parse({"encoding": "jpeg", "jpeg_quality": 40}, "camera")
+    ours = np.frombuffer(CameraModel(config, 0, WIDTH, HEIGHT, FOCAL_PX, 1).encode(recorded), np.uint8)
+    _, plain = cv2.imencode(".jpg", recorded, [cv2.IMWRITE_JPEG_QUALITY, 40])
+    assert len(ours) < len(plain)
+    np.testing.assert_array_equal(cv2.imdecode(ours, cv2.IMREAD_UNCHANGED), cv2.imdecode(plain, cv2.IMREAD_UNCHANGED))
