@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Faults put on measurements by hand: what is changed, what is left alone, and when."""
+"""Faults applied to measurements made by hand: what is changed, what is left alone, and when."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.faults import Faults, FaultsConfig, Span
 from coclo_vio.runs.run_config import resolve
-from coclo_vio.runs.running import run_all
+from coclo_vio.runs.running import run_modes
 from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.config import write_yaml
@@ -45,7 +45,7 @@ def at(step: int) -> int:
 
 
 def recorded(steps: int = 40) -> list[Measurement]:
-    """All sensors at 10 Hz; readings tell their step. The body IMU speaks a step before the others."""
+    """All sensors at 10 Hz; readings are numbered by step. The body IMU begins a step before the others."""
     rows: list[Measurement] = [ImuSample(BEGIN_NS, np.zeros(3), UP)]
     for step in range(1, steps + 1):
         stamp_ns = at(step)
@@ -62,7 +62,7 @@ def recorded(steps: int = 40) -> list[Measurement]:
 
 
 def tracks(stamp_ns: int, age: int) -> StereoTracks:
-    """Three points that have been seen in so many frames."""
+    """Three points of this age, in frames."""
     left = np.array([[10.0, 10.0], [20.0, 10.0], [30.0, 10.0]])
     return StereoTracks(stamp_ns, np.array([3, 5, 9]), left, left - [4.0, 0.0], np.full(3, age))
 
@@ -92,26 +92,28 @@ def test_without_faults_every_measurement_is_the_recorded_one() -> None:
 
 def test_in_a_blackout_images_are_black_and_everything_else_is_as_recorded() -> None:
     rows = recorded()
-    told = with_faults(rows, blackouts=["1:0.5", "3:0.2"])
-    black = [one for one in of_kind(told, StereoFrame) if not one.left.any() and not one.right.any()]
+    faulty = with_faults(rows, blackouts=["1:0.5", "3:0.2"])
+    black = [one for one in of_kind(faulty, StereoFrame) if not one.left.any() and not one.right.any()]
     assert steps_of(black) == {10, 11, 12, 13, 14, 30, 31}
     assert all(one.left.shape == GRAY.shape for one in black)
-    assert [one.stamp_ns for one in told] == [one.stamp_ns for one in rows]
-    rest = [(one, other) for one, other in zip(told, rows, strict=True) if type(one) not in {StereoFrame, StereoTracks}]
+    assert [one.stamp_ns for one in faulty] == [one.stamp_ns for one in rows]
+    rest = [
+        (one, other) for one, other in zip(faulty, rows, strict=True) if type(one) not in {StereoFrame, StereoTracks}
+    ]
     assert all(one is other for one, other in rest)
 
 
-def test_points_are_lost_in_the_dark_and_are_others_afterwards() -> None:
-    told = of_kind(with_faults(recorded(), blackouts=["1:0.5", "3:0.2"]), StereoTracks)
-    dark = [one for one in told if len(one) == 0]
+def test_points_are_lost_in_the_dark_and_have_new_identities_afterwards() -> None:
+    faulty = of_kind(with_faults(recorded(), blackouts=["1:0.5", "3:0.2"]), StereoTracks)
+    dark = [one for one in faulty if len(one) == 0]
     assert steps_of(dark) == {10, 11, 12, 13, 14, 30, 31}
     assert {one.quality for one in dark} == {TrackingQuality.LOST}
-    ids = {step: set(told[step - 1].track_ids.tolist()) for step in (9, 15, 29, 32, 40)}
+    ids = {step: set(faulty[step - 1].track_ids.tolist()) for step in (9, 15, 29, 32, 40)}
     assert ids[9] == {3, 5, 9}
     assert ids[15] == ids[29]
     assert ids[32] == ids[40]
     assert len(ids[9] | ids[15] | ids[32]) == 9
-    ages = [int(one.ages.max(initial=0)) for one in told]
+    ages = [int(one.ages.max(initial=0)) for one in faulty]
     assert ages[:9] == list(range(1, 10))
     assert ages[14:29] == list(range(1, 16))
     assert ages[31:] == list(range(1, 10))
@@ -128,10 +130,10 @@ def test_the_share_of_frames_that_is_lost_is_the_one_asked_for_and_repeats() -> 
 
 def test_a_frozen_leg_repeats_its_last_reading_at_rest_and_the_others_walk_on() -> None:
     rows = recorded()
-    told = of_kind(with_faults(rows, frozen_legs=["leg2:1:0.5"]), JointSample)
+    faulty = of_kind(with_faults(rows, frozen_legs=["leg2:1:0.5"]), JointSample)
     leg = [DAISY.joint_names.index(joint) for joint in DAISY.legs[1].joints]
     others = np.setdiff1d(np.arange(JOINTS), leg)
-    for step, sample in enumerate(told, start=1):
+    for step, sample in enumerate(faulty, start=1):
         is_frozen = 10 <= step < 15
         held = 9.0 if is_frozen else float(step)
         np.testing.assert_array_equal(sample.position[leg], held)
@@ -149,21 +151,21 @@ def test_a_leg_frozen_from_the_start_holds_its_first_reading() -> None:
     np.testing.assert_array_equal(second.position[3:], 2.0)
 
 
-def test_silent_joints_say_nothing_and_the_imu_goes_on() -> None:
-    told = with_faults(recorded(), silent_joints=["1:0.5"])
-    assert steps_of(of_kind(told, JointSample)) == {*range(1, 10), *range(15, 41)}
-    assert len(of_kind(told, ImuSample)) == 41
+def test_silent_joints_give_no_sample_and_the_imu_goes_on() -> None:
+    faulty = with_faults(recorded(), silent_joints=["1:0.5"])
+    assert steps_of(of_kind(faulty, JointSample)) == {*range(1, 10), *range(15, 41)}
+    assert len(of_kind(faulty, ImuSample)) == 41
 
 
 @pytest.mark.parametrize("sensors", [ALL_SENSORS, frozenset({StereoFrame}), frozenset({JointSample, StereoFrame})])
-def test_time_counts_from_the_recordings_first_measurement_whoever_reads(sensors: frozenset[type]) -> None:
+def test_time_counts_from_the_recordings_first_measurement_whatever_is_read(sensors: frozenset[type]) -> None:
     frames = of_kind(with_faults(recorded(), sensors, blackouts="1:0.5"), StereoFrame)
     assert steps_of([one for one in frames if not one.left.any()]) == {10, 11, 12, 13, 14}
 
 
 def test_a_recording_of_images_alone_counts_from_its_first() -> None:
-    told = with_faults(of_kind(recorded(), StereoFrame), blackouts="1:0.5")
-    assert steps_of([one for one in told if not one.left.any()]) == {11, 12, 13, 14, 15}
+    faulty = with_faults(of_kind(recorded(), StereoFrame), blackouts="1:0.5")
+    assert steps_of([one for one in faulty if not one.left.any()]) == {11, 12, 13, 14, 15}
 
 
 @pytest.mark.parametrize(
@@ -181,18 +183,18 @@ def test_a_recording_of_images_alone_counts_from_its_first() -> None:
         ("faults.frameloss=0.5", "there is no faults.frameloss; the keys there are: blackouts, frame_loss"),
     ],
 )
-def test_what_is_no_fault_is_told_in_a_sentence(setting: str, words: str) -> None:
-    with pytest.raises(ConfigError) as told:
+def test_a_malformed_fault_is_named_in_one_sentence(setting: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
         resolve("daisy", settings=[setting])
-    assert words in str(told.value)
-    assert "\n" not in str(told.value)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
-def test_a_leg_that_the_robot_does_not_have_is_answered_with_those_it_has() -> None:
+def test_a_leg_that_the_robot_does_not_have_lists_those_it_has() -> None:
     config = FaultsConfig.parse({"frozen_legs": "front:20:3"}, "test")
     with pytest.raises(ConfigError, match=r"daisy has no leg front; its legs are: leg1, leg2, .*leg6$"):
         Faults(config, DAISY)
-    with pytest.raises(ConfigError, match=r"the recording's robot is not known; name it with --robot$"):
+    with pytest.raises(ConfigError, match=r"no robot is given; name it with --robot$"):
         Faults(config, None)
 
 
@@ -210,14 +212,14 @@ def test_a_run_with_faults_is_repeated_by_its_own_configuration(tmp_path: Path) 
     assert resolve(None, tmp_path / "config.yaml") == config
 
 
-def test_a_run_reads_through_the_faults_says_so_and_leaves_the_truth_alone(tmp_path: Path) -> None:
+def test_a_run_applies_the_faults_records_them_and_leaves_the_ground_truth_alone(tmp_path: Path) -> None:
     body = BodyMotionConfig(rest_s=0.8, walk_s=1.0, stop_s=0.2, ramp_s=0.4)
     trial = generate(AnalyticTrialConfig(body=body), RobotModel(DAISY), seed=12)
     write_leg_log(tmp_path / "walk", DAISY, trial.measurements, GroundTruth(trial.truth, True, "truth"))
     folders = {}
     for name, settings in (("plain", []), ("faulty", ["faults.silent_joints=['1:0.5']"])):
         folders[name] = tmp_path / name
-        run_all(tmp_path / "walk", ["naive"], resolve("daisy", settings=settings), folders[name])
+        run_modes(tmp_path / "walk", ["naive"], resolve("daisy", settings=settings), folders[name])
     runs = {name: json.loads((folder / "run.json").read_text(encoding="utf-8")) for name, folder in folders.items()}
     assert runs["plain"]["faults"] is None
     assert runs["faulty"]["faults"]["silent_joints"] == ["1:0.5"]

@@ -53,11 +53,11 @@ def test_a_file_names_a_preset_and_changes_it(tmp_path: Path) -> None:
     assert config.robot.encoder_noise_rad == 0.004
 
 
-@pytest.mark.parametrize("said", [{"preset": "go1", "encoder_noise_rad": 0.004}, "whole"])
-def test_the_robot_of_the_command_line_replaces_the_files(said: object, tmp_path: Path) -> None:
-    if said == "whole":
-        said = load_robot("go1").model_dump(mode="json")
-    assert resolve("daisy", _file(tmp_path, {"robot": said})).robot == load_robot("daisy")
+@pytest.mark.parametrize("given", [{"preset": "go1", "encoder_noise_rad": 0.004}, "whole"])
+def test_the_robot_of_the_command_line_replaces_the_files(given: object, tmp_path: Path) -> None:
+    if given == "whole":
+        given = load_robot("go1").model_dump(mode="json")
+    assert resolve("daisy", _file(tmp_path, {"robot": given})).robot == load_robot("daisy")
 
 
 def test_changes_without_a_robot_go_to_the_robot_of_the_command_line(tmp_path: Path) -> None:
@@ -74,13 +74,13 @@ def test_a_robot_described_whole_brings_its_urdf_and_filter(tmp_path: Path, monk
     assert config.filter.max_gap_s == 0.3
 
 
-def test_what_a_robot_says_of_the_filter_can_be_overruled(tmp_path: Path) -> None:
+def test_settings_overrule_the_filter_of_a_robot(tmp_path: Path) -> None:
     file = _robot_folder(tmp_path)
     assert resolve(None, file, ["filter.max_gap_s=0.2"]).filter.max_gap_s == 0.2
     assert resolve(None, file, ["robot.filter.max_gap_s=0.25"]).filter.max_gap_s == 0.25
 
 
-def test_a_guessed_robot_serves_where_nobody_names_one(tmp_path: Path) -> None:
+def test_a_guessed_robot_is_taken_where_none_is_named(tmp_path: Path) -> None:
     assert resolve(guess="daisy").robot.name == "daisy"
     assert resolve(None, _file(tmp_path, {"robot": {"preset": "go1"}}), guess="daisy").robot.name == "go1"
 
@@ -100,7 +100,7 @@ def test_a_guessed_robot_serves_where_nobody_names_one(tmp_path: Path) -> None:
         (["filter.max_gap_s"], ["key.subkey=value"]),
     ],
 )
-def test_a_wrong_setting_is_told_with_the_choices(settings: list[str], words: list[str]) -> None:
+def test_a_wrong_setting_is_named_with_the_choices(settings: list[str], words: list[str]) -> None:
     with pytest.raises(ConfigError) as caught:
         resolve("daisy", None, settings)
     assert [word for word in words if word not in str(caught.value)] == []
@@ -115,8 +115,10 @@ def test_without_a_robot_there_is_none(tmp_path: Path) -> None:
     assert resolve("go1", tmp_path / "config.yaml").smoother.keyframes == 7
 
 
-def test_changes_to_a_robot_that_nobody_names_list_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"--set changes robot\.encoder_noise_rad, but of which .*daisy, go1"):
+def test_changes_to_a_robot_that_is_not_named_list_the_known_ones() -> None:
+    with pytest.raises(
+        ConfigError, match=r"--set changes robot\.encoder_noise_rad, but no robot is named: give --robot .*daisy, go1"
+    ):
         resolve(settings=["robot.encoder_noise_rad=0.004"])
 
 
@@ -130,7 +132,7 @@ def test_a_wrong_key_in_a_file_names_the_file(tmp_path: Path) -> None:
         resolve("daisy", _file(tmp_path, {"evaluation": {"algnment": "se3"}}))
 
 
-def test_a_recordings_word_on_its_imu_counts_unless_the_robots_is_asked_for() -> None:
+def test_the_recordings_imu_calibration_counts_unless_the_robots_is_asked_for() -> None:
     recorded = ImuCalibration(position_body_m=(0.1, 0.2, 0.3), gyroscope_noise_density=1e-3)
     config = resolve("go1")
     assert config.on_recording(recorded).robot.imu == recorded
@@ -139,9 +141,9 @@ def test_a_recordings_word_on_its_imu_counts_unless_the_robots_is_asked_for() ->
     assert own.on_recording(recorded).robot.imu == load_robot("go1").imu
 
 
-def test_who_says_how_the_imu_is_mounted_means_it() -> None:
+def test_a_configured_imu_counts_whatever_the_recording_has() -> None:
     recorded = ImuCalibration(gyroscope_noise_density=1e-3)
-    said = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5"])
-    assert said.on_recording(recorded).robot.imu.gyroscope_noise_density == 0.5
-    torn = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5", "imu_calibration=recording"])
-    assert torn.on_recording(recorded).robot.imu == recorded
+    configured = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5"])
+    assert configured.on_recording(recorded).robot.imu.gyroscope_noise_density == 0.5
+    contradictory = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5", "imu_calibration=recording"])
+    assert contradictory.on_recording(recorded).robot.imu == recorded

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run folder is given it gives back; what was spoilt in it is told in a sentence."""
+"""A run folder is read back as it was written; a malformed file is named in one sentence."""
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from coclo_vio.geometry import se3, so3
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.run_folder import StateWriter
+from coclo_vio.runs.run_record import GroundTruthRecord, RunRecord
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
@@ -33,8 +35,11 @@ def _estimates(count: int = 20, *, has_feet: bool = True) -> list[StateEstimate]
 
 @pytest.fixture
 def written(tmp_path: Path) -> list[StateEstimate]:
-    estimates = _estimates()
-    with StateWriter(tmp_path, "coclo", LEGS) as writer:
+    return _write(tmp_path, "coclo", LEGS, _estimates())
+
+
+def _write(folder: Path, name: str, legs: tuple[str, ...], estimates: list[StateEstimate]) -> list[StateEstimate]:
+    with closing(StateWriter(folder, name, legs)) as writer:
         for estimate in estimates:
             writer.write(estimate)
     return estimates
@@ -74,10 +79,9 @@ def test_the_state_file_has_biases_rates_and_stance(written: list[StateEstimate]
     assert [bool(float(cells[f"{leg}.is_stance"])) for leg in LEGS] == feet.is_stance.tolist()
 
 
-def test_an_estimator_without_feet_has_no_contact_columns(tmp_path: Path) -> None:
-    with StateWriter(tmp_path, "vins", ()) as writer:
-        for estimate in _estimates(3, has_feet=False):
-            writer.write(estimate)
+@pytest.mark.parametrize("legs", [(), LEGS], ids=["without legs", "of a robot with legs"])
+def test_estimates_without_feet_have_no_contact_columns(legs: tuple[str, ...], tmp_path: Path) -> None:
+    _write(tmp_path, "vins", legs, _estimates(3, has_feet=False))
     run = run_folder.read_estimates(tmp_path, "vins")
     assert run.leg_names == ()
     assert run.contact_probability.shape == (3, 0)
@@ -93,7 +97,7 @@ def test_without_a_state_file_the_poses_stand_alone(written: list[StateEstimate]
 
 def test_a_writer_that_is_interrupted_leaves_whole_lines(tmp_path: Path) -> None:
     def interrupted() -> None:
-        with StateWriter(tmp_path, "coclo", LEGS) as writer:
+        with closing(StateWriter(tmp_path, "coclo", LEGS)) as writer:
             for estimate in _estimates(5):
                 writer.write(estimate)
             raise KeyboardInterrupt
@@ -130,7 +134,7 @@ def _cell(column: str, text: str) -> Callable[[str], str]:
         (_cell("stamp_ns", "17"), "other stamps than the poses"),
     ],
 )
-def test_a_spoilt_state_file_is_told(
+def test_a_malformed_state_file_is_named(
     spoil: Callable[[str], str], words: str, written: list[StateEstimate], tmp_path: Path
 ) -> None:
     path = tmp_path / "coclo_state.csv"
@@ -139,63 +143,57 @@ def test_a_spoilt_state_file_is_told(
         run_folder.read_estimates(tmp_path, "coclo")
 
 
-def test_a_missing_trajectory_is_told(tmp_path: Path) -> None:
+def test_a_missing_trajectory_is_named(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"coclo\.tum"):
         run_folder.read_estimates(tmp_path, "coclo")
 
 
 @pytest.mark.parametrize("has_stamps", [True, False])
-def test_ground_truth_comes_back_with_the_trust_in_its_clock(has_stamps: bool, tmp_path: Path) -> None:
+def test_ground_truth_is_read_back_with_whether_its_stamps_are_real(has_stamps: bool, tmp_path: Path) -> None:
     rng = np.random.default_rng(9)
     poses = se3.transform(so3.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
     truth = GroundTruth(Trajectory(START_NS + np.arange(4), poses), has_stamps, "mocap.csv")
     run_folder.write_ground_truth(tmp_path, truth)
-    told = {"ground_truth": {"has_stamps": has_stamps, "source": "mocap.csv"}}
-    back = run_folder.read_ground_truth(tmp_path, told)
+    described = GroundTruthRecord(source=truth.source, has_stamps=truth.has_stamps)
+    back = run_folder.read_ground_truth(tmp_path, record_with(described))
     assert back is not None
     assert (back.has_stamps, back.source) == (has_stamps, "mocap.csv")
     assert (back.trajectory.stamps_ns == truth.trajectory.stamps_ns).all()
     np.testing.assert_allclose(back.trajectory.T_world_body, poses, atol=1e-11)
-    assert run_folder.read_ground_truth(tmp_path, {"ground_truth": None}) is None
+    assert run_folder.read_ground_truth(tmp_path, record_with(None)) is None
 
 
-def test_run_json_comes_back(tmp_path: Path) -> None:
-    values = {"estimators": {"coclo": {"failure": None}}, "recording_ns": [1, 2], "ground_truth": None}
-    run_folder.write_json(tmp_path / "run.json", values)
-    assert run_folder.read_run_json(tmp_path) == values
+def record_with(ground_truth: GroundTruthRecord | None) -> RunRecord:
+    return RunRecord(
+        version="1",
+        dataset="walk",
+        robot=None,
+        imu_calibration="recording",
+        ground_truth=ground_truth,
+        faults=None,
+    )
 
 
-def test_json_never_holds_what_is_not_json(tmp_path: Path) -> None:
-    with pytest.raises(ValueError):
-        run_folder.write_json(tmp_path / "run.json", {"ate_m": float("nan")})
+def test_the_record_is_read_back(tmp_path: Path) -> None:
+    record = record_with(GroundTruthRecord(source="mocap.csv", has_stamps=True))
+    run_folder.write_record(tmp_path, record)
+    assert run_folder.read_record(tmp_path) == record
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b'{"estimators": {"coclo": {', "is not JSON"),
-        (b"\xff\xfe\x00", "is not JSON"),
-        (b"[]", "its object"),
-        (b"{}", "estimators"),
-        (b'{"estimators": ["coclo"]}', "estimators"),
-        (b'{"estimators": {"coclo": 3}}', "estimators"),
-        (b'{"estimators": {}, "recording_ns": [1]}', "recording_ns"),
-        (b'{"estimators": {}, "recording_ns": ["a", "b"]}', "recording_ns"),
-        (b'{"estimators": {}, "ground_truth": {"source": "x"}}', "ground_truth"),
-    ],
-)
-def test_a_spoilt_run_json_is_told(content: bytes, words: str, tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_bytes(content)
-    with pytest.raises(DatasetError, match=rf"run\.json.*{words}.*run again"):
-        run_folder.read_run_json(tmp_path)
+def test_a_trajectory_without_a_pose_is_named(tmp_path: Path) -> None:
+    """A mode that stops before its first estimate leaves an empty trajectory beside a header."""
+    _write(tmp_path, "coclo", LEGS, [])
+    assert (tmp_path / "coclo_state.csv").read_text(encoding="utf-8").startswith("stamp_ns,")
+    with pytest.raises(DatasetError, match=r"coclo\.tum"):
+        run_folder.read_estimates(tmp_path, "coclo")
 
 
 def test_a_folder_without_run_json_is_no_run_folder(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"no run folder: it has no run\.json; give the folder"):
-        run_folder.read_run_json(tmp_path)
+        run_folder.read_record(tmp_path)
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="ascii")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(DatasetError, match=r"cannot make the folder .*file.* choose another with -o"):
@@ -203,7 +201,7 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a device that is always full")
-def test_a_full_disk_is_told(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "run.json").symlink_to("/dev/full")
     with pytest.raises(CocloError, match="No space left"), run_folder.writing(tmp_path):
-        run_folder.write_json(tmp_path / "run.json", {})
+        run_folder.write_record(tmp_path, record_with(None))

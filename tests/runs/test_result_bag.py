@@ -12,10 +12,11 @@ from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.runs.comparison import evaluate_run, run_all
+from coclo_vio.runs.evaluating import evaluate_run
 from coclo_vio.runs.result_bag import write_run_bag
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_folder import read_estimates
+from coclo_vio.runs.running import run_modes
 from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.trajectory import GroundTruth
@@ -31,7 +32,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Evalu
     folder = tmp_path_factory.mktemp("run")
     write_leg_log(folder / "walk", robot, trial.measurements, GroundTruth(moved, True, "truth"))
     config = resolve("daisy")
-    run_all(folder / "walk", ["naive"], config, folder / "out")
+    run_modes(folder / "walk", ["naive"], config, folder / "out")
     evaluations, _ = evaluate_run(folder / "out", config.evaluation)
     return folder / "out", evaluations
 

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Modes over a short recording: what is in the run folder afterwards, also where one of them fails."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from short_recordings import FILM_START_NS
+from stand_in_modes import FAILS_AT_NS, FAILURE
+
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.output_logs import read_calibrations
+from coclo_vio.runs.run_config import resolve
+from coclo_vio.runs.run_record import RunRecord
+from coclo_vio.runs.running import run_modes
+from coclo_vio.values.errors import ConfigError, DatasetError, TopicNotFound
+from coclo_vio.values.outputs import Estimate, Event, KeyframeHealth, Output
+
+CONFIG = resolve("daisy")
+END_NS = 3_000_000_000
+
+pytestmark = pytest.mark.usefixtures("stand_ins")
+
+
+def test_a_run_folder_has_all_that_the_design_lists(leg_log: Path, tmp_path: Path) -> None:
+    record = run_modes(leg_log, ["naive", "naive_rolling"], CONFIG, tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {
+        *("naive.tum", "naive_state.csv", "naive_rolling.tum", "naive_rolling_state.csv"),
+        *("groundtruth.tum", "config.yaml", "run.json"),
+    }
+    assert run_folder.read_record(tmp_path / "out") == record
+    assert list(record.estimators) == ["naive", "naive_rolling"]
+    assert record.estimators["naive"].measurements == 3 * 301
+    assert record.recording_ns == (0, END_NS)
+    assert record.reader is not None
+    assert record.reader.format == "leg log"
+    assert resolve(None, tmp_path / "out" / "config.yaml") == CONFIG
+
+
+def test_a_visual_mode_runs_on_a_recording_without_a_robot(film: Path, tmp_path: Path) -> None:
+    record = run_modes(film, ["resting"], resolve(), tmp_path)
+    resting = record.estimators["resting"]
+    assert (record.robot, resting.measurements, resting.estimates) == (None, 20, 20)
+    assert resting.sensors == ("stereo",)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("resting.tum", "resting_state.csv", "resting_keyframes.csv", "resting_calibration.csv"),
+        *("groundtruth.tum", "config.yaml", "run.json"),
+    }
+    assert resolve(None, tmp_path / "config.yaml") == resolve()
+
+
+def test_a_trajectory_of_a_visual_mode_covers_the_time_of_the_cameras(film: Path, tmp_path: Path) -> None:
+    record = run_modes(film, ["resting"], resolve(), tmp_path)
+    assert record.recording_ns == (FILM_START_NS, FILM_START_NS + 3_900_000_000)
+    assert record.estimators["resting"].recording_ns == (FILM_START_NS, FILM_START_NS + 1_900_000_000)
+
+
+def test_events_keyframes_and_calibration_of_a_run_are_recorded(film: Path, tmp_path: Path) -> None:
+    run_modes(film, ["resting"], resolve(), tmp_path)
+    resting = run_folder.read_record(tmp_path).estimators["resting"]
+    last = {"time_s": 1.9, "stamp_ns": FILM_START_NS + 1_900_000_000, "kind": "vision_lost", "detail": "it is dark"}
+    assert len(resting.events) == 20
+    assert resting.events[-1].model_dump() == last
+    assert resting.keyframes is not None
+    assert resting.keyframes.count == 20
+    assert resting.keyframes.compute_ms_p95 == pytest.approx(7.0)
+    assert len((tmp_path / "resting_keyframes.csv").read_text(encoding="ascii").splitlines()) == 21
+    assert resting.calibration is not None
+    assert resting.calibration.stamp_ns == FILM_START_NS + 1_900_000_000
+    assert resting.calibration.rotation_sigma_rad == pytest.approx((0.005, 0.005, 0.005))
+    assert (resting.calibration.stereo_scale, resting.calibration.stereo_scale_sigma) == (1.02, 0.03)
+    assert len(read_calibrations(tmp_path, "resting")) == 20
+    assert resting.counts == {"frames": 20}
+
+
+def test_pictures_are_written_on_request(film: Path, tmp_path: Path) -> None:
+    record = run_modes(film, ["resting"], resolve(), tmp_path, pictures_every=1)
+    assert record.estimators["resting"].pictures == 20
+    names = sorted(path.name for path in (tmp_path / "debug_images" / "resting").iterdir())
+    assert names[0] == f"{FILM_START_NS}.jpg"
+    assert len(names) == 20
+
+
+def test_a_mode_without_images_writes_no_picture(leg_log: Path, tmp_path: Path) -> None:
+    record = run_modes(leg_log, ["naive"], CONFIG, tmp_path, pictures_every=1)
+    assert record.estimators["naive"].pictures == 0
+    assert not (tmp_path / "debug_images").exists()
+
+
+def test_a_mode_that_lacks_what_it_needs_leaves_the_others_alone(film: Path, leg_log: Path, tmp_path: Path) -> None:
+    record = run_modes(film, ["naive", "resting"], resolve(), tmp_path / "film")
+    assert record.estimators["resting"].estimates == 20
+    assert "has no joint, so there is no leg odometry" in (record.estimators["naive"].failure or "")
+    record = run_modes(leg_log, ["naive", "resting"], CONFIG, tmp_path / "log")
+    assert record.estimators["naive"].failure is None
+    failure = record.estimators["resting"].failure or ""
+    assert failure.endswith("has no stereo images; coclo-vio inspect lists what it has")
+
+
+def test_where_no_mode_has_what_it_needs_nothing_is_written(film: Path, leg_log: Path, tmp_path: Path) -> None:
+    with pytest.raises(TopicNotFound, match="has no joint, so there is no leg odometry"):
+        run_modes(film, ["naive", "coclo"], resolve(), tmp_path / "out")
+    with pytest.raises(TopicNotFound, match="has no stereo images; coclo-vio inspect"):
+        run_modes(leg_log, ["resting"], CONFIG, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_same_run_gives_the_same_files(leg_log: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path / name)
+    for file in ("naive.tum", "naive_state.csv", "groundtruth.tum", "config.yaml"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_a_mode_that_fails_keeps_its_estimates_and_the_others_go_on(leg_log: Path, tmp_path: Path) -> None:
+    run_modes(leg_log, ["failing", "naive_rolling"], CONFIG, tmp_path)
+    record = run_folder.read_record(tmp_path)
+    assert record.estimators["failing"].failure == FAILURE
+    assert record.estimators["naive_rolling"].failure is None
+    failed, whole = (run_folder.read_estimates(tmp_path, name).trajectory for name in ("failing", "naive_rolling"))
+    assert failed.stamps_ns[-1] == FAILS_AT_NS - 10_000_000
+    assert whole.stamps_ns[-1] == END_NS
+    np.testing.assert_array_equal(failed.T_world_body, whole.T_world_body[: len(failed)])
+
+
+def test_the_record_covers_the_whole_recording_where_every_mode_stopped_early(leg_log: Path, tmp_path: Path) -> None:
+    assert run_modes(leg_log, ["failing"], CONFIG, tmp_path).recording_ns == (0, END_NS)
+
+
+def test_an_estimate_of_an_undeclared_trajectory_stops_the_mode_and_names_the_declared_ones(
+    film: Path, tmp_path: Path
+) -> None:
+    record = run_modes(film, ["undeclared", "resting"], resolve(), tmp_path)
+    assert record.estimators["undeclared"].failure == (
+        "the mode undeclared gave an estimate of 'elsewhere', but it declares undeclared; name the trajectory in the "
+        "mode's declaration"
+    )
+    assert record.estimators["resting"].estimates == 20
+
+
+def test_a_recording_that_breaks_is_a_failure_of_every_mode(leg_log: Path, tmp_path: Path) -> None:
+    lines = (leg_log / "leg_log.csv").read_text(encoding="ascii").splitlines(keepends=True)
+    lines[200] = lines[200].replace(",", ",oops,", 1)
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "leg_log.csv").write_text("".join(lines), encoding="ascii")
+    record = run_modes(tmp_path / "broken", ["naive", "naive_rolling"], CONFIG, tmp_path / "out")
+    assert record.reader is None
+    for trajectory in record.estimators.values():
+        assert "line 201" in (trajectory.failure or "")
+        assert trajectory.estimates > 100
+
+
+def test_a_misspelt_mode_is_found_before_anything_runs(leg_log: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no mode 'naiv'"):
+        run_modes(leg_log, ["naive", "naiv"], CONFIG, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_cannot_be_written_is_named(leg_log: Path, tmp_path: Path) -> None:
+    (tmp_path / "naive.tum").mkdir()
+    with pytest.raises(DatasetError, match=r"cannot write .*naive\.tum: .*directory; choose another folder with -o"):
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path)
+
+
+def test_progress_gets_the_mode_and_the_stamps(leg_log: Path, tmp_path: Path) -> None:
+    calls: list[tuple[str, int]] = []
+    run_modes(leg_log, ["naive"], CONFIG, tmp_path, progress=lambda name, stamp_ns: calls.append((name, stamp_ns)))
+    assert calls[0] == ("naive", 0)
+    assert calls[-1] == ("naive", END_NS)
+    assert len(calls) == 903
+
+
+def test_a_watch_gets_every_output_with_its_mode(film: Path, tmp_path: Path) -> None:
+    seen: list[tuple[str, Output]] = []
+    run_modes(film, ["resting"], resolve(), tmp_path, watch=lambda name, output: seen.append((name, output)))
+    assert {name for name, _ in seen} == {"resting"}
+    for kind in (Estimate, Event, KeyframeHealth):
+        assert sum(isinstance(output, kind) for _, output in seen) == 20
+
+
+def test_a_recording_without_ground_truth_has_none_in_its_record(leg_log: Path, tmp_path: Path) -> None:
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log" / "leg_log.csv").write_bytes((leg_log / "leg_log.csv").read_bytes())
+    record = run_modes(tmp_path / "log", ["naive"], CONFIG, tmp_path / "out")
+    assert record.ground_truth is None
+    assert not (tmp_path / "out" / "groundtruth.tum").exists()
+
+
+def test_the_written_configuration_is_plain_yaml(leg_log: Path, tmp_path: Path) -> None:
+    run_modes(leg_log, ["naive"], CONFIG, tmp_path)
+    values = yaml.safe_load((tmp_path / "config.yaml").read_text(encoding="utf-8"))
+    assert values["robot"]["name"] == "daisy"
+    assert values["filter"]["profile"] == CONFIG.filter.profile
+
+
+def test_the_record_on_disk_is_json_with_its_schema_version(film: Path, tmp_path: Path) -> None:
+    run_modes(film, ["resting"], resolve(), tmp_path)
+    values = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    assert values["schema_version"] == RunRecord.model_fields["schema_version"].default
+    assert values["dataset"] == str(film)
