@@ -69,7 +69,7 @@ def test_two_trajectories_come_out_that_agree() -> None:
 @pytest.mark.parametrize("latency_s", [0.0, 0.2])
 def test_a_late_result_corrects_the_frame_that_it_is_of(latency_s: float) -> None:
     odometry = combined(BridgeConfig(vision_latency_s=latency_s))
-    by_legs = states(outputs_of(odometry, stream()), COMBINED_COCLO)
+    by_legs = states(outputs_of(odometry, between(stream(), 0.0, 3.0)), COMBINED_COCLO)
     assert error_m(by_legs[-1]) < 0.01
     assert odometry.counts["feedback_accepted"] > 3
     assert ("frame_while_busy" in odometry.counts) == (latency_s > FRAME_NS / NS_PER_S)
@@ -90,7 +90,7 @@ def test_feedback_corrects_what_vision_alone_can_determine() -> None:
 @pytest.mark.parametrize("policy", ["paper", "ci"])
 def test_other_policies_feed_back_too(policy: str) -> None:
     odometry = combined(BridgeConfig.parse({"feedback": policy}, "test"))
-    by_legs = states(outputs_of(odometry, stream()), COMBINED_COCLO)
+    by_legs = states(outputs_of(odometry, between(stream(), 0.0, 3.0)), COMBINED_COCLO)
     assert error_m(by_legs[-1]) < 0.02
     assert odometry.counts["feedback_accepted"] > 3
 
@@ -141,14 +141,14 @@ def test_a_camera_clock_of_its_own_loses_no_frame_and_no_joint_sample(
     offset_s: float, frames: int, joint_samples: int
 ) -> None:
     """What waits for the other clock comes out at the end; the estimates are those of cameras on the IMU's clock."""
-    recorded = between(with_late_clock(stream(), offset_s), 0.0, 2.4)
+    recorded = between(with_late_clock(stream(), offset_s), 0.0, 1.8)
     expected = outputs_of(combined(), with_late_clock(recorded, -offset_s))
     odometry = combined(time_offset_s=offset_s)
     pushed = [output for one in recorded for output in odometry.push(one)]
     finished = list(odometry.finish())
     assert (len(states(finished, COMBINED_VINS)), len(states(finished, COMBINED_COCLO))) == (frames, joint_samples)
     assert odometry.counts.get("not_waited_for_clock", 0) == 0
-    for name, least in ((COMBINED_COCLO, 190), (COMBINED_VINS, 25)):
+    for name, least in ((COMBINED_COCLO, 130), (COMBINED_VINS, 17)):
         got, wanted = states([*pushed, *finished], name), states(expected, name)
         assert len(got) == len(wanted) > least
         assert all(_same(one, other) for one, other in zip(got, wanted, strict=True))
@@ -326,10 +326,10 @@ def test_evidence_that_cannot_be_determined_is_an_event_and_the_relative_motion_
 
 @pytest.mark.usefixtures("_own_policies")
 def test_the_motion_between_frames_is_the_filters() -> None:
-    _, smoother, given = exchanging("off", 2.4)
+    _, smoother, given = exchanging("off", 2.0)
     deltas = [one for one in smoother.odometry if one is not None]
     assert [one.end_ns - one.start_ns for one in deltas] == [FRAME_NS] * len(deltas)
     by_legs = states([output for _, of_one in given for output in of_one], COMBINED_COCLO)
     travelled_m = sum(one.T_start_end[0, 3] for one in deltas)
     assert travelled_m == pytest.approx(by_legs[-1].nav.T_world_body[0, 3], abs=0.02)
-    assert travelled_m > 0.1
+    assert travelled_m > 0.08

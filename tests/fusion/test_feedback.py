@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Feedback policies on poses so close together that their exchange is linear and its joint estimate is known."""
 
+import runpy
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -203,3 +205,26 @@ def test_an_unknown_policy_lists_those_there_are(name: str) -> None:
         BridgeConfig.parse({"feedback": name}, "file")
     with pytest.raises(ConfigError, match=rf"bridge\.feedback = '{name}' is no feedback policy; there are: off"):
         make_feedback_policy(name, PARAMETERS)
+
+
+@pytest.fixture
+def _example() -> Iterator[None]:
+    """The policy ``inflated`` of the page on feedback policies."""
+    runpy.run_path(str(EXAMPLE))
+    yield
+    unregister_feedback_policy("inflated")
+
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "extending" / "examples" / "feedback_policy_plugin.py"
+
+
+@pytest.mark.usefixtures("_example")
+@pytest.mark.parametrize("seed", range(3))
+def test_the_example_of_a_policy_is_far_less_overconfident_than_the_papers(seed: int) -> None:
+    exchange, best = exchanged(seed, "inflated")
+    claimed = {name: exchanged(seed, name)[0].leg_filter.mean_and_covariance[1] for name in ("paper", "off")}
+    claimed["inflated"] = exchange.leg_filter.mean_and_covariance[1]
+    volume = {name: np.linalg.det(covariance / SCALE**2) for name, covariance in claimed.items()}
+    joint_volume = np.linalg.det(best / SCALE**2)
+    assert volume["paper"] < 0.15 * joint_volume
+    assert 0.5 * joint_volume < volume["inflated"] < volume["off"]

@@ -3,18 +3,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from short_recordings import write_film, write_walk
 from stand_in_modes import STAND_INS
+from tiny_recordings import write_film
 
 from coclo_vio.runs.modes.registry import register_mode, unregister_mode
-
-
-@pytest.fixture(scope="session")
-def leg_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds of a Daisy that stands and walks, at 100 Hz, with ground truth."""
-    folder = tmp_path_factory.mktemp("leg_log")
-    write_walk(folder)
-    return folder
 
 
 @pytest.fixture(scope="session")

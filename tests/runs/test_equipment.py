@@ -4,7 +4,7 @@
 from pathlib import Path
 
 import pytest
-from short_recordings import BODY_IMU, CAMERA_IMU, camera_imu, imu, joints, tiny_cameras, write_still
+from tiny_recordings import BODY_IMU, CAMERA_IMU, camera_imu, imu, joints, tiny_cameras, write_still
 
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.euroc_folder import EurocFolder

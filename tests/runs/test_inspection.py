@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
-from short_recordings import tiny_cameras, tiny_frames
+from tiny_recordings import tiny_cameras, tiny_frames
 
 from coclo_vio.cli.inspection_view import drawn
 from coclo_vio.datasets import images

@@ -4,7 +4,7 @@
 from pathlib import Path
 
 import pytest
-from short_recordings import camera_imu, imu, joints, write_still
+from tiny_recordings import camera_imu, imu, joints, write_still
 
 from coclo_vio.runs.mode_choice import compared_modes, default_mode
 from coclo_vio.runs.run_config import resolve

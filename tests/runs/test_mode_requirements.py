@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from short_recordings import tiny_cameras
+from tiny_recordings import tiny_cameras
 
 from coclo_vio.datasets.read_report import ReadReport, StreamReport
 from coclo_vio.geometry import se3

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from short_recordings import FILM_START_NS
 from stand_in_modes import FAILS_AT_NS, FAILURE
+from tiny_recordings import FILM_START_NS
 
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.output_logs import read_calibrations

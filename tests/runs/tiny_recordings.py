@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recordings of a few seconds: a Daisy's leg log, a film without a robot, and any sensors of a body at rest."""
+"""Tiny recordings: a film without a robot, and any sensors of a body at rest."""
 
 from pathlib import Path
 
@@ -7,12 +7,9 @@ import numpy as np
 
 from coclo_vio.datasets import images
 from coclo_vio.datasets.recording_contents import RecordingContents
-from coclo_vio.datasets.writer import write_euroc_folder, write_leg_log
+from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import load_robot
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
-from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.values.measurements import (
     CameraImuSample,
@@ -42,14 +39,6 @@ def tiny_cameras() -> StereoCalibration:
 def tiny_frames(stamps_ns: range, brightness: int = 0) -> list[EncodedStereoFrame]:
     data = images.encoded(np.full((6, 8), brightness, dtype=np.uint8), "png")
     return [EncodedStereoFrame(stamp_ns, data, data, "png") for stamp_ns in stamps_ns]
-
-
-def write_walk(folder: Path) -> None:
-    """Three seconds of a Daisy that stands and walks, at 100 Hz, with ground truth."""
-    robot = load_robot("daisy")
-    body = BodyMotionConfig(rest_s=0.8, walk_s=2.0, stop_s=0.2, ramp_s=0.4)
-    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=12)
-    write_leg_log(folder, robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))
 
 
 def write_film(folder: Path) -> None:
