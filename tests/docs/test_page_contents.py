@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the pages show is what the package does: columns, robot, modes, commands, settings."""
+"""What the pages show is what the package does: columns, robot, modes, commands, settings, events, names."""
 
+import ast
 import re
 from importlib import resources
 from pathlib import Path
@@ -8,22 +9,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coclo_vio.cli import app
+from coclo_vio.cli.application import COMMANDS
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.evaluation.evaluation import Evaluation
+from coclo_vio.filter.evidence_gate import GateOutcome
 from coclo_vio.robot.description import LegDescription, RobotDescription, load_robot
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.runs.estimators import ESTIMATORS
+from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.simulation.simulated_recording import simulation_config
 from coclo_vio.values.config import parse_settings
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
 
-_DOCS = Path(__file__).resolve().parents[2] / "docs"
+_ROOT = Path(__file__).resolve().parents[2]
+_DOCS = _ROOT / "docs"
 _ALL_PAGES = "\n".join(page.read_text(encoding="utf-8") for page in sorted(_DOCS.glob("**/*.md")))
 _IN_BLOCKS = "\n".join(re.findall(r"^```.*?^```", _ALL_PAGES, flags=re.DOTALL | re.MULTILINE))
 _COMMAND = re.compile(r"^coclo-vio ([a-z]+)\b", flags=re.MULTILINE)
+_SNAKE_CASE = re.compile(r"\b[a-z][a-z0-9]*(?:_[a-z0-9]+)+\b")
+_OF_A_READER = ("my_body", "my_imu", "stairs_truth", "stereo_keyframes")  # names of a reader's own files and frames
 _SETTING = re.compile(r"--set (?:'([^']+)'|([a-z][\w.]*=[^\s`]+))")
 
 
@@ -98,7 +103,7 @@ def test_the_columns_of_the_page_are_the_canonical_ones() -> None:
 
 def test_the_modes_of_the_page_are_those_there_are() -> None:
     rows = _table(_page("modes.md"), "| `--mode` |")
-    assert {name for row in rows for name in _in_code(row[0])} == set(ESTIMATORS)
+    assert {name for row in rows for name in _in_code(row[0])} == set(modes())
 
 
 def test_the_metrics_of_the_page_are_those_of_an_evaluation() -> None:
@@ -108,17 +113,57 @@ def test_the_metrics_of_the_page_are_those_of_an_evaluation() -> None:
 
 
 def test_every_command_that_a_page_names_exists() -> None:
-    there = {command.name or command.callback.__name__ for command in app.registered_commands if command.callback}
     named = set(_COMMAND.findall(_IN_BLOCKS)) | set(re.findall(r"`coclo-vio ([a-z]+)\b", _ALL_PAGES))
     assert len(named) > 8
-    assert named <= there
+    assert named <= set(COMMANDS)
 
 
 def test_every_setting_that_a_page_gives_exists() -> None:
+    examples = "".join(file.read_text(encoding="utf-8") for file in (_DOCS / "extending" / "examples").glob("*.py"))
     settings = {quoted or bare for quoted, bare in _SETTING.findall(_ALL_PAGES)}
     of_trials = {setting for setting in settings if setting.startswith("trial.")}
+    of_plugins = {setting for setting in settings if f'"{setting.partition("=")[2]}"' in examples}
     assert of_trials
+    assert len(of_plugins) == 2, "a contact estimator and a feedback policy, which the tests of the examples choose"
     simulation_config("flat", parse_settings(sorted(of_trials)))
     assert len(settings - of_trials) > 8
-    for setting in sorted(settings - of_trials):
+    for setting in sorted(settings - of_trials - of_plugins):
         resolve("daisy", settings=[setting])
+
+
+def test_every_event_is_on_a_page_with_its_condition() -> None:
+    vision = {name for row in _table(_page("vision.md"), "| event | condition |") for name in _in_code(row[0])}
+    bridge = set(re.findall(r"`(feedback_\w+ed)`", _page("bridge.md")))
+    assert vision | bridge == _event_kinds()
+
+
+def _event_kinds() -> set[str]:
+    """The kinds of all events that the sources make, each a constant in a call of ``Event`` or of an event log."""
+    kinds = {f"feedback_{outcome.value}" for outcome in (GateOutcome.REJECTED, GateOutcome.FORCED)}
+    for file in (*(_ROOT / "coclo_vio" / "backend").rglob("*.py"), *(_ROOT / "coclo_vio" / "fusion").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(
+                    func=ast.Name(id="Event") | ast.Attribute(attr="add"), args=[_, ast.Constant(value=str(kind)), _]
+                ):
+                    kinds.add(kind)
+    return kinds
+
+
+def test_names_in_code_type_are_names_of_the_package() -> None:
+    """Of counts, events, settings, metrics, files: a renamed one is found on every page."""
+    sources = [*(_ROOT / "coclo_vio").rglob("*.py"), *(_ROOT / "coclo_vio").rglob("*.yaml"), *_ROOT.glob("*.toml")]
+    sources += [*(_ROOT / "tests").rglob("*.py"), *(_ROOT / "examples").iterdir(), _ROOT / "Makefile"]
+    known = {
+        word for file in sources if file.is_file() for word in re.findall(r"\w+", file.read_text(encoding="utf-8"))
+    }
+    known |= {path.stem for path in [*sources, *_DOCS.rglob("*")]} | set(_OF_A_READER)
+    pages = [*_DOCS.rglob("*.md"), *(_ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONVENTIONS.md"))]
+    named = {
+        f"{page.name}: {name}"
+        for page in pages
+        for code in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8"))
+        for name in _SNAKE_CASE.findall(code)
+        if name not in known
+    }
+    assert sorted(named) == []
