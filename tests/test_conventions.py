@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The conventions of CONVENTIONS.md that no other test holds, and that every one of them is held."""
 
-import ast
 import re
 from pathlib import Path
 
@@ -73,23 +72,6 @@ def test_every_convention_names_a_test() -> None:
     ]
     assert len(rows) >= 20
     assert [row for row in rows if not _LINK.search(row)] == []
-
-
-@pytest.mark.parametrize("page", ["CONVENTIONS.md", "ARCHITECTURE.md", "docs/filter.md"])
-def test_every_test_that_a_page_names_exists(page: str) -> None:
-    links = _LINK.findall((_ROOT / page).read_text(encoding="utf-8"))
-    assert links
-    missing = [
-        f"{path}::{name}"
-        for path, name in links
-        if not (_ROOT / path).is_file()
-        or name not in {node.name for node in _tree(path).body if isinstance(node, ast.FunctionDef)}
-    ]
-    assert missing == []
-
-
-def _tree(path: str) -> ast.Module:
-    return ast.parse((_ROOT / path).read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", sorted(set(robot_names()) - {"a1", "anymal_b"}))

@@ -80,6 +80,15 @@ def test_the_quick_start_shows_the_contract() -> None:
     assert [ast.dump(ast.parse(block)) for block in blocks] == [ast.dump(ast.parse(CONTRACT))]
 
 
+def test_the_python_of_the_readme_runs(go1_walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(go1_walk, "my_log.mcap")
+    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    exec(block, {"print": lambda *_: None})
+    assert Path("path.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_the_import_loads_no_third_party_package() -> None:
     assert added_by_import() == ["coclo_vio"]
     assert "numpy" in added_by_import("cv.Trajectory"), "the probe finds what a name loads"
