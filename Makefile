@@ -59,7 +59,7 @@ table: setup ## the paper's Table I over ten seeds, in out/table (OUT=... elsewh
 	$(ONE_THREAD) $(BIN)/coclo-vio table --seeds 10 -o $(OUT)/table
 
 results: setup ## measure demo, Go1 and speed anew, and write all results into README and docs
-	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.results --measure $(MEASURE)
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.results --measure '$(MEASURE)'
 
 sample: setup ## remake the bundled sample from its seed (needs OpenGL without a screen)
 	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.sample_maker coclo_vio/datasets/sample_data/daisy_stairs.mcap

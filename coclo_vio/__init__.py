@@ -12,20 +12,27 @@ __version__ = "0.1.0"
 _HOMES = {
     "api.recording": ("Recording",),
     "api.run": ("Run", "load_ground_truth", "load_run", "run"),
-    "api.comparison": ("Comparison", "compare"),
+    "api.comparison": ("ComparedRecording", "Comparison", "compare"),
     "api.trajectory_evaluation": ("evaluate",),
     "api.online": ("make_estimator",),
     "datasets.dataset": ("register_format",),
     "datasets.sample": ("sample_path",),
+    "evaluation.evaluate": ("EvaluationConfig",),
     "evaluation.evaluation": ("Evaluation",),
-    "fusion.feedback": ("Feedback", "FeedbackPolicy", "register_feedback_policy"),
-    "robot.contact": ("ContactEstimator", "ContactState", "register_contact_estimator"),
+    "evaluation.ranking": ("Ranking",),
+    "fusion.feedback": ("Feedback", "FeedbackPolicy", "PolicyParameters", "register_feedback_policy"),
+    "fusion.streaming": ("StreamingEstimator",),
+    "robot.contact": ("ContactConfig", "ContactEstimator", "ContactState", "register_contact_estimator"),
     "robot.description": ("RobotDescription", "load_robot", "robot_names"),
-    "runs.modes.mode": ("Mode", "Need"),
-    "runs.modes.registry": ("modes", "register_mode"),
+    "runs.inspection": ("Inspection",),
+    "runs.modes.mode": ("Compared", "Mode", "Need"),
+    "runs.modes.registry": ("modes", "register_mode", "unregister_mode"),
     "runs.run_config": ("RunConfig",),
+    "runs.run_folder": ("RecordedTrajectory",),
+    "runs.run_record": ("RunRecord",),
     "values.calibration": ("ImuCalibration", "SensorCalibrations", "StereoCalibration"),
     "values.errors": ("CocloError", "ConfigError", "DatasetError", "EvaluationError"),
+    "values.keyframes": ("KeyframeResult", "OdometryDelta", "PoseEvidence", "PoseMarginal", "PosePair"),
     "values.estimates": ("FootState", "NavState", "StateEstimate"),
     "values.measurements": (
         "BodyTwistSample",
@@ -61,10 +68,11 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)
 
 
 if TYPE_CHECKING:
+    from coclo_vio.api.comparison import ComparedRecording as ComparedRecording
     from coclo_vio.api.comparison import Comparison as Comparison
     from coclo_vio.api.comparison import compare as compare
     from coclo_vio.api.online import make_estimator as make_estimator
@@ -77,21 +85,31 @@ if TYPE_CHECKING:
     from coclo_vio.api.trajectory_evaluation import evaluate as evaluate
     from coclo_vio.datasets.dataset import register_format as register_format
     from coclo_vio.datasets.sample import sample_path as sample_path
+    from coclo_vio.evaluation.evaluate import EvaluationConfig as EvaluationConfig
     from coclo_vio.evaluation.evaluation import Evaluation as Evaluation
+    from coclo_vio.evaluation.ranking import Ranking as Ranking
     from coclo_vio.fusion.feedback import Feedback as Feedback
     from coclo_vio.fusion.feedback import FeedbackPolicy as FeedbackPolicy
+    from coclo_vio.fusion.feedback import PolicyParameters as PolicyParameters
     from coclo_vio.fusion.feedback import register_feedback_policy as register_feedback_policy
+    from coclo_vio.fusion.streaming import StreamingEstimator as StreamingEstimator
+    from coclo_vio.robot.contact import ContactConfig as ContactConfig
     from coclo_vio.robot.contact import ContactEstimator as ContactEstimator
     from coclo_vio.robot.contact import ContactState as ContactState
     from coclo_vio.robot.contact import register_contact_estimator as register_contact_estimator
     from coclo_vio.robot.description import RobotDescription as RobotDescription
     from coclo_vio.robot.description import load_robot as load_robot
     from coclo_vio.robot.description import robot_names as robot_names
+    from coclo_vio.runs.inspection import Inspection as Inspection
+    from coclo_vio.runs.modes.mode import Compared as Compared
     from coclo_vio.runs.modes.mode import Mode as Mode
     from coclo_vio.runs.modes.mode import Need as Need
     from coclo_vio.runs.modes.registry import modes as modes
     from coclo_vio.runs.modes.registry import register_mode as register_mode
+    from coclo_vio.runs.modes.registry import unregister_mode as unregister_mode
     from coclo_vio.runs.run_config import RunConfig as RunConfig
+    from coclo_vio.runs.run_folder import RecordedTrajectory as RecordedTrajectory
+    from coclo_vio.runs.run_record import RunRecord as RunRecord
     from coclo_vio.values.calibration import ImuCalibration as ImuCalibration
     from coclo_vio.values.calibration import SensorCalibrations as SensorCalibrations
     from coclo_vio.values.calibration import StereoCalibration as StereoCalibration
@@ -102,6 +120,11 @@ if TYPE_CHECKING:
     from coclo_vio.values.estimates import FootState as FootState
     from coclo_vio.values.estimates import NavState as NavState
     from coclo_vio.values.estimates import StateEstimate as StateEstimate
+    from coclo_vio.values.keyframes import KeyframeResult as KeyframeResult
+    from coclo_vio.values.keyframes import OdometryDelta as OdometryDelta
+    from coclo_vio.values.keyframes import PoseEvidence as PoseEvidence
+    from coclo_vio.values.keyframes import PoseMarginal as PoseMarginal
+    from coclo_vio.values.keyframes import PosePair as PosePair
     from coclo_vio.values.measurements import BodyTwistSample as BodyTwistSample
     from coclo_vio.values.measurements import CameraImuSample as CameraImuSample
     from coclo_vio.values.measurements import FootForceSample as FootForceSample

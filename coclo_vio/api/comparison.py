@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Several modes over several recordings, side by side against ground truth."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self
 
 from coclo_vio.api.recording import Recording, open_recording
-from coclo_vio.api.run import Run, run
+from coclo_vio.api.run import Run, mode_names, run
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.ranking import Ranking, rank
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs.comparison_report import Compared, report_title, write_comparison, write_comparisons
-from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.running import Progress
-from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +68,11 @@ class Comparison:
 
     Attributes:
         recordings: by name, those that could be run.
+        failures: why the others could not, by name.
     """
 
     recordings: Mapping[str, ComparedRecording]
+    failures: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def metrics(self) -> Mapping[str, Mapping[str, Evaluation]]:
@@ -83,18 +83,6 @@ class Comparison:
     def table(self) -> TableOne:
         """In the form of the paper's Table I."""
         return TableOne.of(self.metrics)
-
-    def write_report(self, folder: str | Path) -> Path:
-        """Write the report of each recording, and a page over all where there are several; the path of the page.
-
-        Args:
-            folder: above the run folders, or that of the only one.
-
-        Raises:
-            DatasetError: a file cannot be written.
-        """
-        pages = [compared.write_report() for compared in self.recordings.values()]
-        return pages[0] if len(pages) == 1 else self.write_index(folder)
 
     def write_index(self, folder: str | Path) -> Path:
         """Write ``compare.json``, ``ranking.json`` and ``report.html`` over recordings whose reports are written.
@@ -109,18 +97,14 @@ class Comparison:
         title = "1 recording" if count == 1 else f"{count} recordings"
         return write_comparisons(Path(folder), title, {name: one.compared for name, one in self.recordings.items()})
 
-    @classmethod
-    def of(cls, compared: Sequence[ComparedRecording]) -> Self:
-        """A comparison of recordings that have run."""
-        return cls({one.name: one for one in compared})
-
 
 def compare(
-    recordings: Sequence[Recording | str | Path],
-    modes: Sequence[str] | None = None,
+    recordings: Recording | str | Path | Sequence[Recording | str | Path],
+    modes: str | Sequence[str] | None = None,
     *,
     output: str | Path | None = None,
     progress: Progress | None = None,
+    done: Callable[[ComparedRecording], None] | None = None,
 ) -> Comparison:
     """Run several modes on recordings and measure them against ground truth.
 
@@ -129,32 +113,44 @@ def compare(
         modes: names; by what each recording is enough for if None.
         output: folder for run folders, ``compare.json``, figures and ``report.html``; nothing is kept if None.
         progress: called with the mode and the stamp (ns) of each measurement.
+        done: called with each recording once it has run and its report is written.
 
     Raises:
-        DatasetError: a recording cannot be read, or has no ground truth.
+        DatasetError: a recording cannot be read or has no ground truth, or none could be run.
         ConfigError: there is no such mode.
     """
-    opened = [one if isinstance(one, Recording) else open_recording(one) for one in recordings]
+    given = [recordings] if isinstance(recordings, Recording | str | Path) else list(recordings)
+    opened = [one if isinstance(one, Recording) else open_recording(one) for one in given]
     if not opened:
         raise ConfigError("there is no recording to compare on; give at least one")
     for recording in opened:
         check_comparable(recording, modes)
-    folders = [None if output is None else folder for folder in result_folders(opened, Path(output or ""))]
-    names = distinct_names(opened)
-    comparison = Comparison.of(
-        [
-            compare_one(recording, modes, name=name, folder=folder, progress=progress)
-            for recording, name, folder in zip(opened, names, folders, strict=True)
-        ]
-    )
-    if output is not None:
-        comparison.write_report(output)
+    compared: list[ComparedRecording] = []
+    failures: dict[str, str] = {}
+    for recording, name in zip(opened, distinct_names(opened), strict=True):
+        folder = None if output is None else result_folder(Path(output), name, count=len(opened))
+        try:
+            compared.append(compare_one(recording, modes, name=name, folder=folder, progress=progress))
+        except CocloError as error:
+            if len(opened) == 1:
+                raise
+            failures[name] = str(error)
+            continue
+        if output is not None:
+            compared[-1].write_report()
+        if done is not None:
+            done(compared[-1])
+    if not compared:
+        raise DatasetError("; ".join(f"{name}: {reason}" for name, reason in failures.items()))
+    comparison = Comparison({one.name: one for one in compared}, failures)
+    if output is not None and len(opened) > 1:
+        comparison.write_index(output)
     return comparison
 
 
 def compare_one(
     recording: Recording,
-    modes: Sequence[str] | None = None,
+    modes: str | Sequence[str] | None = None,
     *,
     name: str | None = None,
     folder: Path | None = None,
@@ -165,20 +161,22 @@ def compare_one(
     Raises:
         CocloError: the recording is at fault, or no mode has what it needs.
     """
-    done = run(recording, modes or recording.modes, folder=folder, progress=progress)
+    done = run(recording, recording.modes if modes is None else modes, folder=folder, progress=progress)
     evaluations, failures = done.evaluated(config=recording.config.evaluation)
-    return ComparedRecording(name or recording.name, recording, done, evaluations, {**failures, **done.failures})
+    stopped = done.failures
+    others = {name: why for name, why in failures.items() if done.record.estimators[name].mode not in stopped}
+    return ComparedRecording(name or recording.name, recording, done, evaluations, {**others, **stopped})
 
 
-def check_comparable(recording: Recording, modes: Sequence[str] | None) -> None:
+def check_comparable(recording: Recording, modes: str | Sequence[str] | None) -> None:
     """Find what is wrong before anything runs.
 
     Raises:
         ConfigError: there is no such mode.
         DatasetError: the recording cannot be read, or has no ground truth.
     """
-    for name in modes or ():
-        mode_of(name)
+    if modes is not None:
+        mode_names(modes)
     if recording.ground_truth() is None:
         path = recording.path
         raise DatasetError(
@@ -187,11 +185,9 @@ def check_comparable(recording: Recording, modes: Sequence[str] | None) -> None:
         )
 
 
-def result_folders(recordings: Sequence[Recording], output: Path) -> list[Path]:
-    """The run folder of each recording: the output itself where there is only one."""
-    if len(recordings) == 1:
-        return [output]
-    return [output / name for name in distinct_names(recordings)]
+def result_folder(output: Path, name: str, *, count: int) -> Path:
+    """The run folder of a recording among so many: the output itself where it is the only one."""
+    return output if count == 1 else output / name
 
 
 def distinct_names(recordings: Sequence[Recording]) -> list[str]:

@@ -5,12 +5,11 @@ from pathlib import Path
 
 from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.runs.equipment import Equipment
+from coclo_vio.runs.equipment import Equipment, check_pictures
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.plugins import load_plugins
 from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.values.calibration import SensorCalibrations, StereoCalibration
-from coclo_vio.values.config import merged
 from coclo_vio.values.measurements import ALL_SENSORS
 from coclo_vio.values.outputs import Estimator
 
@@ -28,7 +27,8 @@ def make_estimator(
 
     Args:
         mode: name.
-        robot: name of a known robot, path of a YAML file, or a description; none for the visual modes.
+        robot: name of a known robot, path of a YAML file, or a description; that of the configuration if None; none
+            for the visual modes.
         calibration: of cameras and IMUs, or of the cameras alone; none for leg odometry. The body's IMU is mounted as
             the robot's description has it where this does not contain it.
         config: of all stages; the robot's own and the defaults if None.
@@ -41,12 +41,15 @@ def make_estimator(
         RobotModelError: the robot's description does not fit its URDF.
     """
     load_plugins()  # a robot's file may name a contact estimator of theirs
-    described = robot if isinstance(robot, RobotDescription) else None if robot is None else load_robot(robot)
+    check_pictures(pictures_every)
+    described = load_robot(robot) if isinstance(robot, str | Path) else robot
+    if described is None and config is not None:
+        described = config.robot
     known = SensorCalibrations(stereo=calibration) if isinstance(calibration, StereoCalibration) else calibration
     known = known or SensorCalibrations()
     if described is not None and known.imu is not None:
         described = described.model_copy(update={"imu": known.imu})
-    resolved = _config_of(described) if config is None else config
+    resolved = resolve(described) if config is None else config
     imu = known.imu if described is None else described.imu
     equipment = Equipment(
         None if described is None else RobotModel(described),
@@ -58,12 +61,3 @@ def make_estimator(
         pictures_every,
     )
     return mode_of(mode).make(equipment, resolved)
-
-
-def _config_of(robot: RobotDescription | None) -> RunConfig:
-    """The defaults, with the filter's parameters of the robot's description."""
-    defaults = resolve()
-    if robot is None or not robot.filter:
-        return defaults
-    filter_values = merged(defaults.filter.model_dump(), robot.filter)
-    return RunConfig.parse({"filter": filter_values}, f"filter of the robot {robot.name}")

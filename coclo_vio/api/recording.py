@@ -122,10 +122,7 @@ def open_recording(
         ConfigError: an unknown robot or key, or a value out of bounds.
     """
     path = Path(path)
-    is_described = isinstance(robot, RobotDescription)
-    named = None if robot is None or is_described else str(robot)
+    named = robot if robot is None or isinstance(robot, RobotDescription) else str(robot)
     resolved, _ = resolve_if_known(path, named, None if config is None else Path(config), settings)
-    if isinstance(robot, RobotDescription):
-        resolved = resolved.model_copy(update={"robot": robot})
     robot_fit(path, resolved.dataset)  # the path exists, and its format is known
     return Recording(path, resolved)

@@ -18,10 +18,11 @@ from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import evaluating, run_folder
-from coclo_vio.runs.modes.registry import modes
+from coclo_vio.runs.equipment import check_pictures
+from coclo_vio.runs.evaluating import evaluation_config
+from coclo_vio.runs.modes.registry import mode_of, modes
 from coclo_vio.runs.output_logs import read_calibrations, read_health
-from coclo_vio.runs.run_config import resolve
-from coclo_vio.runs.run_figures import draw_figure
+from coclo_vio.runs.run_figures import check_figure, draw_figure
 from coclo_vio.runs.run_folder import RecordedTrajectory
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.runs.running import Progress, Watch, run_modes
@@ -82,6 +83,9 @@ class Run:
         name = name or self.names[0]
         if name not in self.record.estimators:
             raise DatasetError(f"{self.folder} has no trajectory {name!r}; it has {listing(self.names)}")
+        of_run = self.record.estimators[name]
+        if not of_run.estimates:
+            raise DatasetError(f"{self.folder} has no pose of {name!r}: {of_run.failure or 'the mode gave none'}")
         return run_folder.read_estimates(self.folder, name)
 
     @property
@@ -143,8 +147,7 @@ class Run:
     @property
     def evaluation_config(self) -> EvaluationConfig:
         """How the run was configured to be compared with ground truth."""
-        file = self.folder / "config.yaml"
-        return resolve(None, file if file.is_file() else None).evaluation
+        return evaluation_config(self.folder / "config.yaml")
 
     def save(self, folder: str | Path) -> Path:
         """Copy the run folder; returns the path of the copy.
@@ -153,6 +156,9 @@ class Run:
             DatasetError: it cannot be written.
         """
         target = run_folder.prepare(Path(folder))
+        if target.resolve() == self.folder.resolve():
+            return target
+        run_folder.clear(target)
         with run_folder.writing(target):
             shutil.copytree(self.folder, target, dirs_exist_ok=True)
         return target
@@ -169,8 +175,9 @@ class Run:
             EvaluationError: no such figure, it needs a ground truth or data that the run does not have, or matplotlib
                 is not installed.
         """
+        check_figure(kind)
         has_truth = vicon is not None or self.record.ground_truth is not None
-        evaluations = self.metrics(vicon) if has_truth else {}
+        evaluations = self.evaluated(vicon)[0] if has_truth else {}
         return draw_figure(kind, self.folder, self.record, evaluations, self.evaluation_config)
 
 
@@ -199,10 +206,8 @@ def run(
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
-    chosen = recording.default_mode if mode is None else mode
-    names = [chosen] if isinstance(chosen, str) else list(chosen)
-    if not names:
-        raise ConfigError(f"the list of modes is empty; give at least one of {listing(modes())}")
+    names = mode_names(recording.default_mode if mode is None else mode)
+    check_pictures(pictures_every)
     with ExitStack() as stack:
         if folder is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_"))
@@ -216,6 +221,21 @@ def run(
             pictures_every=pictures_every,
         )
         return Run(Path(folder), record, remove=stack.pop_all().close)
+
+
+def mode_names(modes_given: str | Sequence[str]) -> list[str]:
+    """The names of modes, each checked.
+
+    Args:
+        modes_given: a name, or several.
+
+    Raises:
+        ConfigError: there is no such mode, or the list is empty.
+    """
+    names = [modes_given] if isinstance(modes_given, str) else list(modes_given)
+    if not names:
+        raise ConfigError(f"the list of modes is empty; give at least one of {listing(modes())}")
+    return [mode_of(name).name for name in names]
 
 
 def load_run(folder: str | Path) -> Run:

@@ -1,21 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The commands that run several modes side by side: ``demo``, ``compare``."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from coclo_vio.api.comparison import (
-    ComparedRecording,
-    Comparison,
-    check_comparable,
-    compare_one,
-    distinct_names,
-    result_folders,
-)
-from coclo_vio.api.recording import Recording, open_recording
+from coclo_vio.api.comparison import ComparedRecording, Comparison
+from coclo_vio.api.comparison import compare as compare_recordings
+from coclo_vio.api.recording import open_recording
 from coclo_vio.cli.mode_help import MODES_PLACE
 from coclo_vio.cli.options import (
     ConfigOption,
@@ -37,7 +30,7 @@ from coclo_vio.cli.terminal import give, say
 from coclo_vio.datasets.sample import DURATION_S, LENGTH_M, sample_path
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.runs.modes.registry import mode_of, modes
-from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
+from coclo_vio.values.errors import ConfigError, DatasetError
 
 
 def demo(output: OutOption = Path("demo_out")) -> None:
@@ -47,8 +40,9 @@ def demo(output: OutOption = Path("demo_out")) -> None:
         f"the bundled recording: {DURATION_S:.0f} s of a simulated hexapod Daisy that climbs stairs, {LENGTH_M:.1f} m; "
         f"{len(recording.modes)} estimators run one after the other on one core, which takes one to two minutes"
     )
-    compared = _compare_and_print(recording, None, recording.name, output, DURATION_S)
-    _finish([compared], output)
+    with progress_bar(DURATION_S) as progress:
+        comparison = compare_recordings(recording, output=output, progress=progress, done=_print)
+    _finish(comparison, output)
 
 
 def compare(
@@ -67,19 +61,9 @@ def compare(
     names = _mode_names(modes)
     changed = with_partial(settings, allow_partial)
     recordings = [open_recording(dataset, robot, config=config, settings=changed) for dataset in datasets]
-    for recording in recordings:
-        check_comparable(recording, names)
-    compared, failed = [], []
-    folders, titles = result_folders(recordings, output), distinct_names(recordings)
-    for recording, name, folder in zip(recordings, titles, folders, strict=True):
-        try:
-            compared.append(_compare_and_print(recording, names, name, folder))
-        except CocloError as error:
-            if len(recordings) == 1:
-                raise
-            print_failures({name: str(error)})
-            failed.append(str(recording.path))
-    _finish(compared, output, failed)
+    with progress_bar() as progress:
+        comparison = compare_recordings(recordings, names, output=output, progress=progress, done=_print)
+    _finish(comparison, output)
 
 
 def _mode_names(text: str | None) -> list[str] | None:
@@ -98,34 +82,27 @@ def _mode_names(text: str | None) -> list[str] | None:
     return names
 
 
-def _compare_and_print(
-    recording: Recording, names: Sequence[str] | None, name: str, folder: Path, total_s: float | None = None
-) -> ComparedRecording:
-    """Run, measure, print, and write the report of one recording."""
-    with progress_bar(total_s) as progress:
-        compared = compare_one(recording, names, name=name, folder=folder, progress=progress)
-    print_run(compared.run.record, folder, brief=True)
+def _print(compared: ComparedRecording) -> None:
+    """What a recording came to."""
+    print_run(compared.run.record, compared.run.folder, brief=True)
     print_table(compared.metrics, compared.title)
-    print_ranking(compared.metrics, recording.config.evaluation)
+    print_ranking(compared.metrics, compared.recording.config.evaluation)
     print_failures(compared.failures)
-    compared.write_report()
-    return compared
 
 
-def _finish(compared: Sequence[ComparedRecording], output: Path, failed: Sequence[str] = ()) -> None:
+def _finish(comparison: Comparison, output: Path) -> None:
     """The table over all where there are several, and the path of the report.
 
     Raises:
         DatasetError: a recording has no result.
     """
-    comparison = Comparison.of(compared)
-    if len(compared) + len(failed) > 1 and compared:
+    print_failures(comparison.failures)
+    if len(comparison.recordings) + len(comparison.failures) > 1:
         print_table_one(comparison.table)
-        give(f"report: {comparison.write_index(output)}")
-    elif compared:
-        give(f"report: {compared[0].run.folder / 'report.html'}")
-    if compared and not can_draw():
+    give(f"report: {output / 'report.html'}")
+    if not can_draw():
         say(NO_FIGURES)
-    without_result = [*failed, *(str(one.recording.path) for one in compared if one.has_failed)]
+    failed = [name for name, one in comparison.recordings.items() if one.has_failed]
+    without_result = [*comparison.failures, *failed]
     if without_result:
         raise DatasetError(f"no mode went through on {', '.join(without_result)}; the reasons are listed above")

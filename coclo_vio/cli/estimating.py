@@ -24,12 +24,11 @@ from coclo_vio.cli.options import (
 from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
-from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
 from coclo_vio.runs.comparison_report import report_title
+from coclo_vio.runs.evaluating import evaluation_config
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.result_bag import write_run_bag
-from coclo_vio.runs.run_config import resolve
 from coclo_vio.values.errors import DatasetError, EvaluationError
 
 if TYPE_CHECKING:
@@ -70,8 +69,9 @@ def run(
         evaluations, failures = done.evaluated(config=recording.config.evaluation)
         print_table(evaluations, report_title(recording.name, recording.config))
         print_failures(failures)
-    if bag is not None and first.estimates:
-        write_run_bag(bag, output, list(done.names), evaluations)
+    with_poses = [name for name, trajectory in done.record.estimators.items() if trajectory.estimates]
+    if bag is not None and with_poses:
+        write_run_bag(bag, output, with_poses, evaluations)
         give(f"bag: {bag}")
     _check(done, dataset, output)
 
@@ -107,7 +107,7 @@ def evaluate(
     as_json: JsonOption = False,
 ) -> None:
     """Measure trajectories against ground truth."""
-    evaluation = _evaluation_config(run_or_tum, config, settings)
+    evaluation = evaluation_config(config or run_or_tum / "config.yaml", settings or ())
     failures: Mapping[str, str] = {}
     if run_or_tum.is_dir():
         evaluations, failures = load_run(run_or_tum).evaluated(vicon, config=evaluation)
@@ -124,10 +124,3 @@ def evaluate(
     print_failures(failures)
     if not evaluations:
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")
-
-
-def _evaluation_config(run_or_tum: Path, config: Path | None, settings: list[str] | None) -> EvaluationConfig:
-    """As the run was configured, unless a file or setting changes it."""
-    own = run_or_tum / "config.yaml"
-    file = config or (own if own.is_file() else None)
-    return resolve(None, file, settings or (), guess="daisy").evaluation

@@ -45,8 +45,6 @@ from coclo_vio.values.measurements import (
 from coclo_vio.values.outputs import Estimate, Event, Output
 from coclo_vio.values.units import NS_PER_S
 
-COMBINED_COCLO, COMBINED_VINS = "combined_coclo", "combined_vins"
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pending:
@@ -67,7 +65,7 @@ class CombinedOdometry(StreamingEstimator):
     """The filter's estimate, corrected by vision, at every joint sample, and the smoother's at every frame.
 
     Where one of the two has no data, the other carries on: without vision the filter runs alone and ties the first
-    keyframe that sees landmarks again; without joint samples the tie is loose, and vision holds the pose. Frames before
+    keyframe that has landmarks again; without joint samples the tie is loose, and vision holds the pose. Frames before
     the filter has started are left out.
 
     Invariant: the filter remembers the window's last keyframe, and the frame that is being processed.
@@ -80,6 +78,7 @@ class CombinedOdometry(StreamingEstimator):
         frontend: Frontend | None,
         config: BridgeConfig | None = None,
         *,
+        names: tuple[str, str] = ("combined_coclo", "combined_vins"),
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
     ) -> None:
@@ -90,11 +89,13 @@ class CombinedOdometry(StreamingEstimator):
             smoother: a fresh one without an IMU.
             frontend: a fresh one; None where a recording has tracks, not frames.
             config: policy and latency.
+            names: of the filter's trajectory and of the smoother's.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
         """
         super().__init__(ImageClock(time_offset_s, waits=True))
         self.config = config or BridgeConfig()
+        self._filter_name, self._smoother_name = names
         self._filter, self._smoother = leg_filter, smoother
         self._vision = VisionChain(frontend, pictures_every)
         self._policy = make_feedback_policy(self.config.feedback, self.config.policy_parameters)
@@ -116,6 +117,11 @@ class CombinedOdometry(StreamingEstimator):
             **prefixed("smoother", self._smoother.counts),
         }
 
+    def _end(self) -> Iterator[Output]:
+        """The result of the last keyframe, which no later measurement fetches."""
+        if self._pending is not None:
+            yield from self._correct_filter(self._pending.at_ns)
+
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
             case JointSample() | ImuSample() | FootForceSample():
@@ -123,7 +129,7 @@ class CombinedOdometry(StreamingEstimator):
                 state = self._filter.push(measurement)
                 if state is not None:
                     self._latest = state
-                    yield Estimate(COMBINED_COCLO, state)
+                    yield Estimate(self._filter_name, state)
             case StereoFrame() | StereoTracks():
                 yield from self._correct_filter(measurement.stamp_ns)
                 yield from self._process_frame(measurement)
@@ -224,7 +230,7 @@ class CombinedOdometry(StreamingEstimator):
         )
         covariance[6:, 6:] = self._latest.covariance[6:, 6:]
         nav = replace(self._latest.nav, T_world_body=T_world_body)
-        yield Estimate(COMBINED_VINS, replace(result.estimate, nav=nav, covariance=covariance))
+        yield Estimate(self._smoother_name, replace(result.estimate, nav=nav, covariance=covariance))
 
 
 def _gate_sentence(gate: GateResult) -> str:

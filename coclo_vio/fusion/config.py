@@ -19,10 +19,7 @@ class BridgeConfig(StageConfig):
     feedback: Annotated[
         str,
         BeforeValidator(_policy_name),
-        Field(
-            description="feedback policy; "
-            + "; ".join(f"{name}: {description}" for name, description in feedback_policies().items())
-        ),
+        Field(description="name of a feedback policy, such as off, paper, ci, decorrelated, or one of a plugin"),
     ] = "decorrelated"
     vision_latency_s: Annotated[
         float, Field(ge=0, le=5, description="a frame's result reaches the filter this long after its stamp, s")

@@ -51,7 +51,7 @@ class FeedbackPolicy(Protocol):
         Args:
             pair: the filter's poses of the last keyframe and of this one.
             known: what the window knew of the last keyframe.
-            result: what the window knows now, its evidence not None.
+            result: what the window knows now; asked for only where it has evidence.
 
         Raises:
             SmootherError: it cannot be worked out; the filter gets nothing then.
@@ -116,7 +116,8 @@ class DecorrelatedFeedback:
 
     def feedback_for_filter(self, pair: PosePair, known: PoseMarginal, result: KeyframeResult) -> Feedback | None:
         """The window's evidence of both keyframes without the common knowledge of the last one."""
-        assert result.evidence is not None, "feedback needs evidence"
+        if result.evidence is None:
+            return None
         novel = evidence_beyond(result.evidence, known, self._parameters.min_novel_share)
         return Feedback(novel, fallback=end_evidence(pair, result.marginal))
 

@@ -39,16 +39,23 @@ class StreamingEstimator(ABC):
     def finish(self) -> Iterator[Output]:
         """The outputs of measurements that wait for others, once no measurement comes any more.
 
+        They are worked out as they are taken, so that none is lost by an error: take them all.
+
         Raises:
             CocloError: the estimator cannot go on.
         """
         yield from self._outputs(self._clock.finish())
         self._raise_error()
+        yield from self._end()
 
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened, by name."""
         return {**self._counted, **self._clock.counts}
+
+    def _end(self) -> Iterator[Output]:
+        """What is left once all measurements are processed; nothing unless an estimator holds results back."""
+        yield from ()
 
     @abstractmethod
     def _process(self, measurement: Measurement) -> Iterator[Output]:

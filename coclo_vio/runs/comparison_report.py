@@ -40,7 +40,7 @@ def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluat
     """
     rankings = rank(evaluations, config.evaluation)
     with run_folder.writing(folder):
-        write_evaluations(folder / "compare.json", evaluations)
+        ComparisonRecord.of(evaluations).write(folder / "compare.json")
         RankingRecord.of(rankings).write(folder / "ranking.json")
         record = run_folder.read_record(folder)
         return write_report(
@@ -85,11 +85,6 @@ def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]
         ComparisonsRecord.of(evaluations).write(folder / "compare.json")
         RankingsRecord.of(rankings).write(folder / "ranking.json")
         return write_index(folder / "report.html", title, table, entries)
-
-
-def write_evaluations(path: Path, evaluations: Mapping[str, Evaluation]) -> None:
-    """``compare.json``: an object for each trajectory."""
-    ComparisonRecord.of(evaluations).write(path)
 
 
 def _summary(evaluations: Mapping[str, Evaluation], config: RunConfig) -> list[str]:

@@ -86,8 +86,8 @@ class Equipment:
         """
         if self.robot is None:
             raise ConfigError(
-                f"no robot is given: name one with --robot NAME or a YAML file; known robots are: "
-                f"{listing(robot_names())}; the modes vins and stereo need none"
+                f"no robot is given: name one (robot=..., --robot) by its name or a YAML file; known robots are: "
+                f"{listing(robot_names())}; visual modes need none"
             )
         return self.robot
 
@@ -116,13 +116,13 @@ class Equipment:
             CalibrationMissing: its mounting is not known.
         """
         if not self.sensors & IMU_SENSORS:
-            raise TopicNotFound(f"{self.name} has no IMU; the mode stereo needs none")
+            raise TopicNotFound(f"{self.name} has no IMU; a mode of stereo alone needs none")
         known = self.known_vision_imu
         if known is None:
             raise CalibrationMissing(
                 f"{self.name} has no mounting of its IMU: give it in imu0/sensor.yaml (the camera's own: "
                 "imu1/sensor.yaml) of an EuRoC folder, in /tf_static of a bag or a camchain of Kalibr "
-                "(dataset.rosbag.kalibr), or under imu: of a robot's YAML; the mode stereo needs none"
+                "(dataset.rosbag.kalibr), or under imu: of a robot's YAML; a mode of stereo alone needs none"
             )
         return known
 
@@ -133,7 +133,7 @@ class Equipment:
             TopicNotFound: there are none.
         """
         if BodyTwistSample not in self.sensors:
-            raise TopicNotFound(f"{self.name} has no body twist; the mode stereo needs none")
+            raise TopicNotFound(f"{self.name} has no body twist; a mode of stereo alone needs none")
 
     @property
     def vision_imu(self) -> type[InertialReading] | None:
@@ -148,6 +148,16 @@ class Equipment:
         kind = self.vision_imu
         calibration = self.camera_imu if kind is CameraImuSample else self.imu
         return None if kind is None or calibration is None else (kind, calibration)
+
+
+def check_pictures(every: int | None) -> None:
+    """See that there can be a picture of every n-th frame.
+
+    Raises:
+        ConfigError: n is below 1.
+    """
+    if every is not None and every < 1:
+        raise ConfigError(f"pictures_every = {every}: give 1 for a picture of every frame, or a larger number")
 
 
 def sensors_of(dataset: Dataset) -> frozenset[type]:

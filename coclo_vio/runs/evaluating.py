@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The trajectories of a run folder, or of a TUM file, against ground truth."""
+"""The trajectories of a run folder against ground truth."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from coclo_vio.datasets.read_report import STREAM_NAMES
@@ -8,11 +9,27 @@ from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import modes
-from coclo_vio.values.errors import CocloError, DatasetError, EvaluationError
+from coclo_vio.values.config import merged, parse_settings, read_yaml
+from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
-from coclo_vio.values.trajectory import GroundTruth, read_tum
+from coclo_vio.values.trajectory import GroundTruth
 
 _GRAVITY_SENSORS = (STREAM_NAMES[ImuSample], STREAM_NAMES[CameraImuSample])
+
+
+def evaluation_config(file: Path | None, settings: Sequence[str] = ()) -> EvaluationConfig:
+    """The section ``evaluation`` of a configuration file, with settings; the defaults where the file is not there.
+
+    Args:
+        file: YAML configuration; None for none.
+        settings: ``evaluation.key=value`` strings; the later wins.
+
+    Raises:
+        ConfigError: an unknown key or a value out of bounds.
+    """
+    values = read_yaml(file) if file is not None and file.is_file() else {}
+    changed = merged(values, parse_settings(settings)).get("evaluation") or {}
+    return EvaluationConfig.parse(changed, str(file or "--set"))
 
 
 def evaluate_run(
@@ -39,6 +56,9 @@ def evaluate_run(
     evaluations: dict[str, Evaluation] = {}
     failures: dict[str, str] = {}
     for name, run in record.estimators.items():
+        if not run.estimates:
+            failures[name] = run.failure or "it has no estimate"
+            continue
         try:
             evaluations[name] = evaluate(
                 run_folder.read_estimates(folder, name).trajectory,
@@ -51,16 +71,3 @@ def evaluate_run(
         except CocloError as error:
             failures[name] = run.failure or str(error)
     return evaluations, failures
-
-
-def evaluate_tum(path: Path, config: EvaluationConfig, truth: GroundTruth | None) -> dict[str, Evaluation]:
-    """One TUM trajectory against ground truth.
-
-    Raises:
-        EvaluationError: no ground truth was given, or the two cannot be compared.
-        DatasetError: the file cannot be read.
-    """
-    estimate = read_tum(path)
-    if truth is None:
-        raise EvaluationError(f"{path} is a trajectory without ground truth; give one with --vicon FILE")
-    return {path.stem: evaluate(estimate, truth, config)}

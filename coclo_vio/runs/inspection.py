@@ -144,13 +144,13 @@ class Inspection:
 
 
 def resolve_if_known(
-    path: Path, robot: str | None, file: Path | None, settings: Sequence[str]
+    path: Path, robot: str | RobotDescription | None, file: Path | None, settings: Sequence[str]
 ) -> tuple[RunConfig, RobotDescription | None]:
     """The configuration for a recording, and its robot, None where none is named and no known one fits.
 
     Args:
         path: the recording.
-        robot: name or YAML file of the robot.
+        robot: name or YAML file of the robot, or its description.
         file: YAML configuration.
         settings: ``a.b=value`` strings.
 

@@ -45,7 +45,7 @@ def _met_needs(path: Path, config: RunConfig) -> tuple[set[Need], bool]:
     sensors = sensors_of(dataset)
     has_legs = config.robot is not None and JointSample in sensors
     if not sensors & IMAGE_SENSORS:
-        return {Need.LEGS}, has_legs
+        return {Need.LEGS} | ({Need.BODY_TWIST} if BodyTwistSample in sensors else set()), has_legs
     met = {Need.LEGS} if has_legs else set()
     return met | set(_met_by_cameras(dataset, config, sensors, needs_calibration=has_legs)), has_legs
 

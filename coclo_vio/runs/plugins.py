@@ -19,6 +19,7 @@ from coclo_vio.values.errors import ConfigError
 
 VARIABLE = "COCLO_VIO_PLUGINS"
 _GROUP = "coclo_vio.plugins"
+_being_loaded: list[str] = []
 _loaded: dict[str, Exception | None] = {}  # by name, and why it cannot be imported
 
 
@@ -28,10 +29,15 @@ def load_plugins() -> None:
     Raises:
         ConfigError: a plugin cannot be imported; names it, the reason and the next step, at every call.
     """
+    if _being_loaded:  # a plugin that uses the package asks for plugins too
+        return
     for name, load, remedy in _named():
         if name not in _loaded:
-            _loaded[name] = None  # what is loaded here may ask for plugins itself
-            _loaded[name] = _error_of(load)
+            _being_loaded.append(name)
+            try:
+                _loaded[name] = _error_of(load)
+            finally:
+                _being_loaded.pop()
         error = _loaded[name]
         if error is not None:
             reason = f"{type(error).__name__}: {error}"
@@ -43,7 +49,8 @@ def _named() -> Iterator[tuple[str, Callable[[], object], str]]:
     for point in _entry_points():
         yield point.value, point.load, "uninstall the package that names it as an entry point"
     for name in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
-        yield name, partial(_module, name), f"take it out of {VARIABLE}"
+        key = str(Path(name).resolve()) if name.endswith(".py") else name
+        yield key, partial(_module, key), f"take it out of {VARIABLE}"
 
 
 @cache
@@ -55,7 +62,7 @@ def _module(name: str) -> object:
     if not name.endswith(".py"):
         return importlib.import_module(name)
     path = Path(name)
-    specification = importlib.util.spec_from_file_location(f"coclo_vio_plugin_{path.stem}", path)
+    specification = importlib.util.spec_from_file_location(f"coclo_vio_plugin_{path.stem}_{abs(hash(name)):x}", path)
     if specification is None or specification.loader is None or not path.is_file():
         raise ImportError(f"there is no file {path}")
     module = importlib.util.module_from_spec(specification)

@@ -50,7 +50,10 @@ class RunConfig(StageConfig):
 
 
 def resolve(
-    robot: str | None = None, file: Path | None = None, settings: Sequence[str] = (), guess: str | None = None
+    robot: str | RobotDescription | None = None,
+    file: Path | None = None,
+    settings: Sequence[str] = (),
+    guess: str | None = None,
 ) -> RunConfig:
     """The configuration of a run: the robot's preset, then the file, then the settings; the later wins.
 
@@ -58,7 +61,7 @@ def resolve(
     name its robot as ``robot: {preset: go1}`` with changes beside it, or describe it whole.
 
     Args:
-        robot: name or YAML file of the robot; wins over the file's.
+        robot: name or YAML file of the robot, or its description; wins over the file's.
         file: YAML configuration.
         settings: ``a.b=value`` strings.
         guess: the robot to take where none is named.
@@ -88,11 +91,17 @@ def resolve(
         return RunConfig.parse(values, source)
     if "imu" in changes:  # a mounting that is configured counts, whatever the recording has
         values = {"imu_calibration": "robot", **values}
-    described = merged(load_robot(preset).model_dump() if preset else {}, changes)
+    described = merged(_preset_values(preset), changes)
     of_robot, of_run = described.get("filter"), values.get("filter", {})
     if isinstance(of_robot, Mapping) and isinstance(of_run, Mapping):  # otherwise the check below raises the error
         values["filter"] = merged(of_robot, of_run)
     return RunConfig.parse({**values, "robot": described}, source)
+
+
+def _preset_values(preset: str | RobotDescription | None) -> dict[str, Any]:
+    if preset is None:
+        return {}
+    return (preset if isinstance(preset, RobotDescription) else load_robot(preset)).model_dump()
 
 
 def _mapping(robot: Any) -> Mapping[str, Any]:

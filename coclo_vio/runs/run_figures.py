@@ -146,6 +146,16 @@ _FIGURES: Mapping[str, Callable[[_Drawn], "Figure | None"]] = {
 }
 
 
+def check_figure(kind: str) -> None:
+    """See that there is a figure of this name.
+
+    Raises:
+        EvaluationError: there is none; lists those there are.
+    """
+    if kind not in _FIGURES:
+        raise EvaluationError(f"there is no figure {kind!r}; the figures are: {listing(_FIGURES)}")
+
+
 def draw_figure(
     kind: str, folder: Path, record: RunRecord, evaluations: Mapping[str, Evaluation], config: EvaluationConfig
 ) -> "Figure":
@@ -161,8 +171,7 @@ def draw_figure(
     Raises:
         EvaluationError: there is no such figure, the run has no data for it, or matplotlib is not installed.
     """
-    if kind not in _FIGURES:
-        raise EvaluationError(f"there is no figure {kind!r}; the figures are: {listing(_FIGURES)}")
+    check_figure(kind)
     figure = _FIGURES[kind](_Drawn(folder, record, evaluations, config))
     if figure is None:
         raise EvaluationError(

@@ -5,6 +5,7 @@ Estimates are written as they come, so a run that stops early leaves all it had.
 """
 
 import csv
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,11 @@ from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum, tum_line, write_tum
 
 RUN_JSON = "run.json"
+_WRITTEN = (
+    *("*.tum", "*_state.csv", "*_keyframes.csv", "*_calibration.csv", "config.yaml"),
+    *(RUN_JSON, "compare.json", "ranking.json", "report.html"),
+)
+_WRITTEN_FOLDERS = ("debug_images", "figures")
 _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 _VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
 _STATE_COLUMNS = (
@@ -106,6 +112,22 @@ def prepare(folder: Path) -> Path:
     return folder
 
 
+def clear(folder: Path) -> None:
+    """Remove what an earlier run wrote into a folder, so that none of it is taken for this run's; other files stay.
+
+    Raises:
+        DatasetError: a file cannot be removed.
+    """
+    if not (folder / RUN_JSON).is_file():
+        return
+    with writing(folder):
+        for pattern in _WRITTEN:
+            for path in folder.glob(pattern):
+                path.unlink()
+        for name in _WRITTEN_FOLDERS:
+            shutil.rmtree(folder / name, ignore_errors=True)
+
+
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
     """Turns an error of the file system inside the folder into one that names the file.
@@ -117,7 +139,7 @@ def writing(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise DatasetError(
-            f"cannot write {error.filename or folder}: {error.strerror}; choose another folder with -o"
+            f"cannot write {error.filename or folder}: {error.strerror or error}; choose another folder with -o"
         ) from error
 
 

@@ -63,10 +63,11 @@ def run_modes(
     lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
-    run_folder.prepare(folder)
+    run_folder.clear(run_folder.prepare(folder))
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
         record = _described(path, dataset, config, resolved, folder)
+        run_folder.write_record(folder, record)
         for name, ready in prepared.items():
             if isinstance(ready, CocloError):
                 recording_ns, trajectories = None, failed_records(modes[name], str(ready))

@@ -110,7 +110,7 @@ Output = Estimate | Event | KeyframeHealth | Calibration | Picture
 class Estimator(Protocol):
     """Anything that turns measurements into outputs, one at a time, online.
 
-    Every call to ``push`` and ``finish`` has to be consumed: the work is done while its outputs are taken.
+    Outputs of ``push`` and ``finish`` have to be taken, all of them: an estimator may work them out as they are taken.
     """
 
     def push(self, measurement: Measurement) -> Iterable[Output]:

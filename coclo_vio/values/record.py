@@ -115,10 +115,12 @@ def read_json(path: Path, next_step: str) -> object:
 
 
 def write_json(path: Path, values: object) -> None:
-    """Write plain values as readable JSON.
+    """Write plain values as readable JSON; the file is whole at any moment, the earlier one or the new one.
 
     Raises:
         OSError: the file cannot be written.
         ValueError: a number is NaN or infinite.
     """
-    path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    beside = path.with_name(f"{path.name}.part")
+    beside.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    beside.replace(path)

@@ -52,10 +52,15 @@ class TrajectoryKind:
 
 
 _REGISTERED: dict[str, TrajectoryKind] = {}
+_RANKS: dict[str, int] = {}
 
 
-def register_trajectory_kind(kind: TrajectoryKind) -> None:
+def register_trajectory_kind(kind: TrajectoryKind, rank: int = 100) -> None:
     """Make a kind known under its name.
+
+    Args:
+        kind: what is registered.
+        rank: its place in listings, the lowest first.
 
     Raises:
         ConfigError: another kind has this name.
@@ -63,11 +68,13 @@ def register_trajectory_kind(kind: TrajectoryKind) -> None:
     known = _REGISTERED.setdefault(kind.name, kind)
     if known != kind:
         raise ConfigError(f"two modes give a trajectory named {kind.name!r}; give one of them another name")
+    _RANKS.setdefault(kind.name, rank)
 
 
 def unregister_trajectory_kind(name: str) -> None:
     """Forget a kind, if there is one of this name."""
     _REGISTERED.pop(name, None)
+    _RANKS.pop(name, None)
 
 
 def trajectory_kind(name: str) -> TrajectoryKind:
@@ -76,5 +83,5 @@ def trajectory_kind(name: str) -> TrajectoryKind:
 
 
 def registered_trajectory_kinds() -> Mapping[str, TrajectoryKind]:
-    """All registered kinds by name, in the order of their registration."""
-    return MappingProxyType(_REGISTERED)
+    """All registered kinds by name, in the order of their ranks, those of one rank as they were registered."""
+    return MappingProxyType(dict(sorted(_REGISTERED.items(), key=lambda item: _RANKS[item[0]])))

@@ -28,7 +28,7 @@ from walk_among_points import (
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.evidence_gate import GateConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.fusion.combined import COMBINED_COCLO, COMBINED_VINS, CombinedOdometry
+from coclo_vio.fusion.combined import CombinedOdometry
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.feedback import (
     Feedback,
@@ -54,8 +54,8 @@ def whole_walk() -> tuple[CombinedOdometry, list[Output]]:
 
 def test_two_trajectories_come_out_that_agree() -> None:
     odometry, outputs = whole_walk()
-    by_legs, by_vision = states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
-    assert {output.name for output in outputs if isinstance(output, Estimate)} == {COMBINED_COCLO, COMBINED_VINS}
+    by_legs, by_vision = states(outputs, "combined_coclo"), states(outputs, "combined_vins")
+    assert {output.name for output in outputs if isinstance(output, Estimate)} == {"combined_coclo", "combined_vins"}
     assert set(np.diff([one.stamp_ns for one in by_legs])) == {JOINT_NS}
     assert set(np.diff([one.stamp_ns for one in by_vision])) == {FRAME_NS}
     assert error_m(by_legs[-1]) < 0.01
@@ -69,7 +69,7 @@ def test_two_trajectories_come_out_that_agree() -> None:
 @pytest.mark.parametrize("latency_s", [0.0, 0.2])
 def test_a_late_result_corrects_the_frame_that_it_is_of(latency_s: float) -> None:
     odometry = combined(BridgeConfig(vision_latency_s=latency_s))
-    by_legs = states(outputs_of(odometry, between(stream(), 0.0, 3.0)), COMBINED_COCLO)
+    by_legs = states(outputs_of(odometry, between(stream(), 0.0, 3.0)), "combined_coclo")
     assert error_m(by_legs[-1]) < 0.01
     assert odometry.counts["feedback_accepted"] > 3
     assert ("frame_while_busy" in odometry.counts) == (latency_s > FRAME_NS / NS_PER_S)
@@ -83,14 +83,14 @@ def test_feedback_corrects_what_vision_alone_can_determine() -> None:
     errors = {}
     for policy in ("off", "decorrelated"):
         odometry = combined(BridgeConfig.parse({"feedback": policy}, "test"), uncertain)
-        errors[policy] = states(outputs_of(odometry, moving), COMBINED_COCLO)[-1].nav.gyroscope_bias - true_bias
+        errors[policy] = states(outputs_of(odometry, moving), "combined_coclo")[-1].nav.gyroscope_bias - true_bias
     assert np.linalg.norm(errors["decorrelated"]) < 0.5 * np.linalg.norm(errors["off"])
 
 
 @pytest.mark.parametrize("policy", ["paper", "ci"])
 def test_other_policies_feed_back_too(policy: str) -> None:
     odometry = combined(BridgeConfig.parse({"feedback": policy}, "test"))
-    by_legs = states(outputs_of(odometry, between(stream(), 0.0, 3.0)), COMBINED_COCLO)
+    by_legs = states(outputs_of(odometry, between(stream(), 0.0, 3.0)), "combined_coclo")
     assert error_m(by_legs[-1]) < 0.02
     assert odometry.counts["feedback_accepted"] > 3
 
@@ -102,7 +102,7 @@ def test_without_vision_the_legs_carry_on_and_tie_the_first_frame_that_has_landm
 
     odometry = combined()
     outputs = outputs_of(odometry, [darkened(one) for one in stream()])
-    by_legs, by_vision = states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
+    by_legs, by_vision = states(outputs, "combined_coclo"), states(outputs, "combined_vins")
     kinds = [output.kind for output in outputs if isinstance(output, Event)]
     assert kinds.count("vision_lost") == kinds.count("vision_recovered") == 1
     assert max(error_m(one) for one in by_legs) < 0.03
@@ -120,7 +120,7 @@ def test_without_leg_samples_vision_holds_the_pose(kind: type) -> None:
     alone = LegOdometryFilter(DAISY)
     halting = without(stream(), kind, 2.5, 3.5)
     outputs = outputs_of(combined(), halting)
-    by_legs, by_vision = states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
+    by_legs, by_vision = states(outputs, "combined_coclo"), states(outputs, "combined_vins")
     of_legs = [one for one in halting if not isinstance(one, StereoTracks)]
     by_legs_alone = [one for one in map(alone.push, of_legs) if one is not None]
     assert max(error_m(by_vision[-1]), error_m(by_legs[-1])) < max(0.005, 0.6 * error_m(by_legs_alone[-1]))
@@ -146,14 +146,14 @@ def test_a_camera_clock_of_its_own_loses_no_frame_and_no_joint_sample(
     odometry = combined(time_offset_s=offset_s)
     pushed = [output for one in recorded for output in odometry.push(one)]
     finished = list(odometry.finish())
-    assert (len(states(finished, COMBINED_VINS)), len(states(finished, COMBINED_COCLO))) == (frames, joint_samples)
+    assert (len(states(finished, "combined_vins")), len(states(finished, "combined_coclo"))) == (frames, joint_samples)
     assert odometry.counts.get("not_waited_for_clock", 0) == 0
-    for name, least in ((COMBINED_COCLO, 130), (COMBINED_VINS, 17)):
+    for name, least in (("combined_coclo", 130), ("combined_vins", 17)):
         got, wanted = states([*pushed, *finished], name), states(expected, name)
         assert len(got) == len(wanted) > least
         assert all(_same(one, other) for one, other in zip(got, wanted, strict=True))
     joints = [one.stamp_ns for one in recorded if isinstance(one, JointSample)]
-    by_legs = [one.stamp_ns for one in states([*pushed, *finished], COMBINED_COCLO)]
+    by_legs = [one.stamp_ns for one in states([*pushed, *finished], "combined_coclo")]
     assert by_legs == joints[joints.index(by_legs[0]) :]
 
 
@@ -268,6 +268,27 @@ def test_outputs_of_a_frame_and_of_feedback_are_in_order() -> None:
 
 
 @pytest.mark.usefixtures("_own_policies")
+def test_the_result_of_the_last_keyframe_corrects_the_filter_at_the_end() -> None:
+    """No measurement comes after its latency has passed."""
+    odometry, _, given = exchanging("claiming", 0.61)
+    accepted = odometry.counts["feedback_accepted"]
+    assert isinstance(given[-1][0], StereoFrame | JointSample)
+    [calibration] = odometry.finish()
+    assert isinstance(calibration, Calibration)
+    assert calibration.stamp_ns == max(one.stamp_ns for one, _ in given if isinstance(one, StereoFrame))
+    assert odometry.counts["feedback_accepted"] == accepted + 1
+    assert list(odometry.finish()) == []
+
+
+def test_trajectories_are_named_on_request() -> None:
+    smoother = NotingSmoother()
+    leg_filter = LegOdometryFilter(DAISY, remembers_frames=True)
+    odometry = CombinedOdometry(leg_filter, smoother, NotingFrontend(), names=("legs", "vision"))
+    outputs = [output for one in with_images(0.7) for output in odometry.push(one)]
+    assert {output.name for output in outputs if isinstance(output, Estimate)} == {"legs", "vision"}
+
+
+@pytest.mark.usefixtures("_own_policies")
 def test_evidence_that_does_not_fit_is_rejected_and_forced_after_rejections_in_a_row() -> None:
     odometry, _, given = exchanging("outlier", 1.2)
     outputs = [output for _, of_one in given for output in of_one]
@@ -291,7 +312,7 @@ def test_rejected_evidence_leaves_the_filter_as_it_was() -> None:
     runs = {}
     for policy in ("outlier", "off"):
         odometry, _, given = exchanging(policy, 1.2, max_rejections=1000)
-        runs[policy] = odometry, states([output for _, of_one in given for output in of_one], COMBINED_COCLO)
+        runs[policy] = odometry, states([output for _, of_one in given for output in of_one], "combined_coclo")
     assert runs["outlier"][0].counts["feedback_rejected"] > 8
     assert len(runs["off"][1]) > 70
     for one, other in zip(runs["outlier"][1], runs["off"][1], strict=True):
@@ -305,7 +326,7 @@ def test_inflation_comes_before_the_gate() -> None:
     sigmas_m = {}
     for policy in ("inflated", "off"):
         _, _, given = exchanging(policy, 0.54, max_rejections=1000)
-        last = states([output for _, of_one in given for output in of_one], COMBINED_COCLO)[-1]
+        last = states([output for _, of_one in given for output in of_one], "combined_coclo")[-1]
         sigmas_m[policy] = np.sqrt(np.diag(last.covariance)[3:6])
     np.testing.assert_array_less(1.5 * sigmas_m["off"], sigmas_m["inflated"])
     np.testing.assert_array_less(sigmas_m["inflated"], 3.0 * sigmas_m["off"] + 1e-12)
@@ -329,7 +350,7 @@ def test_the_motion_between_frames_is_the_filters() -> None:
     _, smoother, given = exchanging("off", 2.0)
     deltas = [one for one in smoother.odometry if one is not None]
     assert [one.end_ns - one.start_ns for one in deltas] == [FRAME_NS] * len(deltas)
-    by_legs = states([output for _, of_one in given for output in of_one], COMBINED_COCLO)
+    by_legs = states([output for _, of_one in given for output in of_one], "combined_coclo")
     travelled_m = sum(one.T_start_end[0, 3] for one in deltas)
     assert travelled_m == pytest.approx(by_legs[-1].nav.T_world_body[0, 3], abs=0.02)
     assert travelled_m > 0.08

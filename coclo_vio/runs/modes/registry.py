@@ -71,7 +71,7 @@ def _register(mode: Mode) -> None:
                 "another name"
             )
     for kind in mode.trajectories:
-        register_trajectory_kind(kind)
+        register_trajectory_kind(kind, mode.rank)
     _MODES[mode.name] = mode
 
 
