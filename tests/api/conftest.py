@@ -9,7 +9,7 @@ import coclo_vio as cv
 
 @pytest.fixture(scope="session")
 def go1_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``walk.mcap``: four seconds of a Go1 that walks in a textured room, with exact ground truth."""
+    """``walk.mcap``: three seconds of a Go1 that walks in a textured room, with exact ground truth."""
     return write_go1_walk(tmp_path_factory.mktemp("go1_walk") / "walk.mcap")
 
 
@@ -17,6 +17,12 @@ def go1_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def naive_run(leg_log: Path) -> cv.Run:
     """The mode naive over the short leg log, in a temporary folder."""
     return cv.run(leg_log, "naive")
+
+
+@pytest.fixture(scope="session")
+def coclo_run(leg_log: Path) -> cv.Run:
+    """The default mode over the short leg log, in a temporary folder."""
+    return cv.run(leg_log)
 
 
 @pytest.fixture(scope="session")

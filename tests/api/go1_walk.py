@@ -15,12 +15,12 @@ from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.measurements import EncodedStereoFrame
 
-BODY = BodyMotionConfig(rest_s=1.2, walk_s=2.6, stop_s=0.2, ramp_s=0.5, speed_mps=0.2)
+BODY = BodyMotionConfig(rest_s=1.0, walk_s=2.0, stop_s=0.0, ramp_s=0.4, speed_mps=0.25)
 FRAME_STEP = 8  # a frame at every eighth joint sample: 12.5 Hz
 
 
 def write_go1_walk(path: Path) -> Path:
-    """Write the walk as a bag, four seconds long."""
+    """Write the walk as a bag, three seconds long."""
     robot = cv.load_robot("go1")
     trial = generate(AnalyticTrialConfig(body=BODY), RobotModel(robot), seed=21)
     cameras = rig()

@@ -35,7 +35,10 @@ def bare(leg_log: Path, folder: Path) -> Path:
         (lambda log, _: cv.load_ground_truth(log / "gone.tum"), "gone.tum"),
         (lambda log, _: cv.evaluate(log / "gone.tum", log / "groundtruth.tum"), "gone.tum"),
         (lambda log, _: cv.make_estimator("cocolo"), "no mode 'cocolo'; the modes are: "),
-        (lambda log, _: cv.make_estimator("coclo"), "no robot is given: name one with "),
+        (
+            lambda log, _: cv.make_estimator("coclo"),
+            "no robot is given: name one (robot=..., --robot) by ",
+        ),
         (lambda log, _: cv.make_estimator("stereo"), "the calibration given has no calibration of its cameras: give "),
         (lambda log, run: run.plot("pth"), "no figure 'pth'; the figures are: "),
         (lambda log, run: run.plot("keyframes"), "keyframes"),

@@ -45,11 +45,10 @@ def test_online_estimates_equal_those_of_a_run(mode: str, go1_walk: Path, combin
     assert counts == {name: count for name, count in run.record.estimators[run.names[0]].counts.items() if count}
 
 
-def test_leg_odometry_needs_no_calibration(leg_log: Path) -> None:
+def test_leg_odometry_needs_no_calibration(leg_log: Path, coclo_run: cv.Run) -> None:
     recording = cv.open(leg_log)
     states = estimates_online(recording, cv.make_estimator("coclo", robot=recording.robot))
-    run = cv.run(recording, "coclo")
-    recorded = run.trajectories["coclo"]
+    recorded = coclo_run.trajectories["coclo"]
     poses = np.stack([state.nav.T_world_body for state in states["coclo"]])
     np.testing.assert_allclose(poses, recorded.T_world_body, rtol=0, atol=POSE_PRECISION)
 

@@ -65,4 +65,3 @@ def test_the_bundled_recording_is_one_of_a_daisy() -> None:
     recording = cv.open(cv.sample_path())
     assert recording.robot is not None
     assert recording.robot.name == "daisy"
-    assert recording.default_mode == "combined"

@@ -71,10 +71,9 @@ def test_a_mode_that_lacks_something_is_a_failure_beside_the_others(leg_log: Pat
     assert "walk has no stereo images" in run.failures["stereo"]
 
 
-def test_the_default_mode_is_run_where_none_is_named(leg_log: Path) -> None:
-    recording = cv.open(leg_log)
-    assert recording.default_mode == "coclo"
-    assert cv.run(recording).names == ("coclo",)
+def test_the_default_mode_is_run_where_none_is_named(leg_log: Path, coclo_run: cv.Run) -> None:
+    assert cv.open(leg_log).default_mode == "coclo"
+    assert coclo_run.names == ("coclo",)
 
 
 def test_combined_has_health_calibration_and_metrics(combined_run: cv.Run) -> None:
