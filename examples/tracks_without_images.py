@@ -17,7 +17,7 @@ POINTS = np.random.default_rng(1).uniform([1.5, -2.0, -1.5], [6.0, 2.0, 1.5], (4
 
 
 def travelled_m(time_s: float) -> float:
-    return 0.3 * time_s + 0.05 * np.sin(3.0 * time_s)
+    return 0.3 * time_s + 0.05 * float(np.sin(3.0 * time_s))
 
 
 def tracks() -> Iterator[cv.StereoTracks]:
