@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rank modes against ground truth: ``python examples/compare_modes.py [RECORDING [MODE,MODE... [FOLDER]]]``.
 
-Without arguments: leg odometry, visual-inertial odometry and both combined on the bundled recording (one to two minutes).
+Without arguments: leg odometry, visual odometry and both combined on the bundled recording (up to two minutes).
 """
 
 import sys

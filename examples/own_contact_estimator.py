@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 import coclo_vio as cv
-from coclo_vio.robot.contact import ContactConfig
 from coclo_vio.values.arrays import Array
 
 
 class RelativeLoad:
     """Compares the load on each foot with the mean over the feet whose load is known."""
 
-    def __init__(self, config: ContactConfig, legs: int) -> None:
+    def __init__(self, config: cv.ContactConfig, legs: int) -> None:
         self._share = config.parameters.get("share", 0.5)
 
     def update(self, stamp_ns: int, load: Array) -> cv.ContactState:
