@@ -15,7 +15,7 @@ _HOMES = {
     "api.comparison": ("ComparedRecording", "Comparison", "compare"),
     "api.trajectory_evaluation": ("evaluate",),
     "api.online": ("make_estimator",),
-    "datasets.dataset": ("register_format",),
+    "datasets.dataset": ("Dataset", "register_format"),
     "datasets.sample": ("sample_path",),
     "evaluation.evaluate": ("EvaluationConfig",),
     "evaluation.evaluation": ("Evaluation",),
@@ -24,14 +24,26 @@ _HOMES = {
     "fusion.streaming": ("StreamingEstimator",),
     "robot.contact": ("ContactConfig", "ContactEstimator", "ContactState", "register_contact_estimator"),
     "robot.description": ("RobotDescription", "load_robot", "robot_names"),
+    "runs.equipment": ("Equipment",),
     "runs.inspection": ("Inspection",),
     "runs.modes.mode": ("Compared", "Mode", "Need"),
     "runs.modes.registry": ("modes", "register_mode", "unregister_mode"),
     "runs.run_config": ("RunConfig",),
     "runs.run_folder": ("RecordedTrajectory",),
     "runs.run_record": ("RunRecord",),
-    "values.calibration": ("ImuCalibration", "SensorCalibrations", "StereoCalibration"),
-    "values.errors": ("CocloError", "ConfigError", "DatasetError", "EvaluationError"),
+    "values.calibration": ("CameraCalibration", "ImuCalibration", "SensorCalibrations", "StereoCalibration"),
+    "values.errors": (
+        "CalibrationMissing",
+        "CocloError",
+        "ConfigError",
+        "DatasetError",
+        "EvaluationError",
+        "FilterError",
+        "RobotModelError",
+        "SmootherError",
+        "TimestampError",
+        "TopicNotFound",
+    ),
     "values.keyframes": ("KeyframeResult", "OdometryDelta", "PoseEvidence", "PoseMarginal", "PosePair"),
     "values.estimates": ("FootState", "NavState", "StateEstimate"),
     "values.measurements": (
@@ -83,6 +95,7 @@ if TYPE_CHECKING:
     from coclo_vio.api.run import load_run as load_run
     from coclo_vio.api.run import run as run
     from coclo_vio.api.trajectory_evaluation import evaluate as evaluate
+    from coclo_vio.datasets.dataset import Dataset as Dataset
     from coclo_vio.datasets.dataset import register_format as register_format
     from coclo_vio.datasets.sample import sample_path as sample_path
     from coclo_vio.evaluation.evaluate import EvaluationConfig as EvaluationConfig
@@ -100,6 +113,7 @@ if TYPE_CHECKING:
     from coclo_vio.robot.description import RobotDescription as RobotDescription
     from coclo_vio.robot.description import load_robot as load_robot
     from coclo_vio.robot.description import robot_names as robot_names
+    from coclo_vio.runs.equipment import Equipment as Equipment
     from coclo_vio.runs.inspection import Inspection as Inspection
     from coclo_vio.runs.modes.mode import Compared as Compared
     from coclo_vio.runs.modes.mode import Mode as Mode
@@ -110,13 +124,20 @@ if TYPE_CHECKING:
     from coclo_vio.runs.run_config import RunConfig as RunConfig
     from coclo_vio.runs.run_folder import RecordedTrajectory as RecordedTrajectory
     from coclo_vio.runs.run_record import RunRecord as RunRecord
+    from coclo_vio.values.calibration import CameraCalibration as CameraCalibration
     from coclo_vio.values.calibration import ImuCalibration as ImuCalibration
     from coclo_vio.values.calibration import SensorCalibrations as SensorCalibrations
     from coclo_vio.values.calibration import StereoCalibration as StereoCalibration
+    from coclo_vio.values.errors import CalibrationMissing as CalibrationMissing
     from coclo_vio.values.errors import CocloError as CocloError
     from coclo_vio.values.errors import ConfigError as ConfigError
     from coclo_vio.values.errors import DatasetError as DatasetError
     from coclo_vio.values.errors import EvaluationError as EvaluationError
+    from coclo_vio.values.errors import FilterError as FilterError
+    from coclo_vio.values.errors import RobotModelError as RobotModelError
+    from coclo_vio.values.errors import SmootherError as SmootherError
+    from coclo_vio.values.errors import TimestampError as TimestampError
+    from coclo_vio.values.errors import TopicNotFound as TopicNotFound
     from coclo_vio.values.estimates import FootState as FootState
     from coclo_vio.values.estimates import NavState as NavState
     from coclo_vio.values.estimates import StateEstimate as StateEstimate

@@ -54,6 +54,9 @@ class Run:
         if remove is not None:
             weakref.finalize(self, remove)
 
+    def __repr__(self) -> str:
+        return f"Run({', '.join(self.names)}; {len(self.events)} events; {self.folder})"
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the trajectories."""

@@ -109,6 +109,8 @@ def evaluate(
     """Measure trajectories against ground truth."""
     evaluation = evaluation_config(config or run_or_tum / "config.yaml", settings or ())
     failures: Mapping[str, str] = {}
+    if not run_or_tum.exists():
+        raise DatasetError(f"{run_or_tum} does not exist; give a run folder or a TUM file")
     if run_or_tum.is_dir():
         evaluations, failures = load_run(run_or_tum).evaluated(vicon, config=evaluation)
     elif vicon is None:

@@ -175,8 +175,8 @@ def draw_figure(
     figure = _FIGURES[kind](_Drawn(folder, record, evaluations, config))
     if figure is None:
         raise EvaluationError(
-            f"{folder} has no data for the figure {kind!r}: overview and errors need ground truth, keyframes a visual "
-            "mode, contacts a mode of legs"
+            f"{folder} has no data for the figure {kind!r}: overview, position_error and error_bands "
+            "need ground truth, keyframes a visual mode, contacts a mode with legs"
         )
     return figure
 
@@ -190,6 +190,8 @@ def write_figures(
         EvaluationError: matplotlib is not installed, or there is no estimate.
     """
     (folder / "figures").mkdir(exist_ok=True)
+    for kind in _FIGURES:
+        (folder / "figures" / f"{kind}.png").unlink(missing_ok=True)
     run = _Drawn(folder, record, evaluations, config)
     drawn = {kind: draw(run) for kind, draw in _FIGURES.items()}
     return [

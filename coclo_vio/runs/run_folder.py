@@ -5,7 +5,6 @@ Estimates are written as they come, so a run that stops early leaves all it had.
 """
 
 import csv
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,11 +20,8 @@ from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum, tum_line, write_tum
 
 RUN_JSON = "run.json"
-_WRITTEN = (
-    *("*.tum", "*_state.csv", "*_keyframes.csv", "*_calibration.csv", "config.yaml"),
-    *(RUN_JSON, "compare.json", "ranking.json", "report.html"),
-)
-_WRITTEN_FOLDERS = ("debug_images", "figures")
+_TRAJECTORY_SUFFIXES = (".tum", "_state.csv", "_keyframes.csv", "_calibration.csv")
+_FIXED_NAMES = ("groundtruth.tum", "config.yaml", RUN_JSON, "compare.json", "ranking.json", "report.html")
 _UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 _VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
 _STATE_COLUMNS = (
@@ -108,24 +104,30 @@ def prepare(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DatasetError(f"cannot make the folder {folder}: {error.strerror}; choose another with -o") from error
+        raise DatasetError(f"cannot make the folder {folder}: {error.strerror}; choose another folder") from error
     return folder
 
 
 def clear(folder: Path) -> None:
-    """Remove what an earlier run wrote into a folder, so that none of it is taken for this run's; other files stay.
+    """Remove what an earlier run wrote into a folder, so that none of it is taken for this run's.
+
+    Only files of the trajectories and modes that the earlier ``run.json`` names go, and those of fixed names; without a
+    readable ``run.json`` everything stays.
 
     Raises:
         DatasetError: a file cannot be removed.
     """
-    if not (folder / RUN_JSON).is_file():
+    try:
+        earlier = read_record(folder)
+    except DatasetError:
         return
+    names = [f"{name}{suffix}" for name in earlier.estimators for suffix in _TRAJECTORY_SUFFIXES]
     with writing(folder):
-        for pattern in _WRITTEN:
-            for path in folder.glob(pattern):
-                path.unlink()
-        for name in _WRITTEN_FOLDERS:
-            shutil.rmtree(folder / name, ignore_errors=True)
+        for name in (*names, *_FIXED_NAMES):
+            (folder / name).unlink(missing_ok=True)
+        for mode in earlier.by_mode():
+            for picture in (folder / "debug_images" / mode).glob("*.jpg"):
+                picture.unlink()
 
 
 @contextmanager
@@ -139,7 +141,7 @@ def writing(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise DatasetError(
-            f"cannot write {error.filename or folder}: {error.strerror or error}; choose another folder with -o"
+            f"cannot write {error.filename or folder}: {error.strerror or error}; choose another folder"
         ) from error
 
 

@@ -63,6 +63,11 @@ def run_modes(
     lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
+    if folder.resolve() in (path.resolve(), path.resolve().parent if path.is_file() else None):
+        raise DatasetError(
+            f"{folder} is the folder of the recording itself, whose files would be overwritten; choose another folder "
+            "for the results"
+        )
     run_folder.clear(run_folder.prepare(folder))
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")

@@ -11,6 +11,21 @@ from typing import Literal
 import numpy as np
 
 from coclo_vio.values.arrays import Array, ByteImage, IntArray, checked, frozen, read_only
+from coclo_vio.values.errors import TimestampError
+
+
+def check_stamp(sample: "Measurement | InertialReading") -> None:
+    """See that the stamp of a sample is an integer, as nanoseconds are.
+
+    Raises:
+        TimestampError: it is another type, such as float seconds.
+    """
+    stamp_ns = sample.stamp_ns
+    if not isinstance(stamp_ns, int | np.integer) or isinstance(stamp_ns, bool):
+        raise TimestampError(
+            f"{type(sample).__name__}.stamp_ns must be integer nanoseconds, got {stamp_ns!r} "
+            f"({type(stamp_ns).__name__}); of seconds it is round(seconds * 1e9)"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +46,7 @@ class InertialReading:
     specific_force: Array
 
     def __post_init__(self) -> None:
+        check_stamp(self)
         name = type(self).__name__
         frozen(self, "angular_velocity", checked(f"{name}.angular_velocity", self.angular_velocity, (3,)))
         frozen(self, "specific_force", checked(f"{name}.specific_force", self.specific_force, (3,)))
@@ -70,6 +86,7 @@ class JointSample:
     effort: Array
 
     def __post_init__(self) -> None:
+        check_stamp(self)
         frozen(self, "position", checked("JointSample.position", self.position, (None,), allow_nan=True))
         shape = (len(self.position),)
         frozen(self, "velocity", checked("JointSample.velocity", self.velocity, shape, allow_nan=True))
@@ -93,6 +110,7 @@ class FootForceSample:
     force: Array
 
     def __post_init__(self) -> None:
+        check_stamp(self)
         frozen(self, "force", checked("FootForceSample.force", self.force, (None,), allow_nan=True))
 
 
@@ -114,6 +132,7 @@ class StereoFrame:
     right: ByteImage
 
     def __post_init__(self) -> None:
+        check_stamp(self)
         for side in ("left", "right"):
             image = getattr(self, side)
             if image.ndim != 2 or image.dtype != np.uint8:
@@ -178,6 +197,7 @@ class StereoTracks:
     reason: str = ""
 
     def __post_init__(self) -> None:
+        check_stamp(self)
         frozen(self, "left_px", checked("StereoTracks.left_px", self.left_px, (None, 2)))
         count = len(self.left_px)
         frozen(self, "right_px", checked("StereoTracks.right_px", self.right_px, (count, 2), allow_nan=True))
@@ -214,6 +234,7 @@ class BodyTwistSample:
     velocity: Array
 
     def __post_init__(self) -> None:
+        check_stamp(self)
         for name in ("angular_velocity", "velocity"):
             frozen(self, name, checked(f"BodyTwistSample.{name}", getattr(self, name), (3,)))
 

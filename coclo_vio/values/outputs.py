@@ -25,11 +25,11 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something out of the ordinary that happened in an estimator.
+    """An unusual condition that an estimator reports.
 
     Attributes:
         stamp_ns: when, in nanoseconds.
-        kind: its sort in one word, such as ``vision_lost`` or ``window_restart``.
+        kind: name of the condition, such as ``vision_lost`` or ``window_restart``.
         detail: a sentence: what was observed, and what the estimator did.
     """
 
