@@ -2,6 +2,7 @@
 """The reading at one joint sample, and how each foot moved since the last one."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ class Reading:
         return self.is_known & (self.contact.is_stance | self.is_stationary)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FootMotion:
+class FootMotion(NamedTuple):
     """How the feet moved from one joint sample to the next.
 
     Attributes:
