@@ -144,9 +144,9 @@ class CompiledExpectation:
             return
         triangle, _, _, _ = lapack.dgeqrf(stacked, lwork=_BLOCK * stacked.shape[1], overwrite_a=1)
         step, core.factor = correction_kernel.solved(triangle, innovation, SLIP.start, SLIP.stop)
-        remembered = np.stack(
-            (mean.keyframe_rotation, mean.frame_rotation, mean.anchor_rotation)[: 1 + 2 * layout.has_frame]
-        )
+        remembered = mean.keyframe_rotation[None]
+        if layout.has_frame:
+            remembered = np.stack((mean.keyframe_rotation, mean.frame_rotation, mean.anchor_rotation))
         rotation, vector, remembered = state_kernels.corrected(
             mean.rotation, mean.vector, remembered, step, layout.legs
         )

@@ -16,6 +16,7 @@ from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustMode
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
 from coclo_vio.filter.state import RATE, VELOCITY, StateLayout
+from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
@@ -45,6 +46,7 @@ class RobustProfile:
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
         models: type[CompiledModels | DirectModels] = CompiledModels if is_compiled else DirectModels
         self._models: RobustModels = models(sensing, description.encoder_noise_rad, description.imu, self._gate)
+        self._imu_lever = so3.hat(np.array(description.imu.position_body_m))  # w @ it = w x position
         self._footholds: Footholds | None = None
         self._rejecting_s = 0.0
         self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
@@ -122,8 +124,7 @@ class RobustProfile:
         elif reading.specific_force is None:  # an accelerometer slower than the joints
             return
         else:
-            lever = np.array(self._robot.imu.position_body_m)
-            velocity = mean.vector[VELOCITY] + mean.rotation @ np.cross(mean.vector[RATE], lever)
+            velocity = mean.vector[VELOCITY] + mean.rotation @ (mean.vector[RATE] @ self._imu_lever)
             gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
         if gravity is None:
             return

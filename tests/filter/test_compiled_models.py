@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coclo_vio.filter import stance, stance_kernel
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.robust_profile import RobustProfile
@@ -34,8 +35,8 @@ Readings = Callable[[Iterable[Measurement]], list[Reading]]
 def slipping(reading: Reading, share: float = 1.0) -> Reading:
     """Stance feet, or the first of them, move as no foot in stance does."""
     velocity = np.array(reading.feet.velocity_body)
-    stance = np.flatnonzero(reading.is_stance)
-    velocity[stance[: max(1, round(share * len(stance)))]] += (4.0, -4.0, 0.0)
+    standing = np.flatnonzero(reading.is_stance)
+    velocity[standing[: max(1, round(share * len(standing)))]] += (4.0, -4.0, 0.0)
     return replace(reading, feet=replace(reading.feet, velocity_body=velocity))
 
 
@@ -101,8 +102,8 @@ def test_every_step_equals_that_in_numpy(
         profile.start(readings[0])
     for row, reading in enumerate(readings[1:], 1):
         copy, is_gap = copy_of(core), row == 30
-        stance = direct.step(core, reading, DT_S, GYROSCOPE_NOISE, is_gap=is_gap)
-        assert np.array_equal(stance, ours.step(copy, reading, DT_S, GYROSCOPE_NOISE, is_gap=is_gap))
+        used = direct.step(core, reading, DT_S, GYROSCOPE_NOISE, is_gap=is_gap)
+        assert np.array_equal(used, ours.step(copy, reading, DT_S, GYROSCOPE_NOISE, is_gap=is_gap))
         assert_equal(copy, core)
         if has_frame and row % 20 == 0:
             core.mark_frame(0.004)
@@ -151,6 +152,15 @@ def test_correction_bound_and_covariance_equal_those_of_the_state(has_frame: boo
         bound_rotations(factor, MAX_ROTATION_SIGMA_RAD, layout.legs)
         core._bound_rotation()
         np.testing.assert_allclose(factor, core.factor, rtol=0, atol=1e-14)
+
+
+def test_turns_of_feet_equal_those_in_numpy() -> None:
+    random = np.random.default_rng(5)
+    before, turn = so3.exp(random.normal(size=(6, 3))), so3.exp(0.1 * random.normal(size=(6, 3)))
+    holds = np.array([True, False, True, True, False, True])
+    turns = stance_kernel.turns_of(holds, turn @ before, before)
+    np.testing.assert_allclose(turns, stance.turns_of(holds, turn @ before, before), rtol=0, atol=1e-15)
+    assert not turns[~holds].any()
 
 
 def test_rotation_kernels_equal_those_of_stacks() -> None:
