@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from coclo_vio.geometry.array_types import Array
-from coclo_vio.geometry.compiled import compiled, inlined
+from coclo_vio.geometry.compiled import compiled
 from coclo_vio.geometry.so3_kernels import cross
 
 
@@ -107,7 +107,7 @@ def set_noise_factor(factor: Array, jacobian: Array, lever: Array, sigma: float,
     cholesky_in_place(factor)
 
 
-@inlined
+@compiled
 def foot_noises(jacobian: Array, encoder_noise_rad: float, bending_m: float) -> Array:
     """Lower factors (n, 3, 3) of the covariance of foot centres, of their Jacobians (n, 6, J): ``foot_noise``."""
     factors, lever = np.empty((len(jacobian), 3, 3)), np.zeros(3)
