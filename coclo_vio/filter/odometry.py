@@ -17,7 +17,9 @@ from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
+from coclo_vio.filter.state_kernels import plain_covariance
 from coclo_vio.geometry import se3
+from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import BoolArray
 from coclo_vio.values.errors import FilterError
@@ -195,8 +197,11 @@ class LegOdometryFilter:
     def _estimate(self, core: SquareRootFilter, reading: Reading, is_stance: BoolArray) -> StateEstimate:
         mean = core.mean
         vector = mean.vector
-        rows = mean.plain_jacobian() @ core.factor
-        covariance = rows @ rows.T
+        if IS_COMPILED:
+            covariance = plain_covariance(mean.rotation, vector, core.factor)
+        else:
+            rows = mean.plain_jacobian() @ core.factor
+            covariance = rows @ rows.T
         if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
             raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")
         nav = NavState(

@@ -33,7 +33,7 @@ from coclo_vio.values.calibration import ImuCalibration
 
 UP = np.array([0.0, 0.0, 1.0])
 CURVED_COLUMNS = 7  # the prediction is nonlinear in rotation, leg scale and rate, and linear in all else given them
-_UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its last known position
+UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its last known position
 _HAT_UP = so3.hat(UP)
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
@@ -123,7 +123,7 @@ def noise_rows(
     feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
     feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
     feet[3:6, ~motion.holds] = moved[:, None]
-    carried = np.where(motion.is_known[:, None, None], foot_noise, _UNKNOWN_LEG_NOISE_M * np.eye(3))
+    carried = np.where(motion.is_known[:, None, None], foot_noise, UNKNOWN_LEG_NOISE_M * np.eye(3))
     creep = config.foothold_creep * np.sqrt(dt_s) * np.eye(3)
     own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
     each = np.arange(layout.legs)

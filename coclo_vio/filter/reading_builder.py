@@ -5,7 +5,7 @@ Every refused or missing sample is counted.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -70,7 +70,7 @@ class ReadingBuilder:
         """
         if not self._forces_body:
             return None
-        return np.asarray(np.mean(self._forces_body, axis=0))
+        return _mean(self._forces_body)
 
     def push(self, measurement: Measurement, up_body: Array | None) -> Reading | None:
         """Take one measurement; a joint sample in order gives a reading.
@@ -99,9 +99,12 @@ class ReadingBuilder:
         self._imu_ns = sample.stamp_ns
         self._standstill.push(sample)
         self._rates.append((sample.stamp_ns, self._rotation_body_imu @ sample.angular_velocity))
-        self._force_sum += self._rotation_body_imu @ sample.specific_force
+        force_body = self._rotation_body_imu @ sample.specific_force
+        self._force_sum += force_body
         self._force_count += 1
-        self._forces_body = [*self._forces_body[-_MAX_FORCES:], self._rotation_body_imu @ sample.specific_force]
+        self._forces_body.append(force_body)
+        if len(self._forces_body) > _MAX_FORCES + 1:
+            del self._forces_body[0]
 
     def _take_force(self, sample: FootForceSample) -> None:
         self._counts["foot_force_stamp_refused"] += not self._load.push(sample)
@@ -122,7 +125,7 @@ class ReadingBuilder:
             up_body = np.array([0.0, 0.0, 1.0]) if force is None else force / max(float(np.linalg.norm(force)), 1e-6)
         feet = self._robot.feet(sample.position, sample.velocity)
         rates = tuple(self._rates)
-        rate = np.asarray(np.mean([each for _, each in rates], axis=0)) if rates else None
+        rate = _mean([each for _, each in rates]) if rates else None
         contact = self._contact.update(sample.stamp_ns, self._load.loads_at(sample, up_body, rate))
         if rate is None:
             self._counts["imu_missing"] += 1
@@ -133,3 +136,11 @@ class ReadingBuilder:
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading
+
+
+def _mean(vectors: Sequence[Array]) -> Array:
+    """Mean (3,) of vectors, added in order."""
+    total = vectors[0]
+    for vector in vectors[1:]:
+        total = total + vector
+    return total / float(len(vectors))

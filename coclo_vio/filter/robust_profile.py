@@ -6,24 +6,34 @@ from collections import Counter
 import numpy as np
 from scipy.stats import chi2
 
-from coclo_vio.filter import measurement_model, process_model
+from coclo_vio.filter import measurement_model
+from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.initialisation import FootPrior
-from coclo_vio.filter.measurement_model import NO_LEG, Block, LegSensing
+from coclo_vio.filter.measurement_model import LegSensing
+from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
 from coclo_vio.filter.square_root_filter import SquareRootFilter
-from coclo_vio.filter.stance import Footholds, FootMotion, Reading, load_ratio_of
-from coclo_vio.filter.state import RATE, SLIP, VELOCITY, State, StateLayout
+from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
+from coclo_vio.filter.state import RATE, VELOCITY, StateLayout
+from coclo_vio.geometry import so3
+from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.values.arrays import Array, BoolArray, IntArray
+from coclo_vio.values.arrays import Array, BoolArray
 
 
 class RobustProfile:
     """The steps of the filter with rolling feet, an innovation gate for each leg, and rows only where there is data."""
 
     def __init__(
-        self, robot: RobotModel, config: RobustConfig, counts: Counter[str], *, has_frame: bool = False
+        self,
+        robot: RobotModel,
+        config: RobustConfig,
+        counts: Counter[str],
+        *,
+        has_frame: bool = False,
+        is_compiled: bool = IS_COMPILED,
     ) -> None:
         self.layout = StateLayout(len(robot.leg_names), has_contacts=False, has_frame=has_frame)
         self.is_wide = False
@@ -31,10 +41,12 @@ class RobustProfile:
         self._config = config
         self._counts = counts
         radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
-        self._sensing = LegSensing(
-            radii_m, robot.hip_position_body, robot.description.joint_velocity_noise_radps, config
-        )
+        description = robot.description
+        sensing = LegSensing(radii_m, robot.hip_position_body, description.joint_velocity_noise_radps, config)
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
+        models: type[CompiledModels | DirectModels] = CompiledModels if is_compiled else DirectModels
+        self._models: RobustModels = models(sensing, description.encoder_noise_rad, description.imu, self._gate)
+        self._imu_lever = so3.hat(np.array(description.imu.position_body_m))  # w @ it = w x position
         self._footholds: Footholds | None = None
         self._rejecting_s = 0.0
         self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
@@ -48,7 +60,7 @@ class RobustProfile:
         """Uncertainty of the feet at the start; the noise is the largest of any foot."""
         config = self._config
         return FootPrior(
-            noise_m=float(np.linalg.norm(self._foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
+            noise_m=float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
             scale=config.leg_scale_sigma * config.estimates_leg_scale,
             compliance_m=config.leg_compliance_sigma_m * config.estimates_leg_compliance,
             slip=config.slip_share,
@@ -56,93 +68,49 @@ class RobustProfile:
             load_ratio=load_ratio_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
         )
 
-    def _foot_noise(self, reading: Reading) -> Array:
-        """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; identity where unknown."""
-        linear = np.where(reading.is_known[:, None, None], reading.feet.jacobian[:, 3:], 0.0)
-        encoders = linear @ np.swapaxes(linear, 1, 2) * self._robot.encoder_noise_rad**2
-        return np.asarray(np.linalg.cholesky(encoders + self._config.foot_position_noise_m**2 * np.eye(3)))
-
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool
     ) -> BoolArray:
         """Predict to the reading and update by it; returns the legs that were used as stance, (n,)."""
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.advance(reading, is_gap=is_gap)
-        foot_noise = self._foot_noise(reading)
+        foot_noise = self._models.foot_noise(reading)
         self._counts["no_contact"] += not reading.is_stance.any()
-        self._predict(core, motion, dt_s, foot_noise)
-        blocks = measurement_model.blocks(
-            self._sensing,
-            reading,
-            motion,
-            core.mean,
-            foot_noise=foot_noise,
-            gyroscope_noise_radps=gyroscope_noise_radps,
-            dt_s=dt_s,
+        self._models.predict(core, motion, dt_s, foot_noise)
+        expectation = self._models.expect(
+            core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps, dt_s=dt_s
         )
-        if not blocks:
+        if expectation is None:
             self._counts["step_without_measurement"] += 1
             self._gravity.close()
             return np.zeros(self.layout.legs, dtype=np.bool_)
-        stance = self._update(core, self._footholds, reading, blocks, dt_s)
+        rejected = self._rejected(expectation, self._footholds, reading, dt_s)
+        expectation.update(core, rejected)
         self._update_gravity(core, reading, is_gap=is_gap)
-        return stance
+        return reading.is_stance & ~rejected
 
     def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
         """One step without joints, with the rate of the gyroscope alone, body frame, rad/s, (3,)."""
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.carried()
-        self._predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
+        self._models.predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
         predicted, rows = core.observe(measurement_model.gyroscope, measurement_model.CURVED_COLUMNS)
         core.update(rows, gyroscope_noise_radps * np.eye(3), rate - predicted)
 
-    def _predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
-        core.predict(
-            lambda stack: process_model.predict(
-                stack, dt_s, motion, self._sensing.radii_m, self._sensing.hips_body, self._config.slip_memory_s
-            ),
-            lambda mean: process_model.noise_rows(
-                mean,
-                dt_s,
-                motion,
-                radii_m=self._sensing.radii_m,
-                foot_noise=foot_noise,
-                config=self._config,
-                imu=self._robot.imu,
-            ),
-            process_model.CURVED_COLUMNS,
-        )
-
-    def _update(
-        self, core: SquareRootFilter, footholds: Footholds, reading: Reading, blocks: list[Block], dt_s: float
-    ) -> BoolArray:
-        def model(stack: State) -> Array:
-            return np.concatenate([block.model(stack) for block in blocks], axis=1)
-
-        predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
-        innovation = np.concatenate([block.measured for block in blocks]) - predicted
-        noise = _noise_rows(blocks)
-        owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
-        covariance = rows.T @ rows + noise.T @ noise
-        keep = np.ones(len(owner), dtype=np.bool_)
-        rejected = self._rejected(covariance, innovation, owner)
-        stance = reading.is_stance & ~rejected
-        is_rejecting_all = bool(reading.is_stance.any() and not stance.any())
+    def _rejected(self, expectation: Expectation, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
+        """The legs (n,) to leave out; none where all stance legs have been rejected for too long."""
+        rejected = expectation.rejected
+        is_rejecting_all = bool(reading.is_stance.any() and not (reading.is_stance & ~rejected).any())
         self._rejecting_s = self._rejecting_s + dt_s if is_rejecting_all else 0.0
-        if self._rejecting_s > self._config.recovery_s and rejected.any():
+        if not rejected.any():
+            return rejected
+        if self._rejecting_s > self._config.recovery_s:
             self._counts["recovery"] += 1
             self._rejecting_s = 0.0
-            rejected[:] = False
-            stance = reading.is_stance
-        if rejected.any():
-            self._counts["leg_rejected"] += int(rejected.sum())
-            footholds.release(rejected)
-            keep &= ~np.isin(owner, np.flatnonzero(rejected))
-        if not keep.all():
-            rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
-        if len(innovation):
-            core.update(rows, noise, innovation, considered=SLIP)
-        return stance
+            return np.zeros(self.layout.legs, dtype=np.bool_)
+        self._counts["leg_rejected"] += int(rejected.sum())
+        footholds.release(rejected)
+        return rejected
 
     def _update_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
         """Collect specific force while all feet stand, and update by gravity where a window is complete."""
@@ -156,8 +124,7 @@ class RobustProfile:
         elif reading.specific_force is None:  # an accelerometer slower than the joints
             return
         else:
-            lever = np.array(self._robot.imu.position_body_m)
-            velocity = mean.vector[VELOCITY] + mean.rotation @ np.cross(mean.vector[RATE], lever)
+            velocity = mean.vector[VELOCITY] + mean.rotation @ (mean.vector[RATE] @ self._imu_lever)
             gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
         if gravity is None:
             return
@@ -170,28 +137,3 @@ class RobustProfile:
             self._counts["gravity_rejected"] += 1
             return
         core.update(rows, sigma * np.eye(3), innovation)
-
-    def _rejected(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
-        """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
-        rejected = np.zeros(self.layout.legs, dtype=np.bool_)
-        counts = np.bincount(owner[owner > NO_LEG], minlength=self.layout.legs)
-        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner == NO_LEG) :]
-        ends = np.cumsum(counts)
-        for size, limit in self._gate.items():
-            legs = np.flatnonzero(counts == size)
-            if len(legs):
-                own = order[ends[legs, None] - size + np.arange(size)]
-                own_innovation = innovation[own][:, :, None]
-                solved = np.linalg.solve(covariance[own[:, :, None], own[:, None, :]], own_innovation)
-                rejected[legs] = (own_innovation * solved).sum(axis=(1, 2)) > limit
-        return rejected
-
-
-def _noise_rows(blocks: list[Block]) -> Array:
-    """Rows ``N``, (m, m), with ``N^T N`` the noise covariance of all blocks."""
-    factors = np.concatenate([block.noise for block in blocks])
-    count = len(factors)
-    rows = np.zeros((count, 3, count, 3))
-    each = np.arange(count)
-    rows[each, :, each, :] = np.swapaxes(factors, 1, 2)
-    return rows.reshape(3 * count, 3 * count)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The reading at one joint sample, and how each foot moved since the last one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
+from coclo_vio.filter import stance_kernel
 from coclo_vio.geometry import so3
+from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import FeetKinematics
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, frozen
 from coclo_vio.values.units import NS_PER_S
 
 _MAX_LOAD_RATIO = 20.0  # a larger load is a sensor fault
@@ -26,6 +29,8 @@ class Reading:
         gyroscope: each sample of that mean with its stamp in nanoseconds, oldest first.
         specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
+        is_known: legs whose kinematics are known, (n,).
+        is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
     """
 
     stamp_ns: int
@@ -35,20 +40,16 @@ class Reading:
     gyroscope: tuple[tuple[int, Array], ...]
     specific_force: Array | None
     is_stationary: bool
+    is_known: BoolArray = field(init=False)
+    is_stance: BoolArray = field(init=False)
 
-    @property
-    def is_known(self) -> BoolArray:
-        """Legs whose kinematics are known, (n,)."""
-        return np.isfinite(self.feet.velocity_body[:, 0])
-
-    @property
-    def is_stance(self) -> BoolArray:
-        """Legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never."""
-        return self.is_known & (self.contact.is_stance | self.is_stationary)
+    def __post_init__(self) -> None:
+        is_known = np.isfinite(self.feet.velocity_body[:, 0])
+        frozen(self, "is_known", is_known)
+        frozen(self, "is_stance", is_known & (self.contact.is_stance | self.is_stationary))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FootMotion:
+class FootMotion(NamedTuple):
     """How the feet moved from one joint sample to the next.
 
     Attributes:
@@ -73,7 +74,14 @@ class FootMotion:
 def load_ratio_of(reading: Reading, standing_load: float, before: Array) -> Array:
     """Load on each foot over the load from which a foot stands, (n,); ``before`` (n,) where it is unknown."""
     load = reading.contact.load
-    return np.where(np.isfinite(load), np.clip(load / standing_load, 0.0, _MAX_LOAD_RATIO), before)
+    ratio = np.minimum(np.maximum(load / standing_load, 0.0), _MAX_LOAD_RATIO)
+    return np.where(np.isfinite(load), ratio, before)
+
+
+def turns_of(holds: BoolArray, rotation: Array, before: Array) -> Array:
+    """Rotation vectors (n, 3) from earlier to later rotations of the feet (n, 3, 3); 0 where one does not hold."""
+    relative = np.where(holds[:, None, None], rotation @ np.swapaxes(before, 1, 2), np.eye(3))
+    return so3.log_below_pi(relative)
 
 
 class Footholds:
@@ -97,7 +105,7 @@ class Footholds:
         is_known = reading.is_known
         holds = self._has_foothold & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
-        relative = np.where(holds[:, None, None], rotation @ np.swapaxes(self._rotation_body_foot, 1, 2), np.eye(3))
+        turns = (stance_kernel.turns_of if IS_COMPILED else turns_of)(holds, rotation, self._rotation_body_foot)
         position = np.where(is_known[:, None], reading.feet.position_body, self._position_body)
         self._has_foothold = reading.is_stance
         self._rotation_body_foot = rotation
@@ -106,7 +114,7 @@ class Footholds:
         is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         load_ratio_rate = np.where(is_loaded & self._is_loaded, load_ratio - self._load_ratio, 0.0) / dt_s
         self._load_ratio, self._is_loaded, self._stamp_ns = load_ratio, is_loaded, reading.stamp_ns
-        return FootMotion(holds, position, so3.log_below_pi(relative), is_known, load_ratio, load_ratio_rate)
+        return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from their last known positions, while there is no joint sample."""

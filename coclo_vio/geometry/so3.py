@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from coclo_vio.geometry.array_types import Array
 
 _SMALL_ANGLE_RAD = 1e-4
-_TINY = 1e-300  # added to a square, it avoids 0 / 0 and changes no other quotient
+TINY = 1e-300  # added to a square, it avoids 0 / 0 and changes no other quotient
 _IDENTITY = np.eye(3)
 
 
@@ -33,7 +33,7 @@ def exp(rotvecs: Array) -> Array:
 
     ``I + sin(t)/t K + 2 (sin(t/2)/t)^2 K^2``: both quotients are accurate for every t above zero.
     """
-    angle = np.sqrt(np.einsum("...i,...i->...", rotvecs, rotvecs) + _TINY)
+    angle = np.sqrt(np.einsum("...i,...i->...", rotvecs, rotvecs) + TINY)
     sinc = np.sin(angle) / angle
     half = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
     skew = hat(rotvecs)
@@ -51,7 +51,7 @@ def log_below_pi(rotations: Array) -> Array:
     """The same as ``log``, several times faster; loses digits within 1e-3 rad of pi."""
     skew = 0.5 * (rotations - np.swapaxes(rotations, -1, -2))
     axis_sine = np.stack((skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]), axis=-1)
-    sine = np.sqrt(np.einsum("...i,...i->...", axis_sine, axis_sine) + _TINY)
+    sine = np.sqrt(np.einsum("...i,...i->...", axis_sine, axis_sine) + TINY)
     cosine = 0.5 * (np.einsum("...ii->...", rotations) - 1.0)
     return np.asarray((np.arctan2(sine, cosine) / sine)[..., None] * axis_sine)
 

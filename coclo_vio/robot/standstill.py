@@ -87,8 +87,9 @@ class StandstillDetector:
                 values = np.concatenate((sample.angular_velocity, sample.specific_force))
                 is_taken = self._imu.push(sample.stamp_ns, values)
             case JointSample():
-                fastest = float(np.abs(np.nan_to_num(sample.velocity, nan=0.0)).max(initial=0.0))
-                is_taken = self._joints.push(sample.stamp_ns, np.nan_to_num(sample.velocity, nan=0.0))
+                velocity = np.where(np.isnan(sample.velocity), 0.0, sample.velocity)
+                fastest = float(np.abs(velocity).max(initial=0.0))
+                is_taken = self._joints.push(sample.stamp_ns, velocity)
                 if is_taken and fastest > _FAST_JOINT * self.config.joint_speed_radps:
                     self._fast_ns = sample.stamp_ns
         if not is_taken:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Array types, and the check of arrays that every value makes when it is constructed."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ def checked(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...], *, a
         ValueError: the shape differs, or an entry is not finite.
     """
     array = np.array(value, dtype=np.float64)
+    if array.shape == shape and math.isfinite(np.vdot(array, array)):  # only if every entry is finite, most are
+        array.flags.writeable = False
+        return array
     has_shape = array.ndim == len(shape) and all(
         expected in (None, actual) for expected, actual in zip(shape, array.shape, strict=True)
     )

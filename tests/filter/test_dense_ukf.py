@@ -19,6 +19,7 @@ from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import LEG_COMPLIANCE, LEG_SCALE, POSITION, VELOCITY, State
 from coclo_vio.geometry import so3
+from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
 from coclo_vio.values.measurements import Measurement
@@ -109,7 +110,7 @@ def slipping(reading: Reading) -> Reading:
 
 
 def compare(
-    make: Callable[[Counter[str]], RobustProfile | PaperProfile],
+    make: Callable[[Counter[str], bool], RobustProfile | PaperProfile],
     readings: list[Reading],
     trial: AnalyticTrial,
     *,
@@ -117,7 +118,7 @@ def compare(
     tolerance: float,
 ) -> Counter[str]:
     counts: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
-    profiles = [make(each) for each in counts]
+    profiles = [make(counts[0], IS_COMPILED), make(counts[1], False)]
     mean, sigmas = start(profiles[0], readings[FIRST], trial)
     ours, dense = SquareRootFilter(mean, sigmas, is_wide=is_wide), DenseFilter(mean, sigmas, is_wide=is_wide)
     for profile in profiles:
@@ -153,7 +154,11 @@ def test_robust_steps_equal_a_dense_ukf(
     assert (np.diff(stances.astype(int), axis=0) == -1).any(), "feet lift off"
     config = RobustConfig(estimates_leg_scale=True)
     counts = compare(
-        lambda counts: RobustProfile(daisy, config, counts), readings, noisy_walk, is_wide=is_wide, tolerance=1e-8
+        lambda counts, is_compiled: RobustProfile(daisy, config, counts, is_compiled=is_compiled),
+        readings,
+        noisy_walk,
+        is_wide=is_wide,
+        tolerance=1e-8,
     )
     assert counts["leg_rejected"] >= 1
 
@@ -165,5 +170,5 @@ def test_paper_steps_equal_a_dense_ukf(
 ) -> None:
     readings = readings_of(noisy_walk.measurements)
     compare(
-        lambda counts: PaperProfile(daisy, PaperConfig(), counts), readings, noisy_walk, is_wide=True, tolerance=1e-9
+        lambda counts, _: PaperProfile(daisy, PaperConfig(), counts), readings, noisy_walk, is_wide=True, tolerance=1e-9
     )

@@ -210,7 +210,7 @@ def test_a_carried_foot_is_higher_by_the_compression_of_its_leg(daisy: RobotMode
     layout = StateLayout(6, has_contacts=False)
     state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), np.zeros(layout.dimension), np.eye(3))
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0]))
-    swings = replace(motion, holds=np.zeros(6, dtype=np.bool_))
+    swings = motion._replace(holds=np.zeros(6, dtype=np.bool_))
     stack = spread_in_compliance(state, np.array([0.0, 1e-3]))
     feet = process_model.predict(stack, 0.01, swings, daisy.foot_radii_m, daisy.hip_position_body).feet
     raised = feet[1] - feet[0]

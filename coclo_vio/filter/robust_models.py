@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The models of the ``robust`` profile in NumPy: the readable form of a step, and the oracle of the compiled one."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from coclo_vio.filter import measurement_model, process_model
+from coclo_vio.filter.measurement_model import NO_LEG, Block, LegSensing
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.stance import FootMotion, Reading
+from coclo_vio.filter.state import SLIP, State
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
+from coclo_vio.values.calibration import ImuCalibration
+
+
+class Expectation(Protocol):
+    """The measurements of one joint sample against what the filter expects of them."""
+
+    @property
+    def rejected(self) -> BoolArray:
+        """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
+
+    def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
+        """Update the filter by all rows but those of the rejected legs (n,)."""
+
+
+class RobustModels(Protocol):
+    """Prediction and measurements of one joint sample."""
+
+    def foot_noise(self, reading: Reading) -> Array:
+        """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; of an unknown leg any."""
+
+    def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
+        """Predict to the next sample."""
+
+    def expect(
+        self,
+        core: SquareRootFilter,
+        reading: Reading,
+        motion: FootMotion,
+        *,
+        foot_noise: Array,
+        gyroscope_noise_radps: float,
+        dt_s: float,
+    ) -> Expectation | None:
+        """The measurements of a joint sample; None where there are none. Arguments as in ``measurement_model``."""
+
+
+class DirectModels:
+    """The models by NumPy, over stacks of sigma points.
+
+    Args:
+        sensing: the legs and the parameters.
+        encoder_noise_rad: one sigma of a joint position.
+        imu: bias walks.
+        gate: limits of the normalised innovation squared of 3 and of 6 rows.
+    """
+
+    def __init__(
+        self, sensing: LegSensing, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
+    ) -> None:
+        self._sensing, self._encoder_noise_rad, self._imu, self._gate = sensing, encoder_noise_rad, imu, gate
+
+    def foot_noise(self, reading: Reading) -> Array:
+        """Encoders through the Jacobian, and bending."""
+        linear = np.where(reading.is_known[:, None, None], reading.feet.jacobian[:, 3:], 0.0)
+        encoders = linear @ np.swapaxes(linear, 1, 2) * self._encoder_noise_rad**2
+        bending = self._sensing.config.foot_position_noise_m**2 * np.eye(3)
+        return np.asarray(np.linalg.cholesky(encoders + bending))
+
+    def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
+        """By ``process_model``."""
+        sensing, config = self._sensing, self._sensing.config
+        core.predict(
+            lambda stack: process_model.predict(
+                stack, dt_s, motion, sensing.radii_m, sensing.hips_body, config.slip_memory_s
+            ),
+            lambda mean: process_model.noise_rows(
+                mean, dt_s, motion, radii_m=sensing.radii_m, foot_noise=foot_noise, config=config, imu=self._imu
+            ),
+            process_model.CURVED_COLUMNS,
+        )
+
+    def expect(
+        self,
+        core: SquareRootFilter,
+        reading: Reading,
+        motion: FootMotion,
+        *,
+        foot_noise: Array,
+        gyroscope_noise_radps: float,
+        dt_s: float,
+    ) -> "DirectExpectation | None":
+        """By ``measurement_model``."""
+        blocks = measurement_model.blocks(
+            self._sensing,
+            reading,
+            motion,
+            core.mean,
+            foot_noise=foot_noise,
+            gyroscope_noise_radps=gyroscope_noise_radps,
+            dt_s=dt_s,
+        )
+        if not blocks:
+            return None
+
+        def model(stack: State) -> Array:
+            return np.concatenate([block.model(stack) for block in blocks], axis=1)
+
+        predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
+        innovation = np.concatenate([block.measured for block in blocks]) - predicted
+        noise = _noise_rows(blocks)
+        owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
+        rejected = self._rejected(rows.T @ rows + noise.T @ noise, innovation, owner)
+        return DirectExpectation(rows, noise, innovation, owner, rejected)
+
+    def _rejected(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
+        legs = len(self._sensing.radii_m)
+        rejected = np.zeros(legs, dtype=np.bool_)
+        counts = np.bincount(owner[owner > NO_LEG], minlength=legs)
+        order = np.argsort(owner, kind="stable")[np.count_nonzero(owner == NO_LEG) :]
+        ends = np.cumsum(counts)
+        for size, limit in self._gate.items():
+            of_size = np.flatnonzero(counts == size)
+            if len(of_size):
+                own = order[ends[of_size, None] - size + np.arange(size)]
+                own_innovation = innovation[own][:, :, None]
+                solved = np.linalg.solve(covariance[own[:, :, None], own[:, None, :]], own_innovation)
+                rejected[of_size] = (own_innovation * solved).sum(axis=(1, 2)) > limit
+        return rejected
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DirectExpectation:
+    """``Expectation`` of ``DirectModels``.
+
+    Attributes:
+        rows: square-root rows of the predicted measurement, (L + extra, M).
+        noise: rows ``N`` with ``N^T N = R``, (M, M).
+        innovation: measured less predicted, (M,).
+        owner: the leg of each row, (M,); ``NO_LEG`` where none.
+        rejected: as in ``Expectation``.
+    """
+
+    rows: Array
+    noise: Array
+    innovation: Array
+    owner: IntArray
+    rejected: BoolArray
+
+    def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
+        """One update by the rows that are left; the slip is only considered."""
+        rows, noise, innovation = self.rows, self.noise, self.innovation
+        keep = ~np.isin(self.owner, np.flatnonzero(rejected))
+        if not keep.all():
+            rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
+        if len(innovation):
+            core.update(rows, noise, innovation, considered=SLIP)
+
+
+def _noise_rows(blocks: list[Block]) -> Array:
+    """Rows ``N``, (m, m), with ``N^T N`` the noise covariance of all blocks."""
+    factors = np.concatenate([block.noise for block in blocks])
+    count = len(factors)
+    rows = np.zeros((count, 3, count, 3))
+    each = np.arange(count)
+    rows[each, :, each, :] = np.swapaxes(factors, 1, 2)
+    return rows.reshape(3 * count, 3 * count)
