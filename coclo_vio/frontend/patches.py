@@ -110,10 +110,19 @@ class PatchAligner:
         self._offsets = np.stack((columns.ravel(), rows.ravel()), axis=1)  # (P, 2)
         weights = np.exp(-0.5 * (self._offsets**2).sum(axis=1) / config.weight_sigma_px**2)
         self._weights = (weights / weights.sum()).astype(np.float32)
+        self._unsmoothed: FloatImage = np.zeros((0, 0), dtype=np.float32)  # memory of smooth_image
 
-    def smooth_image(self, image: ByteImage) -> FloatImage:
-        """The image as this class takes it, (rows, columns): a little blur suppresses noise and aliasing."""
-        blurred = cv2.GaussianBlur(image.astype(np.float32), (5, 5), self._config.blur_sigma_px)
+    def smooth_image(self, image: ByteImage, out: FloatImage | None = None) -> FloatImage:
+        """The image as this class takes it, (rows, columns): a little blur suppresses noise and aliasing.
+
+        Args:
+            image: (rows, columns).
+            out: memory of the result, (rows, columns), so that no frame has to ask for pages anew; fresh by default.
+        """
+        if self._unsmoothed.shape != image.shape:
+            self._unsmoothed = np.empty(image.shape, dtype=np.float32)
+        np.copyto(self._unsmoothed, image)
+        blurred = cv2.GaussianBlur(self._unsmoothed, (5, 5), self._config.blur_sigma_px, dst=out)
         return np.asarray(blurred, dtype=np.float32)
 
     def templates(self, image: FloatImage, centres: Array, parameters: int = 6) -> Templates:

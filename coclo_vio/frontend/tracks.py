@@ -74,6 +74,8 @@ class ActiveTracks:
 
     def joined(self, other: Self) -> Self:
         """These tracks, then the other ones."""
+        if not len(other):
+            return self
         return type(self)(
             np.concatenate((self.ids, other.ids)),
             np.concatenate((self.left_px, other.left_px)),
