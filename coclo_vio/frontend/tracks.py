@@ -62,6 +62,8 @@ class ActiveTracks:
 
     def select(self, chosen: BoolArray | IntArray) -> Self:
         """The chosen tracks, by a mask (N,) or by indices."""
+        if chosen.dtype == np.bool_ and chosen.all():
+            return self
         return type(self)(
             self.ids[chosen],
             self.left_px[chosen],
