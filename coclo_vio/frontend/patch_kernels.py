@@ -13,6 +13,9 @@ import numpy.typing as npt
 from coclo_vio.geometry.compiled import IS_COMPILED, compiled
 from coclo_vio.values.arrays import Array, FloatImage
 
+GAIN_LIMITS = (0.3, 3.0)  # of the brightness of a patch to that of its template
+MIN_VARIANCE = 1e-3  # of the brightness of a patch, so that none is divided by zero
+
 _Indices = npt.NDArray[np.uint64]
 _fused: Any = None  # a b + c, rounded once
 
@@ -121,3 +124,46 @@ def _interpolate_anywhere(image: FloatImage, columns: FloatImage, rows: FloatIma
         upper = _fused(column - left, image[y0, x1] - image[y0, x0], image[y0, x0])
         lower = _fused(column - left, image[y1, x1] - image[y1, x0], image[y1, x0])
         out[p] = _fused(row - top, lower - upper, upper)
+
+
+@compiled
+def compared(
+    brightness: FloatImage, weights: FloatImage, weighted: FloatImage, variances: FloatImage
+) -> tuple[FloatImage, FloatImage, Array, Array]:
+    """As ``patch_sampling.compared``, for patches of 8 to 128 pixels."""
+    count, pixels = brightness.shape
+    lowest, highest = np.float32(GAIN_LIMITS[0]), np.float32(GAIN_LIMITS[1])
+    weighted_brightness, gains = np.empty_like(brightness), np.empty(count, dtype=np.float32)
+    correlations, residuals = np.empty(count), np.empty(count)
+    products, squares = np.empty(pixels, dtype=np.float32), np.empty(pixels, dtype=np.float32)
+    for n in range(count):
+        for p in range(pixels):
+            weighted_brightness[n, p] = brightness[n, p] * weights[p]
+            products[p] = brightness[n, p] * weighted[n, p]
+            squares[p] = brightness[n, p] * weighted_brightness[n, p]
+        product, mean = _paired_sum(products), _paired_sum(weighted_brightness[n])
+        variance = max(_paired_sum(squares) - mean * mean, np.float32(MIN_VARIANCE))
+        gains[n] = min(max(product / variances[n], lowest), highest)
+        correlations[n] = product / np.sqrt(variances[n] * variance)
+        residuals[n] = np.sqrt(variance * max(1.0 - correlations[n] * correlations[n], 0.0))
+    return weighted_brightness, gains, correlations, residuals
+
+
+@compiled
+def _paired_sum(values: FloatImage) -> np.float32:
+    """Sum of 8 to 128 numbers in NumPy's order: eight partial sums, added in pairs, then the rest."""
+    a, b, c, d, e, f, g, h = values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7]
+    whole = len(values) - len(values) % 8
+    for i in range(8, whole, 8):
+        a += values[i]
+        b += values[i + 1]
+        c += values[i + 2]
+        d += values[i + 3]
+        e += values[i + 4]
+        f += values[i + 5]
+        g += values[i + 6]
+        h += values[i + 7]
+    total = ((a + b) + (c + d)) + ((e + f) + (g + h))
+    for i in range(whole, len(values)):
+        total += values[i]
+    return np.float32(total)

@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 
 from coclo_vio.frontend import patch_kernels
+from coclo_vio.frontend.patch_kernels import GAIN_LIMITS, MIN_VARIANCE
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.values.arrays import Array, FloatImage
+
+_PAIRED = (8, 128)  # numbers that NumPy adds in one block
 
 
 def warped_patches(image: FloatImage, centres: Array, warps: Array, steps: FloatImage) -> FloatImage:
@@ -37,6 +40,40 @@ def patches_and_shifts(image: FloatImage, centres: Array, steps: FloatImage) -> 
     if IS_COMPILED:
         return patch_kernels.patches_and_shifts(image, centres, steps)
     return patches_and_shifts_by_opencv(image, centres, steps)
+
+
+def compared(
+    brightness: FloatImage, weights: FloatImage, weighted: FloatImage, variances: FloatImage
+) -> tuple[FloatImage, FloatImage, Array, Array]:
+    """Patches compared with their templates.
+
+    Args:
+        brightness: of the patches, (N, P).
+        weights: of their pixels, with the sum 1, (P,).
+        weighted: brightness of the templates minus its mean, times the weights, (N, P).
+        variances: of the templates' brightness, (N,).
+
+    Returns:
+        The brightness times the weights, (N, P); the gain from template to patch, within limits, (N,); the correlation
+        of the two, (N,); the root mean square of what gain and offset do not explain, grey levels, (N,).
+    """
+    if IS_COMPILED and _PAIRED[0] <= len(weights) <= _PAIRED[1]:
+        return patch_kernels.compared(brightness, weights, weighted, variances)
+    return compared_by_numpy(brightness, weights, weighted, variances)
+
+
+def compared_by_numpy(
+    brightness: FloatImage, weights: FloatImage, weighted: FloatImage, variances: FloatImage
+) -> tuple[FloatImage, FloatImage, Array, Array]:
+    """The readable form of ``compared``."""
+    weighted_brightness = brightness * weights
+    product = (brightness * weighted).sum(axis=1)
+    gains = np.clip(product / variances, *GAIN_LIMITS)
+    variance = (brightness * weighted_brightness).sum(axis=1) - weighted_brightness.sum(axis=1) ** 2
+    variance = np.maximum(variance, MIN_VARIANCE)
+    correlations = (product / np.sqrt(variances * variance)).astype(np.float64)
+    residuals = np.sqrt(variance * np.maximum(1.0 - correlations**2, 0.0))
+    return weighted_brightness, gains, correlations, residuals
 
 
 def warped_patches_by_opencv(image: FloatImage, centres: Array, warps: Array, steps: FloatImage) -> FloatImage:

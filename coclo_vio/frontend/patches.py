@@ -15,14 +15,13 @@ import cv2
 import numpy as np
 
 from coclo_vio.frontend.config import PatchConfig, SimilarityConfig
-from coclo_vio.frontend.patch_sampling import patches_and_shifts, warped_patches
+from coclo_vio.frontend.patch_kernels import MIN_VARIANCE
+from coclo_vio.frontend.patch_sampling import compared, patches_and_shifts, warped_patches
 from coclo_vio.values.arrays import Array, BoolArray, ByteImage, FloatImage, IntArray
 
 FREE_PX = 100.0  # sigma of a shift without a prior
 
-_GAIN_LIMITS = (0.3, 3.0)
 _MAX_STEP_PX = 1.5
-_MIN_VARIANCE = 1e-3
 _ITERATIONS_OF_ALL = 3  # at first copying the unconverged patches costs more than iterating all
 _ROUNDING = 0.3  # standard deviation of the rounding to eight bits, grey levels
 _IDENTITY = np.eye(2)
@@ -96,7 +95,7 @@ def are_similar(alignment: Alignment, config: SimilarityConfig) -> BoolArray:
     if is_candidate.sum() < _MIN_PATCHES:
         return is_candidate
     median = max(float(np.median(alignment.residuals[is_candidate])), _ROUNDING)
-    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.correlations**2, _MIN_VARIANCE))
+    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.correlations**2, MIN_VARIANCE))
     limit = np.hypot(config.max_residual_ratio * median, config.contrast_share * contrast)
     return is_candidate & (alignment.residuals < limit)
 
@@ -136,7 +135,7 @@ class PatchAligner:
             np.multiply(shifts[:, number // 2 - 1], self._steps[number % 2], out=gradients[:, number])
         gradients -= (gradients @ self._weights)[:, :, None]
         weighted = values * self._weights
-        variance = np.maximum((weighted * values).sum(axis=1), _MIN_VARIANCE)
+        variance = np.maximum((weighted * values).sum(axis=1), MIN_VARIANCE)
         gradients -= np.matmul(gradients, weighted[:, :, None]) / variance[:, None, None] * values[:, None]
         return Templates(values, gradients, np.matmul(gradients * self._weights, gradients.transpose(0, 2, 1)))
 
@@ -164,29 +163,23 @@ class PatchAligner:
         prior = (self._config.noise / sigmas) ** 2 / len(self._weights)
         inverses = np.linalg.inv(templates.hessians.astype(np.float64) + np.diag(prior))
         weighted = templates.values * self._weights
-        variances = np.maximum((weighted * templates.values).sum(axis=1), _MIN_VARIANCE)
-        lowest, highest = _GAIN_LIMITS
+        variances = np.maximum((weighted * templates.values).sum(axis=1), MIN_VARIANCE)
         parameters = np.zeros((count, 6)) if start is None else start.copy()
         correlations, residuals = np.zeros(count), np.zeros(count)
         is_converged = np.zeros(count, dtype=np.bool_)
         active = np.arange(count)
         for number in range(self._config.iterations):
             chosen: slice | IntArray = active if number >= _ITERATIONS_OF_ALL else slice(None)
-            at, template_variance = parameters[chosen], variances[chosen]
+            at = parameters[chosen]
             brightness = warped_patches(image, *_warped(centres[chosen], warps[chosen], at), self._steps)
-            weighted_brightness = brightness * self._weights
-            product = (brightness * weighted[chosen]).sum(axis=1)
-            gain = np.minimum(np.maximum(product / template_variance, lowest), highest)
+            weighted_brightness, gains, correlations[chosen], residuals[chosen] = compared(
+                brightness, self._weights, weighted[chosen], variances[chosen]
+            )
             gradient = np.matmul(templates.gradients[chosen], weighted_brightness[:, :, None])[:, :, 0]
-            gradient = gradient / gain[:, None] + prior * at[:, :k]
+            gradient = gradient / gains[:, None] + prior * at[:, :k]
             step = -np.matmul(inverses[chosen], gradient[:, :, None])[:, :, 0]
             longest = np.maximum(np.abs(step[:, 0]), np.abs(step[:, 1]))
             parameters[chosen, :k] += step * np.minimum(1.0, _MAX_STEP_PX / (longest + 1e-9))[:, None]
-            variance = (brightness * weighted_brightness).sum(axis=1) - weighted_brightness.sum(axis=1) ** 2
-            variance = np.maximum(variance, _MIN_VARIANCE)
-            correlation = (product / np.sqrt(template_variance * variance)).astype(np.float64)
-            correlations[chosen] = correlation
-            residuals[chosen] = np.sqrt(variance * np.maximum(1.0 - correlation**2, 0.0))
             is_converged[chosen] = longest < self._config.precision_px
             active = np.flatnonzero(~is_converged)
             if not len(active):

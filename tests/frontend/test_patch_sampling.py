@@ -71,3 +71,40 @@ def test_no_patches_are_sampled_at_no_centres() -> None:
     assert patch_sampling.warped_patches(IMAGE, nothing, np.zeros((0, 2, 2)), STEPS).shape == (0, STEPS.shape[1])
     brightness, shifts = patch_sampling.patches_and_shifts(IMAGE, nothing, STEPS)
     assert (brightness.shape, shifts.shape) == ((0, STEPS.shape[1]), (0, 2, STEPS.shape[1]))
+
+
+@is_compiled
+@pytest.mark.parametrize("pixels", [8, 15, 121, 128])
+@pytest.mark.parametrize("contrast", [0.0, 1e-3, 20.0])
+def test_compiled_and_readable_form_compare_alike(pixels: int, contrast: float) -> None:
+    """With patches of no texture, of inverse brightness, and beyond the limits of gain on both sides."""
+    rng = np.random.default_rng(3)
+    weights = rng.uniform(0.1, 1.0, pixels).astype(np.float32)
+    weights /= weights.sum()
+    template = contrast * rng.standard_normal((300, pixels)).astype(np.float32)
+    template -= (template @ weights)[:, None]
+    scale = rng.choice([-1.0, 0.05, 1.0, 8.0], (300, 1)).astype(np.float32)
+    brightness = scale * template + rng.uniform(0.0, 200.0, (300, 1)).astype(np.float32)
+    brightness += rng.standard_normal((300, pixels)).astype(np.float32)
+    weighted = template * weights
+    variances = np.maximum((weighted * template).sum(axis=1), patch_kernels.MIN_VARIANCE)
+    found = patch_kernels.compared(brightness, weights, weighted, variances)
+    expected = patch_sampling.compared_by_numpy(brightness, weights, weighted, variances)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert one.dtype == other.dtype
+
+
+@pytest.mark.parametrize("pixels", [1, 7, 129, 500])
+def test_patches_of_any_size_are_compared(pixels: int) -> None:
+    rng = np.random.default_rng(5)
+    template = rng.standard_normal((50, pixels)).astype(np.float32)
+    weights = np.full(pixels, 1.0 / pixels, dtype=np.float32)
+    template -= (template @ weights)[:, None]
+    weighted = template * weights
+    variances = np.maximum((weighted * template).sum(axis=1), patch_kernels.MIN_VARIANCE)
+    _, gains, correlations, residuals = patch_sampling.compared(2.0 * template + 50.0, weights, weighted, variances)
+    if pixels > 1:
+        np.testing.assert_allclose(gains, 2.0, rtol=0.02)
+        np.testing.assert_allclose(correlations, 1.0, rtol=0.02)
+    assert (residuals < 0.5).all()
