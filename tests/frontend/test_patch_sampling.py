@@ -29,7 +29,7 @@ def warps(count: int = 400) -> np.ndarray:
 
 @is_compiled
 @pytest.mark.parametrize("where", ["inside", "at the border", "outside"])
-def test_compiled_and_readable_form_see_the_same_patches(where: str) -> None:
+def test_compiled_and_readable_form_sample_the_same_brightness(where: str) -> None:
     arguments = (IMAGE, centres(where), warps(), STEPS)
     expected = patch_sampling.warped_patches_by_opencv(*arguments)
     np.testing.assert_allclose(patch_kernels.warped_patches(*arguments), expected, rtol=0.0, atol=ROUNDING)
