@@ -7,6 +7,7 @@ its cell and to the corner strength of image noise alone.
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from coclo_vio.frontend.config import DetectionConfig
 from coclo_vio.values.arrays import Array, BoolArray, ByteImage, IntArray
@@ -147,5 +148,13 @@ def _noise_strength(image: ByteImage) -> float:
     """
     sample = image[::_NOISE_STEP].astype(np.int16)
     second = np.abs(sample[:, :-2] - 2 * sample[:, 1:-1] + sample[:, 2:])
-    sigma = float(np.median(second)) / (0.6745 * np.sqrt(6.0))
+    sigma = _median(second) / (0.6745 * np.sqrt(6.0))
     return float(12.0 * (sigma / (4.0 * _BLOCK_PX * 255.0)) ** 2 * _BLOCK_PX**2)
+
+
+def _median(values: npt.NDArray[np.int16]) -> float:
+    """The median of whole numbers from zero on, by counting them."""
+    up_to = np.cumsum(np.bincount(values.ravel()))  # how many are at most 0, 1, ...
+    last = int(up_to[-1])
+    low, high = np.searchsorted(up_to, ((last - 1) // 2, last // 2), side="right")
+    return 0.5 * float(low + high)

@@ -47,9 +47,14 @@ class DriftCorrector:
         return self._with_new_templates(smooth_left, moved, is_outdated), is_similar
 
     def _is_stretched(self, warps: Array) -> BoolArray:
-        scales = np.linalg.svd(warps, compute_uv=False)
-        limit = self._config.max_stretch
-        return np.asarray((scales[:, 0] > limit) | (scales[:, 1] < 1.0 / limit))
+        """Whether the largest scale of a warp (N, 2, 2) or the inverse of its smallest one is beyond the limit, (N,).
+
+        The singular values of a matrix ``[[a, b], [c, d]]`` are half of ``|(a + d, c - b)| +- |(a - d, b + c)|``.
+        """
+        (a, b), (c, d) = warps.transpose(1, 2, 0)
+        similar, skewed = np.hypot(a + d, c - b), np.hypot(a - d, b + c)
+        limit = 2.0 * self._config.max_stretch
+        return np.asarray((similar + skewed > limit) | (np.abs(similar - skewed) * limit < 4.0))
 
     def _with_new_templates(self, smooth_left: FloatImage, tracks: ActiveTracks, chosen: BoolArray) -> ActiveTracks:
         """The tracks; the chosen ones get their reference templates from this image."""

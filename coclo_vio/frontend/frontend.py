@@ -50,6 +50,8 @@ class StereoFrontend:
         self._no_tracks = ActiveTracks.new(
             0, np.zeros((0, 2)), self._aligner.templates(np.zeros((1, 1), np.float32), np.zeros((0, 2)))
         )
+        shape = self._rectifier.valid_left.shape
+        self._smooth = SmoothPair(np.zeros(shape, np.float32), np.zeros(shape, np.float32))  # of the current frame
         self._reference: RectifiedPair | None = None
         self._tracks = self._no_tracks  # of the reference
         self._motion = ExpectedMotion()
@@ -81,7 +83,9 @@ class StereoFrontend:
         fault = brightness.left_fault or self._repetition(pair)
         if fault:
             return self._lost(frame.stamp_ns, pair, fault)
-        smooth = SmoothPair(self._aligner.smooth_image(pair.left), self._aligner.smooth_image(pair.right))
+        smooth = self._smooth
+        for image, out in zip((pair.left, pair.right), smooth, strict=True):
+            self._aligner.smooth_image(image, out)
         previous = self._tracks
         previous_image = pair.left if self._reference is None else self._reference.left
         tracked, motion = self._tracker.track(
@@ -109,8 +113,9 @@ class StereoFrontend:
 
     def _repetition(self, pair: RectifiedPair) -> str:
         """Why these images hold nothing new, if they are those of the reference; otherwise an empty string."""
+        row = pair.left.shape[0] // 2  # decides most cases
         is_same = self._reference is not None and all(
-            np.array_equal(current, reference)
+            np.array_equal(current[row], reference[row]) and np.array_equal(current, reference)
             for current, reference in (
                 (pair.left, self._reference.left),
                 (pair.right, self._reference.right),
@@ -121,6 +126,8 @@ class StereoFrontend:
     def _detect(self, pair: RectifiedPair, smooth: SmoothPair, tracked: ActiveTracks) -> ActiveTracks:
         """New points up to the configured number of tracks."""
         left_px = self._detector.find(pair.left, tracked.left_px)
+        if not len(left_px):
+            return self._no_tracks
         detected = ActiveTracks.new(self._next_id, left_px, self._aligner.templates(smooth.left, left_px))
         self._next_id += len(detected)
         self._counts["detected"] += len(detected)

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from coclo_vio.frontend.config import MotionCheckConfig
-from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
@@ -43,20 +42,23 @@ class MotionCheck:
         self._rig = rig
         self._config = config
 
-    def check(self, previous: ActiveTracks, current_left_px: Array, *, is_aligned: bool = False) -> MotionEstimate:
+    def check(
+        self, left_px: Array, disparity: Array, current_left_px: Array, *, is_aligned: bool = False
+    ) -> MotionEstimate:
         """Estimate the motion and find the tracks that contradict it.
 
         Args:
-            previous: the points in the last frame; those of unknown disparity are not checked.
+            left_px: columns and rows of the points in the last left image, px, (N, 2).
+            disparity: of the points in the last frame, px, (N,); those where it is NaN are not checked.
             current_left_px: their columns and rows in this frame's left image, px, (N, 2).
             is_aligned: whether their patches have been aligned; selects the threshold.
         """
         limit_px = self._config.max_aligned_error_px if is_aligned else self._config.max_error_px
         everyone = np.ones(len(current_left_px), dtype=np.bool_)
-        known = np.flatnonzero(previous.has_right)
+        known = np.flatnonzero(np.isfinite(disparity))
         if len(known) < self._config.min_points:
             return MotionEstimate(None, everyone, 0, 0)
-        points = self._rig.points(previous.left_px[known], previous.disparity[known])
+        points = self._rig.points(left_px[known], disparity[known])
         T_current_previous = self._motion(points, current_left_px[known], limit_px)
         if T_current_previous is None:
             return MotionEstimate(None, everyone, len(known), 0)

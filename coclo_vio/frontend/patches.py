@@ -15,15 +15,16 @@ import cv2
 import numpy as np
 
 from coclo_vio.frontend.config import PatchConfig, SimilarityConfig
+from coclo_vio.frontend.patch_kernels import MIN_VARIANCE
+from coclo_vio.frontend.patch_sampling import compared, patches_and_shifts, warped_patches
 from coclo_vio.values.arrays import Array, BoolArray, ByteImage, FloatImage, IntArray
 
 FREE_PX = 100.0  # sigma of a shift without a prior
 
-_GAIN_LIMITS = (0.3, 3.0)
 _MAX_STEP_PX = 1.5
-_MIN_VARIANCE = 1e-3
 _ITERATIONS_OF_ALL = 3  # at first copying the unconverged patches costs more than iterating all
 _ROUNDING = 0.3  # standard deviation of the rounding to eight bits, grey levels
+_IDENTITY = np.eye(2)
 _MIN_PATCHES = 10  # no median residual from fewer
 
 
@@ -94,7 +95,7 @@ def are_similar(alignment: Alignment, config: SimilarityConfig) -> BoolArray:
     if is_candidate.sum() < _MIN_PATCHES:
         return is_candidate
     median = max(float(np.median(alignment.residuals[is_candidate])), _ROUNDING)
-    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.correlations**2, _MIN_VARIANCE))
+    contrast = alignment.residuals / np.sqrt(np.maximum(1.0 - alignment.correlations**2, MIN_VARIANCE))
     limit = np.hypot(config.max_residual_ratio * median, config.contrast_share * contrast)
     return is_candidate & (alignment.residuals < limit)
 
@@ -106,36 +107,35 @@ class PatchAligner:
         self._config = config
         half = config.window_px // 2
         steps = np.arange(-half, half + 1, config.stride_px, dtype=np.float32)
-        columns, rows = np.meshgrid(steps, steps)
-        self._offsets = np.stack((columns.ravel(), rows.ravel()), axis=1)  # (P, 2)
-        weights = np.exp(-0.5 * (self._offsets**2).sum(axis=1) / config.weight_sigma_px**2)
+        self._steps: FloatImage = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)  # columns and rows, (2, P)
+        weights = np.exp(-0.5 * (self._steps**2).sum(axis=0) / config.weight_sigma_px**2)
         self._weights = (weights / weights.sum()).astype(np.float32)
+        self._unsmoothed: FloatImage = np.zeros((0, 0), dtype=np.float32)  # memory of smooth_image
 
-    def smooth_image(self, image: ByteImage) -> FloatImage:
-        """The image as this class takes it, (rows, columns): a little blur suppresses noise and aliasing."""
-        blurred = cv2.GaussianBlur(image.astype(np.float32), (5, 5), self._config.blur_sigma_px)
+    def smooth_image(self, image: ByteImage, out: FloatImage | None = None) -> FloatImage:
+        """The image as this class takes it, (rows, columns): a little blur suppresses noise and aliasing.
+
+        Args:
+            image: (rows, columns).
+            out: memory of the result, (rows, columns), so that no frame has to ask for pages anew; fresh by default.
+        """
+        if self._unsmoothed.shape != image.shape:
+            self._unsmoothed = np.empty(image.shape, dtype=np.float32)
+        np.copyto(self._unsmoothed, image)
+        blurred = cv2.GaussianBlur(self._unsmoothed, (5, 5), self._config.blur_sigma_px, dst=out)
         return np.asarray(blurred, dtype=np.float32)
 
     def templates(self, image: FloatImage, centres: Array, parameters: int = 6) -> Templates:
         """Templates about centres (N, 2), px, of a smoothed image, for the first so many parameters of the warp."""
-        pixels = centres[:, None].astype(np.float32) + self._offsets
-        columns, rows = pixels[:, :, 0], pixels[:, :, 1]
-        values = _sampled(image, columns, rows)
-        values = values - (values @ self._weights)[:, None]
-        shifts = np.float32(0.5) * np.stack(
-            (
-                _sampled(image, columns + 1, rows) - _sampled(image, columns - 1, rows),
-                _sampled(image, columns, rows + 1) - _sampled(image, columns, rows - 1),
-            ),
-            axis=1,
-        )
-        stretches = shifts[:, :, None] * self._offsets.T
-        gradients = np.concatenate((shifts, stretches.reshape(len(shifts), 4, len(self._weights))), axis=1)[
-            :, :parameters
-        ]
+        values, shifts = patches_and_shifts(image, centres, self._steps)
+        values -= (values @ self._weights)[:, None]
+        gradients = np.empty((len(values), parameters, len(self._weights)), dtype=np.float32)
+        gradients[:, :2] = shifts
+        for number in range(2, parameters):  # stretch and shear
+            np.multiply(shifts[:, number // 2 - 1], self._steps[number % 2], out=gradients[:, number])
         gradients -= (gradients @ self._weights)[:, :, None]
         weighted = values * self._weights
-        variance = np.maximum((weighted * values).sum(axis=1), _MIN_VARIANCE)
+        variance = np.maximum((weighted * values).sum(axis=1), MIN_VARIANCE)
         gradients -= np.matmul(gradients, weighted[:, :, None]) / variance[:, None, None] * values[:, None]
         return Templates(values, gradients, np.matmul(gradients * self._weights, gradients.transpose(0, 2, 1)))
 
@@ -163,26 +163,23 @@ class PatchAligner:
         prior = (self._config.noise / sigmas) ** 2 / len(self._weights)
         inverses = np.linalg.inv(templates.hessians.astype(np.float64) + np.diag(prior))
         weighted = templates.values * self._weights
-        variances = np.maximum((weighted * templates.values).sum(axis=1), _MIN_VARIANCE)
+        variances = np.maximum((weighted * templates.values).sum(axis=1), MIN_VARIANCE)
         parameters = np.zeros((count, 6)) if start is None else start.copy()
         correlations, residuals = np.zeros(count), np.zeros(count)
         is_converged = np.zeros(count, dtype=np.bool_)
         active = np.arange(count)
         for number in range(self._config.iterations):
             chosen: slice | IntArray = active if number >= _ITERATIONS_OF_ALL else slice(None)
-            brightness = self._brightness(image, centres[chosen], warps[chosen], parameters[chosen])
-            weighted_brightness = brightness * self._weights
-            product = (brightness * weighted[chosen]).sum(axis=1)
-            gain = np.clip(product / variances[chosen], *_GAIN_LIMITS)
+            at = parameters[chosen]
+            brightness = warped_patches(image, *_warped(centres[chosen], warps[chosen], at), self._steps)
+            weighted_brightness, gains, correlations[chosen], residuals[chosen] = compared(
+                brightness, self._weights, weighted[chosen], variances[chosen]
+            )
             gradient = np.matmul(templates.gradients[chosen], weighted_brightness[:, :, None])[:, :, 0]
-            gradient = gradient / gain[:, None] + prior * parameters[chosen, :k]
+            gradient = gradient / gains[:, None] + prior * at[:, :k]
             step = -np.matmul(inverses[chosen], gradient[:, :, None])[:, :, 0]
-            longest = np.abs(step[:, :2]).max(axis=1)
+            longest = np.maximum(np.abs(step[:, 0]), np.abs(step[:, 1]))
             parameters[chosen, :k] += step * np.minimum(1.0, _MAX_STEP_PX / (longest + 1e-9))[:, None]
-            variance = (brightness * weighted_brightness).sum(axis=1) - weighted_brightness.sum(axis=1) ** 2
-            variance = np.maximum(variance, _MIN_VARIANCE)
-            correlations[chosen] = product / np.sqrt(variances[chosen] * variance)
-            residuals[chosen] = np.sqrt(variance * np.maximum(1.0 - correlations[chosen] ** 2, 0.0))
             is_converged[chosen] = longest < self._config.precision_px
             active = np.flatnonzero(~is_converged)
             if not len(active):
@@ -190,23 +187,8 @@ class PatchAligner:
         aligned_centres, aligned_warps = _warped(centres, warps, parameters)
         return Alignment(aligned_centres, aligned_warps, correlations, residuals, is_converged)
 
-    def _brightness(self, image: FloatImage, centres: Array, warps: Array, parameters: Array) -> FloatImage:
-        """Brightness (N, P) of the image under the patches at their parameters (N, 6)."""
-        centres, warps = _warped(centres, warps, parameters)
-        pixels = np.matmul(warps.astype(np.float32), self._offsets.T) + centres[:, :, None].astype(np.float32)
-        return _sampled(image, pixels[:, 0], pixels[:, 1])
-
 
 def _warped(centres: Array, warps: Array, parameters: Array) -> tuple[Array, Array]:
     """Centres (N, 2) and warps (N, 2, 2) of patches at parameters (N, 6) from the nominal."""
     shifted = centres + np.matmul(warps, parameters[:, :2, None])[:, :, 0]
-    return shifted, np.matmul(warps, np.eye(2) + parameters[:, 2:].reshape(-1, 2, 2))
-
-
-def _sampled(image: FloatImage, columns: FloatImage, rows: FloatImage) -> FloatImage:
-    """Bilinear interpolation of the brightness at ``columns`` and ``rows`` (m, n); the border is replicated outside."""
-    if not columns.size:
-        return np.zeros(columns.shape, dtype=np.float32)
-    columns, rows = np.ascontiguousarray(columns), np.ascontiguousarray(rows)
-    sampled = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled, dtype=np.float32)
+    return shifted, np.matmul(warps, _IDENTITY + parameters[:, 2:].reshape(-1, 2, 2))

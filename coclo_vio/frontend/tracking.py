@@ -18,7 +18,7 @@ from coclo_vio.frontend.optical_flow import LucasKanade, equalised
 from coclo_vio.frontend.patches import PatchAligner
 from coclo_vio.frontend.prediction import predicted_pixels, predicted_warps
 from coclo_vio.frontend.tracks import ActiveTracks
-from coclo_vio.values.arrays import Array, BoolArray, ByteImage, FloatImage, IntArray
+from coclo_vio.values.arrays import Array, BoolArray, ByteImage, FloatImage
 from coclo_vio.values.calibration import RectifiedStereo
 
 
@@ -74,22 +74,25 @@ class PointTracker:
         if not len(previous):
             return previous, MotionEstimate(None, np.zeros(0, dtype=np.bool_), 0, 0)
         left_px, is_found = self._flow_of(previous, previous_image, image, T_previous_current)
-        coarse = self._motion_check.check(previous.select(is_found), left_px[is_found])
+        before_px, disparity = previous.left_px, previous.disparity
+        coarse = self._motion_check.check(before_px[is_found], disparity[is_found], left_px[is_found])
         is_found[np.flatnonzero(is_found)] = coarse.is_inlier
         is_confident = coarse.inliers >= self._confident_share * previous.has_right.sum()
         motion = coarse.T_previous_current if is_confident else None
         chosen, moved = self._predicted(previous, left_px, is_found, motion)
-        is_certain = is_found[chosen] if motion is not None else np.zeros(len(chosen), dtype=np.bool_)
-        previous = previous.select(chosen)
+        is_certain = is_found[chosen] if motion is not None else np.zeros(len(moved), dtype=np.bool_)
         corrected, is_similar = self._drift_corrector.correct(smooth, moved, is_certain)
         is_similar &= self._is_allowed(corrected.left_px)
         self._counts["dissimilar"] += int((~is_similar).sum())
-        previous, corrected = previous.select(is_similar), corrected.select(is_similar)
         if motion is None:
-            return corrected, replace(coarse, T_previous_current=None)
-        fine = self._motion_check.check(previous, corrected.left_px, is_aligned=True)
+            return corrected.select(is_similar), replace(coarse, T_previous_current=None)
+        kept = np.flatnonzero(chosen)[is_similar]
+        fine = self._motion_check.check(
+            before_px[kept], disparity[kept], corrected.left_px[is_similar], is_aligned=True
+        )
         self._counts["motion_outliers"] += int((~fine.is_inlier).sum())
-        return corrected.select(fine.is_inlier), fine if fine.T_previous_current is not None else coarse
+        is_similar[is_similar] = fine.is_inlier
+        return corrected.select(is_similar), fine if fine.T_previous_current is not None else coarse
 
     def _flow_of(
         self, previous: ActiveTracks, previous_image: ByteImage, image: ByteImage, motion: Array | None
@@ -112,8 +115,8 @@ class PointTracker:
 
     def _predicted(
         self, previous: ActiveTracks, left_px: Array, is_found: BoolArray, motion: Array | None
-    ) -> tuple[IntArray, ActiveTracks]:
-        """The points to be aligned, (M,), and these with their predicted right pixels and warps.
+    ) -> tuple[BoolArray, ActiveTracks]:
+        """Which points are to be aligned, (N,), and these with their predicted right pixels and warps.
 
         Points that were lost are put where the motion predicts them, if it and their depths are known.
         """
@@ -126,5 +129,5 @@ class PointTracker:
         right_px = left_px - np.column_stack((disparity, np.zeros(len(left_px))))
         warps = predicted_warps(self._rig, previous, T) @ previous.warps
         moved = replace(previous, left_px=left_px, right_px=right_px, ages=previous.ages + 1, warps=warps)
-        chosen = np.flatnonzero((is_found | is_recoverable) & self._is_allowed(left_px))
+        chosen = np.asarray((is_found | is_recoverable) & self._is_allowed(left_px))
         return chosen, moved.select(chosen)

@@ -62,6 +62,8 @@ class ActiveTracks:
 
     def select(self, chosen: BoolArray | IntArray) -> Self:
         """The chosen tracks, by a mask (N,) or by indices."""
+        if chosen.dtype == np.bool_ and chosen.all():
+            return self
         return type(self)(
             self.ids[chosen],
             self.left_px[chosen],
@@ -74,6 +76,8 @@ class ActiveTracks:
 
     def joined(self, other: Self) -> Self:
         """These tracks, then the other ones."""
+        if not len(other):
+            return self
         return type(self)(
             np.concatenate((self.ids, other.ids)),
             np.concatenate((self.left_px, other.left_px)),

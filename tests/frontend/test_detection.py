@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import numpy as np
+import pytest
 from textured_room import textures
 
 from coclo_vio.frontend.config import DetectionConfig
-from coclo_vio.frontend.detection import CornerDetector
+from coclo_vio.frontend.detection import CornerDetector, _median
 
 ROWS, COLUMNS = 360, 480
 IMAGE = np.rint(textures()[0][:ROWS, :COLUMNS]).astype(np.uint8)
@@ -90,3 +91,10 @@ def test_detectors_agree() -> None:
     first, second = detector(), detector()
     for _ in range(3):
         np.testing.assert_array_equal(first.find(IMAGE, NONE), second.find(IMAGE, NONE))
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 1000])
+@pytest.mark.parametrize("most", [0, 3, 1020])
+def test_the_median_by_counting_is_the_median(count: int, most: int) -> None:
+    values = np.random.default_rng(count).integers(0, most + 1, (1, count)).astype(np.int16)
+    assert _median(values) == np.median(values)

@@ -106,3 +106,11 @@ def test_no_points_give_no_points() -> None:
     none = new_tracks().select(np.zeros(len(GRID), dtype=bool))
     corrected, is_similar = CORRECTOR.correct(grown(1.0), none, NONE[:0])
     assert len(corrected) == len(is_similar) == 0
+
+
+def test_a_template_is_outdated_by_the_singular_values_of_its_warp() -> None:
+    warps = np.random.default_rng(4).normal(0.0, 1.0, (1000, 2, 2))
+    scales = np.linalg.svd(warps, compute_uv=False)
+    is_stretched = CORRECTOR._is_stretched(warps)
+    np.testing.assert_array_equal(is_stretched, (scales[:, 0] > 1.5) | (scales[:, 1] < 1.0 / 1.5))
+    assert 0 < is_stretched.sum() < 1000

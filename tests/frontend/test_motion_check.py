@@ -33,7 +33,7 @@ def test_outliers_are_found_and_the_motion_is_that_of_the_inliers() -> None:
     before, now = scene()
     wrong = np.arange(120) % 3 == 0
     now[wrong] += np.random.default_rng(1).choice([-1.0, 1.0], (40, 2)) * [8.0, 12.0]
-    motion = CHECK.check(before, now)
+    motion = CHECK.check(before.left_px, before.disparity, now)
     np.testing.assert_array_equal(motion.is_inlier, ~wrong)
     assert (motion.checked, motion.inliers) == (120, 80)
     assert motion.T_previous_current is not None
@@ -44,14 +44,14 @@ def test_after_alignment_the_threshold_is_smaller() -> None:
     before, now = scene(noise_px=0.05)
     wrong = np.arange(120) % 5 == 0
     now[wrong, 0] += 1.5
-    assert CHECK.check(before, now).is_inlier.mean() > 0.95
-    np.testing.assert_array_equal(CHECK.check(before, now, is_aligned=True).is_inlier, ~wrong)
+    assert CHECK.check(before.left_px, before.disparity, now).is_inlier.mean() > 0.95
+    np.testing.assert_array_equal(CHECK.check(before.left_px, before.disparity, now, is_aligned=True).is_inlier, ~wrong)
 
 
 def test_if_most_tracks_contradict_each_other_none_is_rejected() -> None:
     before, now = scene()
     now += np.random.default_rng(2).uniform(-60.0, 60.0, now.shape) * (np.arange(120) % 4 != 0)[:, None]
-    motion = CHECK.check(before, now)
+    motion = CHECK.check(before.left_px, before.disparity, now)
     assert motion.T_previous_current is None
     assert motion.is_inlier.all()
     assert motion.checked == 120
@@ -66,7 +66,7 @@ def test_points_of_unknown_depth_are_not_checked() -> None:
     left_only = ActiveTracks(
         before.ids, before.left_px, right_px, before.ages, before.slants, before.templates, before.warps
     )
-    motion = CHECK.check(left_only, now)
+    motion = CHECK.check(left_only.left_px, left_only.disparity, now)
     assert motion.is_inlier.all()
     assert motion.checked == 60
 
@@ -80,7 +80,7 @@ def test_too_few_points_are_not_checked(count: int) -> None:
         NO_TEMPLATES,
         before.warps[:count],
     )
-    motion = CHECK.check(few, now[:count])
+    motion = CHECK.check(few.left_px, few.disparity, now[:count])
     assert motion.T_previous_current is None
     assert motion.is_inlier.shape == (count,)
     assert motion.checked == 0
@@ -88,7 +88,10 @@ def test_too_few_points_are_not_checked(count: int) -> None:
 
 def test_the_same_tracks_give_the_same_motion() -> None:
     before, now = scene(noise_px=0.5)
-    first, second = CHECK.check(before, now), CHECK.check(before, now)
+    first, second = (
+        CHECK.check(before.left_px, before.disparity, now),
+        CHECK.check(before.left_px, before.disparity, now),
+    )
     assert first.T_previous_current is not None
     np.testing.assert_array_equal(first.T_previous_current, second.T_previous_current)
 
@@ -105,4 +108,4 @@ def test_coincident_points_have_no_motion() -> None:
         NO_TEMPLATES,
         before.warps,
     )
-    assert CHECK.check(coincident, now).is_inlier.all()
+    assert CHECK.check(coincident.left_px, coincident.disparity, now).is_inlier.all()

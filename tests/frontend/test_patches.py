@@ -104,3 +104,10 @@ def test_no_patches_give_no_patches() -> None:
     found = ALIGNER.align(none, ALIGNER.smooth_image(plain()), np.zeros((0, 2)), np.zeros((0, 2, 2)), FREE)
     assert found.centres.shape == (0, 2)
     assert not len(are_similar(found, SimilarityConfig()))
+
+
+def test_memory_that_is_used_again_changes_no_smooth_image() -> None:
+    memory = np.full((400, 400), np.nan, dtype=np.float32)
+    for image in (plain(), plain(0.5)):
+        np.testing.assert_array_equal(ALIGNER.smooth_image(image, memory), ALIGNER.smooth_image(image))
+        np.testing.assert_array_equal(memory, ALIGNER.smooth_image(image))
