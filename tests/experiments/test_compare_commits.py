@@ -18,7 +18,7 @@ VELOCITY = [f"velocity_world_{axis}" for axis in "xyz"]
 COVARIANCE = [f"pose_covariance_{row}{column}" for row in range(6) for column in range(row, 6)]
 
 
-def write_case(
+def write_case(  # noqa: PLR0913 -- one call describes a case
     folder: Path,
     *,
     position: float = 0.0,
