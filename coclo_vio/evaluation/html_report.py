@@ -180,7 +180,8 @@ def _calibrations(calibrations: Mapping[str, Calibration]) -> str:
     ]
     scales = (_with_sigma(100.0 * (each.stereo_scale - 1.0), 100.0 * each.stereo_scale_sigma) for each in learnt)
     rows.append(html_page.row("Stereo scale against the recording's calibration [%]", scales))
-    return f"<h2>Calibration learnt</h2>{html_page.table(('', *calibrations), rows)}<p>With one sigma.</p>"
+    table = html_page.table(("", *calibrations), rows)
+    return f"<h2>Calibration of the cameras, estimated</h2>{table}<p>With one sigma.</p>"
 
 
 def _with_sigma(value: float, sigma: float) -> str:

@@ -141,6 +141,9 @@ class CombinedOdometry(StreamingEstimator):
             return
         if not self._vision.is_next(frame.stamp_ns):
             return
+        if self._is_too_late(frame.stamp_ns):
+            self._counted["frame_late"] += 1
+            return
         if self._pending is not None:
             self._counted["frame_while_busy"] += 1
             return
@@ -148,6 +151,12 @@ class CombinedOdometry(StreamingEstimator):
             yield from self._begin(self._filter.mark_frame(frame.stamp_ns), frame)
         else:
             yield from self._tie(self._keyframe.mark_frame(frame.stamp_ns), frame)
+
+    def _is_too_late(self, stamp_ns: int) -> bool:
+        """Whether the filter has passed the frame's stamp by more than constant velocity reaches back."""
+        if self._latest is None:
+            return False
+        return (self._latest.stamp_ns - stamp_ns) / NS_PER_S > self._filter.config.max_gap_s
 
     def _begin(self, marked: MarkedFrame, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         """The first frame: keyframe of the window, and anchor from which both count poses."""

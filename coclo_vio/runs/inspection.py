@@ -16,6 +16,7 @@ from coclo_vio.datasets.dataset import Dataset, RobotFit, guess_robot, open_data
 from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.evaluation.metrics import travelled_m
 from coclo_vio.robot.description import RobotDescription, robot_names
+from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.mode_requirements import Holdings, camera_angle_deg, missing_needs
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_config import RunConfig, resolve
@@ -181,13 +182,7 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         DatasetError: no recording, or one that cannot be read at all.
     """
     problems: list[str] = []
-    try:
-        dataset = open_dataset(path, robot, config)
-    except TopicNotFound as error:
-        if robot is None:
-            raise
-        problems.append(str(error))
-        dataset = _opened_in_part(path, robot, config)
+    dataset = _opened(path, robot, config, problems)
     has_effort, broken = _read_through(dataset)
     if broken is not None and not has_effort:
         has_effort, _ = _read_through(_opened_in_part(path, robot, config), is_for_effort=True)
@@ -197,7 +192,15 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
     report = dataset.report()  # what was assumed of a calibration is part of it
     truth = _truth(_tried(dataset.ground_truth, problems))
     holdings = Holdings(
-        robot, report, joints.missing, bool(joints.matched), has_effort, calibrations, config.allow_partial, joints.hint
+        robot=robot,
+        report=report,
+        missing_joints=joints.missing,
+        has_joints=bool(joints.matched),
+        has_effort=has_effort,
+        calibrations=calibrations,
+        allows_partial=config.allow_partial,
+        robot_hint=joints.hint,
+        fits_urdf=robot is None or _tried(lambda: RobotModel(robot), problems) is not None,
     )
     stopped = broken is not None and not isinstance(broken, TopicNotFound)
     return Inspection(
@@ -231,6 +234,17 @@ def _calibrations(dataset: Dataset, problems: list[str]) -> SensorCalibrations:
         imu=_tried(dataset.imu_calibration, problems),
         camera_imu=_tried(dataset.camera_imu_calibration, problems),
     )
+
+
+def _opened(path: Path, robot: RobotDescription | None, config: DatasetConfig, problems: list[str]) -> Dataset:
+    """The recording; in part where it lacks joints of the robot, which is a problem then."""
+    try:
+        return open_dataset(path, robot, config)
+    except TopicNotFound as error:
+        if robot is None:
+            raise
+        problems.append(str(error))
+        return _opened_in_part(path, robot, config)
 
 
 def _opened_in_part(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Dataset:

@@ -28,6 +28,7 @@ class Holdings:
         calibrations: of the recording.
         allows_partial: whether legs whose joints are missing are left out.
         robot_hint: what to give where no robot is known.
+        fits_urdf: whether the robot's description fits its URDF.
     """
 
     robot: RobotDescription | None
@@ -38,6 +39,7 @@ class Holdings:
     calibrations: SensorCalibrations
     allows_partial: bool
     robot_hint: str
+    fits_urdf: bool = True
 
     def has(self, stream: str) -> bool:
         """Whether the recording has samples of a stream."""
@@ -94,6 +96,8 @@ def _missing_legs(holdings: Holdings) -> Iterator[str]:
     robot, missing = holdings.robot, holdings.missing_joints
     if robot is None:
         yield holdings.robot_hint
+    elif not holdings.fits_urdf:
+        yield f"a description of {robot.name} that fits its URDF (see problems)"
     elif missing and not (holdings.allows_partial and holdings.has_joints):
         yield f"{len(missing)} of {robot.name}'s {len(robot.joint_names)} joints"
     elif not holdings.has("joints"):

@@ -63,11 +63,7 @@ def run_modes(
     lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
-    if folder.resolve() in (path.resolve(), path.resolve().parent if path.is_file() else None):
-        raise DatasetError(
-            f"{folder} is the folder of the recording itself, whose files would be overwritten; choose another folder "
-            "for the results"
-        )
+    _check_apart(folder, path)
     run_folder.clear(run_folder.prepare(folder))
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
@@ -83,6 +79,20 @@ def run_modes(
         record = _with_reader(record, dataset)
         run_folder.write_record(folder, record)
     return record
+
+
+def _check_apart(folder: Path, recording: Path) -> None:
+    """See that results do not go into the recording's own folder.
+
+    Raises:
+        DatasetError: they would, and overwrite its files.
+    """
+    own = recording.resolve().parent if recording.is_file() else recording.resolve()
+    if folder.resolve() == own:
+        raise DatasetError(
+            f"{folder} is the folder of the recording itself, whose files would be overwritten; choose another folder "
+            "for the results"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,12 +83,12 @@ def test_a_learnt_calibration_is_listed_with_its_sigmas(evaluations, tmp_path):
     learnt = Calibration(0, np.array([0.001, -0.002, 0.0]), np.array([0.0005, 0.0001, 0.003]), 1.012, 0.0015)
     content = ReportContent(calibrations={"fused_<legs>": learnt})
     text = write_report(tmp_path / "report.html", "x", evaluations, content=content).read_text(encoding="utf-8")
-    section = text.partition("<h2>Calibration learnt</h2>")[2].partition("<h2>")[0]
+    section = text.partition("<h2>Calibration of the cameras, estimated</h2>")[2].partition("<h2>")[0]
     assert "<th>fused_&lt;legs&gt;</th>" in section
     cells = re.findall(r"<td>([^<]*&plusmn;[^<]*)</td>", section)
     assert cells == ["1.00 &plusmn; 0.50", "-2.00 &plusmn; 0.10", "0.00 &plusmn; 3.00", "1.20 &plusmn; 0.15"]
     plain = write_report(tmp_path / "plain.html", "x", evaluations).read_text(encoding="utf-8")
-    assert "Calibration learnt" not in plain
+    assert "Calibration of the cameras, estimated" not in plain
 
 
 def test_a_missing_figure_is_an_error(evaluations, tmp_path):
