@@ -82,13 +82,14 @@ def run_modes(
 
 
 def _check_apart(folder: Path, recording: Path) -> None:
-    """See that results do not go into the recording's own folder.
+    """See that results do not overwrite files of the recording: the folder itself, or ground truth beside a file.
 
     Raises:
-        DatasetError: they would, and overwrite its files.
+        DatasetError: they would.
     """
     own = recording.resolve().parent if recording.is_file() else recording.resolve()
-    if folder.resolve() == own:
+    has_truth = (own / "groundtruth.tum").is_file() and not (own / run_folder.RUN_JSON).is_file()
+    if folder.resolve() == own and (recording.is_dir() or has_truth):
         raise DatasetError(
             f"{folder} is the folder of the recording itself, whose files would be overwritten; choose another folder "
             "for the results"
