@@ -132,6 +132,17 @@ def test_frames_before_the_filter_has_started_are_counted() -> None:
     assert odometry.counts == {"frame_before_start": 1}
 
 
+def test_a_frame_that_comes_long_after_its_stamp_is_left_out_and_counted() -> None:
+    """Constant velocity does not reach so far back; the estimates are those without the frame."""
+    rest = without(between(stream(), 0.0, 0.8), StereoTracks, 0.5, 0.8)
+    late = next(one for one in between(stream(), 0.5, 0.8) if isinstance(one, StereoTracks))
+    odometry, without_it = combined(), combined()
+    outputs = outputs_of(odometry, [*rest, late])
+    expected = states(outputs_of(without_it, rest), "combined_coclo")
+    assert odometry.counts["frame_late"] == 1
+    assert all(_same(one, other) for one, other in zip(states(outputs, "combined_coclo"), expected, strict=True))
+
+
 def _same(one: StateEstimate, other: StateEstimate) -> bool:
     return one.stamp_ns == other.stamp_ns and (one.nav.T_world_body == other.nav.T_world_body).all()
 

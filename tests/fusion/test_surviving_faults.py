@@ -5,9 +5,16 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from walk_among_points import DAISY, combined, error_m, outputs_of, states, stream, trial
+from walk_among_points import (
+    DAISY,
+    combined,
+    error_m,
+    outputs_of,
+    states,
+    stream,
+    trial,
+)
 
-from coclo_vio.fusion.combined import COMBINED_COCLO, COMBINED_VINS
 from coclo_vio.runs.faults import Faults, FaultsConfig
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -21,7 +28,7 @@ def estimates(**values: object) -> tuple[list[StateEstimate], list[StateEstimate
 
     faults = Faults(FaultsConfig.parse(values, "test"), DAISY.description)
     outputs = outputs_of(combined(), faults.measurements(read, frozenset(type(one) for one in stream())))
-    return states(outputs, COMBINED_COCLO), states(outputs, COMBINED_VINS)
+    return states(outputs, "combined_coclo"), states(outputs, "combined_vins")
 
 
 @pytest.mark.parametrize(

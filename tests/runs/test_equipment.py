@@ -10,7 +10,7 @@ from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
 from coclo_vio.datasets.euroc_folder import EurocFolder
 from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.robot.description import load_robot
-from coclo_vio.runs.equipment import Equipment, sensors_of
+from coclo_vio.runs.equipment import Equipment, check_pictures, sensors_of
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.values.errors import ConfigError, DatasetError
 from coclo_vio.values.measurements import (
@@ -74,6 +74,13 @@ def test_pictures_are_part_of_the_equipment() -> None:
     assert Equipment(name="walk").with_pictures(3).name == "walk"
 
 
+def test_pictures_are_of_every_first_frame_at_least() -> None:
+    check_pictures(None)
+    check_pictures(1)
+    with pytest.raises(ConfigError, match=r"pictures_every = 0: give 1 for a picture of every frame"):
+        check_pictures(0)
+
+
 def test_tracks_are_cameras_without_frames() -> None:
     tracks = Equipment(stereo=tiny_cameras(), sensors=frozenset({StereoTracks}))
     assert tracks.require_cameras() == tiny_cameras()
@@ -85,7 +92,7 @@ def test_a_body_twist_is_required_of_the_samples() -> None:
 
 
 def test_without_a_robot_the_known_ones_are_listed() -> None:
-    with pytest.raises(ConfigError, match=r"--robot NAME or a YAML file; known robots are: .*daisy, go1"):
+    with pytest.raises(ConfigError, match=r"--robot\) by its name or a YAML file; known robots are: .*daisy, go1"):
         Equipment().require_robot()
 
 

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trajectories of a run folder and TUM files against ground truth."""
+"""The trajectories of a run folder against ground truth."""
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from stand_in_modes import FAILURE
 
-from coclo_vio.evaluation.evaluate import EvaluationConfig
+from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.runs import run_folder
-from coclo_vio.runs.evaluating import evaluate_run, evaluate_tum
+from coclo_vio.runs.evaluating import evaluate_run, evaluation_config
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.running import run_modes
-from coclo_vio.values.errors import DatasetError, EvaluationError
-from coclo_vio.values.trajectory import GroundTruth, Trajectory, write_tum
+from coclo_vio.values.config import write_yaml
+from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum, write_tum
 
 CONFIG = resolve("daisy")
 
@@ -97,24 +97,44 @@ def test_another_ground_truth_can_be_given(naive_run: Path) -> None:
     assert given["naive"].path_length_m == pytest.approx(2.0 * own["naive"].path_length_m, rel=1e-6)
 
 
-def test_a_tum_file_is_evaluated_under_its_name(naive_run: Path) -> None:
-    alone = evaluate_tum(naive_run / "naive.tum", EvaluationConfig(), truth_of(naive_run))
+def test_the_trajectory_alone_has_the_same_error_and_no_consistency(naive_run: Path) -> None:
+    alone = evaluate(read_tum(naive_run / "naive.tum"), truth_of(naive_run), EvaluationConfig())
     whole, _ = evaluate_run(naive_run, EvaluationConfig())
-    assert alone["naive"].ate_m == pytest.approx(whole["naive"].ate_m, abs=1e-9)
-    assert alone["naive"].anees_pose is None
-
-
-def test_a_tum_file_needs_a_ground_truth_and_to_be_there(naive_run: Path) -> None:
-    with pytest.raises(EvaluationError, match="trajectory without ground truth; give one with --vicon FILE"):
-        evaluate_tum(naive_run / "naive.tum", EvaluationConfig(), None)
-    with pytest.raises(DatasetError, match=r"missing\.tum"):
-        evaluate_tum(naive_run / "missing.tum", EvaluationConfig(), None)
+    assert alone.ate_m == pytest.approx(whole["naive"].ate_m, abs=1e-9)
+    assert alone.anees_pose is None
+    assert whole["naive"].anees_pose is not None
 
 
 def test_the_ground_truth_against_itself_has_no_error(naive_run: Path, tmp_path: Path) -> None:
     truth = truth_of(naive_run)
     write_tum(truth.trajectory, tmp_path / "perfect.tum")
-    perfect = evaluate_tum(tmp_path / "perfect.tum", EvaluationConfig(), truth)["perfect"]
+    perfect = evaluate(read_tum(tmp_path / "perfect.tum"), truth, EvaluationConfig())
     assert perfect.ate_m < 1e-4
     assert perfect.coverage == pytest.approx(1.0)
-    assert np.isfinite(perfect.drift_percent)
+
+
+def test_a_trajectory_without_any_estimate_is_a_failure_that_gives_the_reason(film: Path, tmp_path: Path) -> None:
+    """The mode went through, but no image was left for it."""
+    run_modes(film, ["resting"], resolve(settings=["faults.frame_loss=1.0"]), tmp_path)
+    evaluations, failures = evaluate_run(tmp_path, EvaluationConfig())
+    assert (evaluations, failures) == ({}, {"resting": "it has no estimate"})
+
+
+def test_the_configuration_of_an_evaluation_is_that_of_the_run_with_settings(tmp_path: Path) -> None:
+    assert evaluation_config(None) == evaluation_config(tmp_path / "missing.yaml") == EvaluationConfig()
+    file = tmp_path / "config.yaml"
+    write_yaml(resolve("daisy", settings=["evaluation.alignment=se3", "evaluation.start_window_s=2"]), file)
+    config = evaluation_config(file, ["evaluation.start_window_s=3"])
+    assert (config.alignment, config.start_window_s) == ("se3", 3.0)
+    with pytest.raises(ConfigError, match=r"config\.yaml: there is no algnment; the keys there are: .*alignment"):
+        evaluation_config(file, ["evaluation.algnment=se3"])
+
+
+def test_a_run_with_a_contact_estimator_of_a_plugin_can_be_evaluated_without_it(
+    naive_run: Path, tmp_path: Path
+) -> None:
+    """Of the configuration only the section ``evaluation`` is read."""
+    text = (naive_run / "config.yaml").read_text(encoding="utf-8")
+    (tmp_path / "config.yaml").write_text(text.replace("method: hysteresis", "method: of_a_plugin"), encoding="utf-8")
+    assert "of_a_plugin" in (tmp_path / "config.yaml").read_text(encoding="utf-8")
+    assert evaluation_config(tmp_path / "config.yaml") == CONFIG.evaluation

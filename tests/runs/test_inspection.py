@@ -374,3 +374,14 @@ def test_the_noise_of_a_tracker_adds_nothing_to_the_path(tmp_path: Path, daisy: 
     assert seen.ground_truth is not None
     assert seen.ground_truth.path_length_m == pytest.approx(1.0, rel=0.02)
     assert trajectory.path_length_m() > 2.0
+
+
+def test_a_robot_whose_description_does_not_fit_its_urdf_is_a_problem_and_a_lack(
+    tmp_path: Path, daisy: RobotDescription
+) -> None:
+    write_leg_log(tmp_path, daisy, walk(daisy))
+    leg = daisy.legs[0].model_copy(update={"foot_frame": "no_such_frame"})
+    seen = inspected(tmp_path, daisy.model_copy(update={"legs": (leg, *daisy.legs[1:])}))
+    assert "no_such_frame" in seen.problems[0]
+    assert seen.missing["coclo"] == ("a description of daisy that fits its URDF (see problems)",)
+    assert {stream.name for stream in seen.report.streams} == {"imu", "joints"}

@@ -6,10 +6,13 @@ from pathlib import Path
 import pytest
 from tiny_recordings import camera_imu, imu, joints, write_still
 
+from coclo_vio.runs import mode_choice
 from coclo_vio.runs.mode_choice import compared_modes, default_mode
+from coclo_vio.runs.modes.mode import Mode, Need
+from coclo_vio.runs.modes.registry import mode_of, register_mode, unregister_mode
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.values.errors import DatasetError
-from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.measurements import BodyTwistSample, Measurement
 
 OF_LEGS = ("coclo", "coclo_paper", "inekf", "naive")
 OF_ALL = ("coclo", "vins", "combined", "coclo_paper", "inekf", "naive")
@@ -63,3 +66,15 @@ def test_no_recording_has_no_modes(tmp_path: Path) -> None:
     for choose in (compared_modes, default_mode):
         with pytest.raises(DatasetError, match="does not exist"):
             choose(tmp_path / "missing", resolve())
+
+
+def test_a_body_twist_without_cameras_is_enough_for_a_mode_that_needs_nothing_else(
+    film: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mode_choice, "sensors_of", lambda dataset: frozenset({BodyTwistSample}))
+    register_mode(Mode("twist", "", frozenset({Need.BODY_TWIST}), mode_of("stereo_twist").make, default_rank=-1))
+    try:
+        assert compared_modes(film, resolve()) == (*OF_LEGS, "twist")
+        assert default_mode(film, resolve()) == "twist"
+    finally:
+        unregister_mode("twist")

@@ -48,6 +48,7 @@ LACKS: dict[Need, list[tuple[dict[str, Any], str]]] = {
     Need.LEGS: [
         ({"robot": None, "robot_hint": "a robot (name one with --robot)"}, "a robot (name one with --robot)"),
         ({"missing_joints": ("knee", "hip")}, "2 of daisy's 18 joints"),
+        ({"fits_urdf": False}, "a description of daisy that fits its URDF (see problems)"),
         ({"report": report("imu", "stereo", "camera_imu", "body_twist")}, "joint samples"),
         ({"has_effort": False}, "joint torques, from which daisy's contacts are estimated"),
         (

@@ -27,7 +27,9 @@ def test_figures_follow_from_what_a_run_has(film: Path, tmp_path: Path) -> None:
         drawn = draw_figure(kind, tmp_path, record, evaluations if has_truth else {}, CONFIG.evaluation)
         assert any(axis.get_lines() for axis in drawn.axes), kind
     for kind in ("overview", "position_error", "error_bands", "contacts"):
-        with pytest.raises(EvaluationError, match=rf"no data for the figure '{kind}': overview and errors need ground"):
+        with pytest.raises(
+            EvaluationError, match=rf"no data for the figure '{kind}': overview, position_error and error_bands need"
+        ):
             draw_figure(kind, tmp_path, record, {}, CONFIG.evaluation)
     with pytest.raises(EvaluationError, match=r"no figure 'pth'; the figures are: contacts, error_bands, .*velocities"):
         draw_figure("pth", tmp_path, record, evaluations, CONFIG.evaluation)

@@ -10,6 +10,8 @@ import pytest
 
 from coclo_vio.geometry import se3, so3
 from coclo_vio.runs import run_folder
+from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.recorder import failed_records
 from coclo_vio.runs.run_folder import StateWriter
 from coclo_vio.runs.run_record import GroundTruthRecord, RunRecord
 from coclo_vio.values.errors import CocloError, DatasetError
@@ -196,12 +198,37 @@ def test_a_folder_without_run_json_is_no_run_folder(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="ascii")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(DatasetError, match=r"cannot make the folder .*file.* choose another with -o"):
+        with pytest.raises(DatasetError, match=r"cannot make the folder .*file.* choose another folder$"):
             run_folder.prepare(folder)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a device that is always full")
 def test_a_full_disk_is_reported_in_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "run.json").symlink_to("/dev/full")
+    (tmp_path / "run.json.part").symlink_to("/dev/full")
     with pytest.raises(CocloError, match="No space left"), run_folder.writing(tmp_path):
         run_folder.write_record(tmp_path, record_with(None))
+
+
+def test_a_record_that_cannot_be_written_leaves_the_earlier_one(tmp_path: Path) -> None:
+    run_folder.write_record(tmp_path, record_with(None))
+    (tmp_path / "run.json.part").mkdir()
+    with pytest.raises(DatasetError, match=r"cannot write .*run\.json\.part"), run_folder.writing(tmp_path):
+        run_folder.write_record(tmp_path, record_with(GroundTruthRecord(source="x", has_stamps=True)))
+    assert run_folder.read_record(tmp_path) == record_with(None)
+
+
+def test_what_an_earlier_run_wrote_is_cleared_and_other_files_stay(tmp_path: Path) -> None:
+    _write(tmp_path, "coclo", LEGS, _estimates(2))
+    pictures = tmp_path / "debug_images" / "coclo"
+    pictures.mkdir(parents=True)
+    ours = ("compare.json", "coclo_keyframes.csv", "debug_images/coclo/17.jpg")
+    others = ("notes.txt", "walk.csv", "mine.tum", "debug_images/coclo/17.png")
+    for name in (*ours, *others):
+        (tmp_path / name).write_text("", encoding="ascii")
+    before = set(tmp_path.rglob("*"))
+    run_folder.clear(tmp_path)
+    assert set(tmp_path.rglob("*")) == before, "a folder without run.json is no run folder"
+    trajectories = failed_records(mode_of("coclo"), "it stopped")
+    run_folder.write_record(tmp_path, record_with(None).model_copy(update={"estimators": trajectories}))
+    run_folder.clear(tmp_path)
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} == {tmp_path / name for name in others}

@@ -2,6 +2,7 @@
 """Modes over a short recording: what is in the run folder afterwards, also where one of them fails."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -161,7 +162,7 @@ def test_a_misspelt_mode_is_found_before_anything_runs(leg_log: Path, tmp_path: 
 
 def test_a_file_that_cannot_be_written_is_named(leg_log: Path, tmp_path: Path) -> None:
     (tmp_path / "naive.tum").mkdir()
-    with pytest.raises(DatasetError, match=r"cannot write .*naive\.tum: .*directory; choose another folder with -o"):
+    with pytest.raises(DatasetError, match=r"cannot write .*naive\.tum: .*directory; choose another folder$"):
         run_modes(leg_log, ["naive"], CONFIG, tmp_path)
 
 
@@ -201,3 +202,28 @@ def test_the_record_on_disk_is_json_with_its_schema_version(film: Path, tmp_path
     values = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
     assert values["schema_version"] == RunRecord.model_fields["schema_version"].default
     assert values["dataset"] == str(film)
+
+
+def test_a_second_run_into_a_folder_replaces_the_first(leg_log: Path, film: Path, tmp_path: Path) -> None:
+    run_modes(film, ["resting"], resolve(), tmp_path, pictures_every=1)
+    run_modes(leg_log, ["naive"], CONFIG, tmp_path)
+    files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert files == {"naive.tum", "naive_state.csv", "groundtruth.tum", "config.yaml", "run.json"}
+
+
+def test_results_never_go_into_the_recordings_own_folder(leg_log: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "walk"
+    shutil.copytree(leg_log, copied)
+    before = {path.name: path.read_bytes() for path in copied.iterdir()}
+    for recording in (copied, copied / "leg_log.csv"):
+        with pytest.raises(DatasetError, match=r"is the folder of the recording itself, .*; choose another folder for"):
+            run_modes(recording, ["naive"], CONFIG, copied)
+    assert {path.name: path.read_bytes() for path in copied.iterdir()} == before
+
+
+def test_results_may_go_beside_a_recording_of_one_file(leg_log: Path, tmp_path: Path) -> None:
+    shutil.copy(leg_log / "leg_log.csv", tmp_path)
+    for _ in range(2):
+        run_modes(tmp_path / "leg_log.csv", ["naive"], CONFIG, tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"leg_log.csv", "naive.tum", "naive_state.csv", "config.yaml", "run.json"}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coclo_vio.fusion.combined import COMBINED_COCLO, COMBINED_VINS, CombinedOdometry
+from coclo_vio.fusion.combined import CombinedOdometry
 from coclo_vio.fusion.leg_odometry import LegOdometry
 from coclo_vio.fusion.visual_odometry import VisualOdometry
 from coclo_vio.geometry import se3
@@ -84,7 +84,7 @@ def test_the_modes_of_the_design_are_there() -> None:
 
 def test_combined_gives_the_trajectories_of_both_estimators_each_against_its_own_standalone_mode() -> None:
     combined = mode_of("combined")
-    assert combined.trajectory_names == (COMBINED_COCLO, COMBINED_VINS)
+    assert combined.trajectory_names == ("combined_coclo", "combined_vins")
     assert [kind.standalone for kind in combined.trajectories] == ["coclo", "vins"]
 
 
@@ -120,7 +120,7 @@ def test_a_mode_makes_a_fresh_estimator(name: str, kind: type) -> None:
 
 @pytest.mark.parametrize("name", [*LEG_MODES, "combined"])
 def test_a_mode_of_legs_without_a_robot_asks_for_one(name: str) -> None:
-    words = r"no robot is given: name one with --robot .*daisy, go1; the modes vins and stereo need none"
+    words = r"no robot is given: name one .*--robot.* known robots are: .*daisy, go1; visual modes need none"
     with pytest.raises(ConfigError, match=words):
         mode_of(name).make(replace(VISION, robot=None), resolve())
 
@@ -163,9 +163,9 @@ def test_a_visual_mode_makes_visual_odometry(name: str) -> None:
             "vins",
             {"sensors": frozenset({StereoFrame})},
             TopicNotFound,
-            "the walk has no IMU; the mode stereo needs none",
+            "the walk has no IMU; a mode of stereo alone needs none",
         ),
-        ("stereo_twist", {}, TopicNotFound, "the walk has no body twist; the mode stereo needs none"),
+        ("stereo_twist", {}, TopicNotFound, "the walk has no body twist; a mode of stereo alone needs none"),
         ("combined", {"stereo": None}, CalibrationMissing, r"the walk has no calibration .*cam0/sensor\.yaml"),
     ],
 )

@@ -112,7 +112,7 @@ def test_a_registered_mode_is_ranked_against_its_standalone_mode_and_drawn_in_it
 
 def test_kinds_of_trajectories_come_and_go_with_their_mode() -> None:
     register_mode(TOY)
-    assert fused_pairs()[-1] == ("toy", "naive")
+    assert fused_pairs()[0] == ("toy", "naive"), "by the rank of its mode"
     assert style_of("toy")["color"] == "#123456"
     assert in_order(["naive", "toy"]) == ["toy", "naive"]
     unregister_mode("toy")
