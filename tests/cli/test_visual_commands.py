@@ -86,7 +86,7 @@ def test_its_modes_are_compared_by_default(coclo: Coclo, camera_recording: Path,
     ("arguments", "words"),
     [
         (("-m", "coclo"), "has no joint, so there is no leg odometry; coclo-vio inspect lists its contents"),
-        (("-m", "stereo_twist"), "flight has no body twist; the mode stereo needs none"),
+        (("-m", "stereo_twist"), "flight has no body twist; a mode of stereo alone needs none"),
     ],
 )
 def test_what_a_mode_lacks_is_one_sentence(
@@ -103,7 +103,7 @@ def test_what_a_mode_lacks_is_one_sentence(
     [
         ("cam1/sensor.yaml", "flight has no calibration of its cameras"),
         ("imu1/sensor.yaml", "flight has no mounting of its IMU"),
-        ("imu1/data.csv", "flight has no IMU; the mode stereo needs none"),
+        ("imu1/data.csv", "flight has no IMU; a mode of stereo alone needs none"),
     ],
 )
 def test_a_calibration_that_is_absent_is_one_sentence(
