@@ -150,13 +150,14 @@ def test_the_real_time_factor_is_recording_over_computing_as_far_as_there_are_es
 def test_computing_is_what_the_estimator_spends_until_its_outputs_are_taken_and_nothing_else(
     is_lazy: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a clock of this test: 1 s for each output of the estimator, 100 s for whoever takes it."""
+    """By a clock of this test: 1 s for each measurement, 100 s for whoever takes an output."""
     now_s = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now_s[0])
 
     def work(stamp_ns: int) -> Iterator[Output]:
-        now_s[0] += 1.0
+        now_s[0] += 0.25
         yield Event(stamp_ns, "worked", "for a second")
+        now_s[0] += 0.75
 
     class Working(Counting):
         def push(self, measurement: Measurement) -> Iterable[Output]:

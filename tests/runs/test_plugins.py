@@ -16,6 +16,7 @@ import pytest
 from coclo_vio import cli
 from coclo_vio.datasets.dataset import FORMATS, open_dataset, robot_fit
 from coclo_vio.evaluation.evaluation_record import RankingRecord
+from coclo_vio.fusion.feedback import make_feedback_policy, unregister_feedback_policy
 from coclo_vio.robot.contact import ContactConfig, ContactDetector, unregister_contact_estimator
 from coclo_vio.robot.description import load_robot
 from coclo_vio.runs import plugins
@@ -205,6 +206,17 @@ def test_a_feedback_policy_from_one_file_can_be_configured(extended: Extended) -
     answer = extended.by["config"]
     assert answer.status == 0, answer.err
     assert "feedback: inflated" in answer.out
+
+
+@pytest.mark.usefixtures("fresh")
+def test_a_configuration_loads_the_plugins_that_it_may_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, str(FEEDBACK))
+    try:
+        bridge = resolve(settings=["bridge.feedback=inflated"]).bridge
+        policy = make_feedback_policy(bridge.feedback, bridge.policy_parameters)
+    finally:
+        unregister_feedback_policy("inflated")
+    assert type(policy).__name__ == "InflatedFeedback"
 
 
 def test_a_format_from_one_file_is_read_and_its_robot_inferred(extended: Extended, leg_log: Path) -> None:
