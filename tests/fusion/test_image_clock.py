@@ -36,7 +36,7 @@ def test_everything_comes_out_in_order_on_one_clock(offset_ms: int) -> None:
     assert clock.counts["not_waited_for_clock"] == 0
 
 
-@pytest.mark.parametrize("offset_ms", [0, 7, 200, -7, -200])
+@pytest.mark.parametrize("offset_ms", [0, 60, 200, -7, -200])
 def test_all_that_waits_comes_out_at_the_end(offset_ms: int) -> None:
     clock = ImageClock(offset_ms * 1e-3, waits=True)
     due = [one for sample in recording() for one in clock.push(sample)]
