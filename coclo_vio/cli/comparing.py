@@ -38,7 +38,7 @@ def demo(output: OutOption = Path("demo_out")) -> None:
     recording = open_recording(sample_path(), "daisy")
     say(
         f"the bundled recording: {DURATION_S:.0f} s of a simulated hexapod Daisy that climbs stairs, {LENGTH_M:.1f} m; "
-        f"{len(recording.modes)} estimators run one after the other on one core, which takes two to three minutes"
+        "estimators and baselines run one after the other on one core, which takes about two minutes"
     )
     with progress_bar(DURATION_S) as progress:
         comparison = compare_recordings(recording, output=output, progress=progress, done=_print)
