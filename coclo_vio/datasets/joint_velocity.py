@@ -126,7 +126,6 @@ def fill_velocities(
     for sample in measurements:
         if isinstance(sample, JointSample):
             estimated = estimator.push(sample.stamp_ns, sample.position)
-            velocity = np.where(is_absent, estimated, sample.velocity)
-            yield JointSample(sample.stamp_ns, sample.position, velocity, sample.effort)
+            yield sample.with_velocity(np.where(is_absent, estimated, sample.velocity))
         else:
             yield sample

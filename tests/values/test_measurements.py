@@ -119,3 +119,16 @@ def test_has_nan_finds_a_nan_at_any_index() -> None:
         gap = values.copy()
         gap[index] = np.nan
         assert has_nan(gap)
+
+
+def test_other_velocities_are_checked_like_the_first() -> None:
+    sample = JointSample(5, np.arange(3.0), np.zeros(3), np.full(3, np.nan))
+    other = sample.with_velocity(np.array([1.0, np.nan, 3.0]))
+    assert other.stamp_ns == 5
+    np.testing.assert_array_equal(other.position, sample.position)
+    np.testing.assert_array_equal(other.velocity, [1.0, np.nan, 3.0])
+    assert not other.velocity.flags.writeable
+    with pytest.raises(ValueError, match=r"JointSample.velocity must have shape \(3,\), got \(2,\)"):
+        sample.with_velocity(np.zeros(2))
+    with pytest.raises(ValueError, match="must be finite, got inf at index"):
+        sample.with_velocity(np.array([0.0, np.inf, 0.0]))
