@@ -24,7 +24,7 @@ from coclo_vio.filter.state import (
     StateLayout,
 )
 from coclo_vio.geometry import so3
-from coclo_vio.robot.standstill import Rest
+from coclo_vio.robot.standstill import ImuMeans
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
 
@@ -57,7 +57,7 @@ def initial_filter(
     layout: StateLayout,
     config: InitialConfig,
     reading: Reading,
-    rest: Rest | None,
+    rest: ImuMeans | None,
     *,
     moving_force: Array | None,
     foot_prior: FootPrior,
@@ -123,7 +123,7 @@ def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
     )
 
 
-def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:
+def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: ImuMeans) -> None:
     """One update with gravity (tilt and accelerometer bias become correlated) and with the rate at rest."""
 
     def model(stack: State) -> Array:

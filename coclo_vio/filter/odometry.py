@@ -12,7 +12,6 @@ from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
 from coclo_vio.filter.paper_profile import PaperProfile
-from coclo_vio.filter.reading_builder import ReadingBuilder
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
@@ -20,7 +19,9 @@ from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION,
 from coclo_vio.filter.state_kernels import plain_covariance
 from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
+from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.robot.standstill import StartRule
 from coclo_vio.values.arrays import BoolArray, is_finite
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
@@ -67,28 +68,29 @@ class LegOdometryFilter:
             self._profile = PaperProfile(robot, self.config.paper, self._counts, has_frame=remembers_frames)
         else:
             self._profile = RobustProfile(robot, self.config.robust, self._counts, has_frame=remembers_frames)
-        self._readings = ReadingBuilder(robot, self.config, contact, self._counts)
+        timeout_s = self.config.force_timeout_s
+        self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
+        self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
-        self._first_ns: int | None = None
         self._stamp_ns = 0
         self._exchange: KeyframeExchange | None = None
         self._gate = EvidenceGate(self.config.feedback_gate)
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """How often each unusual thing happened, by name; see ``ReadingBuilder`` and the profiles."""
-        counts = {**self._counts, **self._readings.counts, **self._gate.counts}
+        """How often each unusual thing happened, by name; see ``LegSensing`` and the profiles."""
+        counts = {**self._counts, **self._sensing.counts, **self._gate.counts}
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate once the filter has started.
 
         Raises:
-            FilterError: another number of joints than the robot's, or the state is no longer finite.
-            RobotModelError: another number of legs than the robot's.
+            FilterError: the state is no longer finite.
+            RobotModelError: another number of joints or legs than the robot's.
         """
         up_body = None if self._core is None else self._core.mean.rotation[2]
-        reading = self._readings.push(measurement, up_body)
+        reading = self._sensing.push(measurement, up_body)
         if reading is None:
             return None
         if self._core is None:
@@ -173,11 +175,8 @@ class LegOdometryFilter:
         return float(self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s))
 
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
-        rest = self._readings.rest
-        if self._first_ns is None:
-            self._first_ns = reading.stamp_ns
-        waited_s = (reading.stamp_ns - self._first_ns) / NS_PER_S
-        if rest is None and waited_s < self.config.rest_timeout_s:
+        rest = self._sensing.rest
+        if not self._start_rule.is_met(reading.stamp_ns, rest):
             return None
         self._counts["started_moving"] += rest is None
         profile = self._profile
@@ -186,7 +185,7 @@ class LegOdometryFilter:
             self.config.initial,
             reading,
             rest,
-            moving_force=self._readings.mean_force,
+            moving_force=self._sensing.mean_force,
             foot_prior=profile.foot_prior(reading),
             is_wide=profile.is_wide,
         )
