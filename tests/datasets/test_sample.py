@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The shipped recording is the one that the simulator makes, and what its description has.
 
-The default tests remake its first quarter, images of its first seconds: the motion and the images are those of the whole, the noise of velocities,
-torques and IMUs is another (it is drawn by the recording's length). The slow test remakes the whole.
+The default tests remake its first quarter, images of its first seconds: the motion and the images are those of the
+whole, the noise of velocities, torques and IMUs is another (it is drawn by the recording's length). The slow test
+remakes the whole.
 """
 
 from collections.abc import Iterator
