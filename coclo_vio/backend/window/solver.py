@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from coclo_vio.backend.window.factors import landmark_id, ordered
+from coclo_vio.backend.window.indeterminate import IndeterminateError, indeterminate_points
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 
@@ -56,7 +58,8 @@ def minimise(
         tolerance: relative to the cost.
 
     Raises:
-        SmootherError: the factors do not determine the variables, or there is no finite minimum.
+        IndeterminateError: the factors do not determine the variables.
+        SmootherError: there is no finite minimum.
     """
     ordering = ordered(elimination)
     cost, iterations = graph.error(values), 0
@@ -98,7 +101,7 @@ def _damped(
     last: int,
     most_iterations: int,
 ) -> Minimum:
-    ordering = ordered(elimination)
+    ordering, solved = ordered(elimination), values
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(most_iterations)
     try:
@@ -107,7 +110,9 @@ def _damped(
         net = graph.linearize(solved).eliminateSequential(ordering)
         covariance = _covariance(net, elimination[-last:])
     except RuntimeError as error:
-        raise SmootherError(f"a problem of {graph.size()} factors cannot be solved: {first_sentence(error)}") from error
+        message = f"a problem of {graph.size()} factors cannot be solved: {first_sentence(error)}"
+        points = [key for key in elimination if landmark_id(key) is not None]
+        raise IndeterminateError(message, indeterminate_points(graph.linearize(solved), points, error)) from error
     if not np.isfinite(optimizer.error()):
         raise SmootherError(f"a problem of {graph.size()} factors has no finite solution")
     return Minimum(solved, int(optimizer.iterations()), covariance)
@@ -136,11 +141,3 @@ def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
 def first_sentence(error: Exception) -> str:
     """The first sentence of GTSAM's error, in a line, without the ten lines of advice after it."""
     return " ".join(str(error).strip().partition("\n\n")[0].split()).removesuffix(".")
-
-
-def ordered(keys: Sequence[int]) -> gtsam.Ordering:
-    """Keys as GTSAM's ordering."""
-    ordering = gtsam.Ordering()
-    for key in keys:
-        ordering.push_back(key)
-    return ordering

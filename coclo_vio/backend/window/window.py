@@ -2,7 +2,6 @@
 """The window itself: keyframes, landmarks and a prior, solved together; the oldest keyframe is marginalised."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -11,55 +10,18 @@ from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import ObservationFactors, Term
 from coclo_vio.backend.window.gauge import Gauge, tilt_prior, unobservable_directions
+from coclo_vio.backend.window.indeterminate import IndeterminateError
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
 from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
 from coclo_vio.backend.window.marginalisation import marginal_prior, removing_terms
-from coclo_vio.backend.window.solver import minimise
+from coclo_vio.backend.window.solver import Minimum, minimise
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.measurements import StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
 _POSE = 6  # dimensions
-
-
-@dataclass(slots=True, eq=False)
-class Keyframe:
-    """A frame of the window.
-
-    Attributes:
-        number: counts up; its keys are made of it.
-        stamp_ns: its time, ns.
-        tracks: points observed in it.
-        terms: connect it with the keyframe before it, or are priors on it.
-        rest_terms: zero velocity and the gyroscope's bias at a standstill.
-    """
-
-    number: int
-    stamp_ns: int
-    tracks: StereoTracks
-    terms: list[Term] = field(default_factory=list)
-    rest_terms: list[Term] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """Result of solving.
-
-    Attributes:
-        iterations: of the solver.
-        factors: in the problem.
-        landmarks: in the problem.
-        reprojection_px: root mean square of the observations' residuals, px.
-        covariance: of the newest pose relative to the oldest one's place and heading, and of velocity and biases
-            (accelerometer, gyroscope) where the IMU is used, (6, 6) or (15, 15).
-    """
-
-    iterations: int
-    factors: int
-    landmarks: int
-    reprojection_px: float
-    covariance: Array
+_MOST_ATTEMPTS = 8  # at solving, each without the landmarks that the one before did not determine
 
 
 class Window:
@@ -135,11 +97,34 @@ class Window:
     def solve(self) -> Solution:
         """Solve for all states and landmarks, and remove the observations that do not fit.
 
+        Landmarks that are not determined are dropped, and the others solved for again.
+
         Raises:
-            SmootherError: the problem is not determined, or its solution is not finite.
+            SmootherError: the keyframes are not determined, or the solution is not finite.
         """
-        landmark_ids = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
-        terms = [*self.terms(landmark_ids)]
+        dropped = 0
+        for _ in range(_MOST_ATTEMPTS):
+            landmark_ids = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
+            terms = [*self.terms(landmark_ids)]
+            try:
+                found = self._minimum(terms, landmark_ids)
+                break
+            except IndeterminateError as error:
+                if not error.points:
+                    raise
+                self._drop([each for each in landmark_ids if factors.landmark_key(each) in error.points])
+                dropped += len(error.points)
+                last = error
+        else:
+            raise last
+        self._take(found.values, landmark_ids)
+        self._solved = frozenset(landmark_ids)
+        covariance = self._newest_covariance(found.covariance)
+        rms = self._cull()
+        self._place()
+        return Solution(found.iterations, len(terms), len(landmark_ids), rms, covariance, dropped)
+
+    def _minimum(self, terms: Sequence[Term], landmark_ids: Sequence[int]) -> Minimum:
         values = gtsam.Values(self.values)
         for landmark_id in landmark_ids:
             values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
@@ -148,7 +133,7 @@ class Window:
             graph.push_back(term.factor)
         elimination = self.elimination(landmark_ids)
         staying = [key for keyframe in self.keyframes[1:] or self.keyframes for key in self._keys_of(keyframe.number)]
-        found = minimise(
+        return minimise(
             graph,
             values,
             elimination,
@@ -156,12 +141,26 @@ class Window:
             most_iterations=self._config.iterations,
             tolerance=self._config.tolerance,
         )
-        self._take(found.values, landmark_ids)
-        self._solved = frozenset(landmark_ids)
-        covariance = self._newest_covariance(found.covariance)
-        rms = self._cull()
-        self._place()
-        return Solution(found.iterations, len(terms), len(landmark_ids), rms, covariance)
+
+    def _drop(self, landmark_ids: Sequence[int]) -> None:
+        """Drop landmarks; of the prior, what it holds on the other variables is kept."""
+        keys = [factors.landmark_key(each) for each in landmark_ids]
+        touched = [term for term in self.prior if not set(keys).isdisjoint(term.keys)]
+        if touched:
+            values = gtsam.Values(self.values)
+            for landmark_id, landmark in self.landmarks.items():
+                if landmark.is_in_prior:
+                    values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
+            in_prior = {key for term in touched for key in term.keys}
+            untouched = [term for term in self.prior if term not in touched]
+            self.prior = untouched + marginal_prior(touched, [key for key in keys if key in in_prior], values)
+        for landmark_id in landmark_ids:
+            self._forget(landmark_id)
+
+    def _forget(self, landmark_id: int) -> None:
+        for number in self.landmarks[landmark_id].observations:
+            self._cache.pop((landmark_id, number), None)
+        self.landmarks.remove(landmark_id)
 
     def _newest_covariance(self, covariance: Array) -> Array:
         """The newest keyframe's, from that of all but the oldest; that of the next oldest one is kept for the gauge."""
@@ -341,9 +340,7 @@ class Window:
         for key in self._keys_of(oldest.number):
             self.values.erase(key)
         for landmark_id in lost:
-            for number in self.landmarks[landmark_id].observations:
-                self._cache.pop((landmark_id, number), None)
-            self.landmarks.remove(landmark_id)
+            self._forget(landmark_id)
         for landmark_id, _ in self.landmarks.items():
             self._cache.pop((landmark_id, oldest.number), None)
         self.landmarks.remove_keyframe(oldest.number)
