@@ -43,6 +43,11 @@ def bias_key(number: int) -> int:
     return int(_BIAS + number)
 
 
+def dimensions(key: int) -> int:
+    """Of a variable: 6 of a pose or of biases, 3 of a velocity or a landmark."""
+    return 6 if gtsam.Symbol(key).chr() in (ord("x"), ord("b")) else 3
+
+
 def ordered(keys: Sequence[int]) -> gtsam.Ordering:
     """Keys as GTSAM's ordering."""
     ordering = gtsam.Ordering()

@@ -18,7 +18,7 @@ from coclo_vio.values.errors import SmootherError
 
 _TINY = 1e-12
 _ROUNDING = 1e-9
-_LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step, tried in this order
+LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step, tried in this order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +86,17 @@ def _shortened(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, cost: float, step: gtsam.VectorValues
 ) -> tuple[float, gtsam.Values, float]:
     """The longest share of a step that does not raise the cost, the values there and their cost; 0 if there is none."""
-    for length in _LENGTHS:
+    for length in LENGTHS:
         proposed = values.retract(step.scale(length))
         proposed_cost = graph.error(proposed)
-        if proposed_cost <= cost * (1.0 + _ROUNDING) + _TINY:
+        if is_lower(proposed_cost, cost):
             return length, proposed, proposed_cost
     return 0.0, values, cost
+
+
+def is_lower(proposed_cost: float, cost: float) -> bool:
+    """Whether a step does not raise the cost, up to rounding."""
+    return proposed_cost <= cost * (1.0 + _ROUNDING) + _TINY
 
 
 def _damped(
@@ -128,7 +133,15 @@ def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
             end.push_back(conditional)
         if not missing:
             break
-    information, _ = end.hessian(ordered(keys))
+    return covariance_of(end.hessian(ordered(keys))[0])
+
+
+def covariance_of(information: Array) -> Array:
+    """The inverse of the newest variables' information.
+
+    Raises:
+        SmootherError: they are not determined.
+    """
     try:
         covariance = np.asarray(np.linalg.inv(information))
     except np.linalg.LinAlgError as error:
