@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The smoother's factors, all of them GTSAM's own: observations, motion, priors. A ``Term`` is one with its keys."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,11 @@ def landmark_key(landmark_id: int) -> int:
     return int(_LANDMARK + landmark_id)
 
 
+def landmark_id(key: int) -> int | None:
+    """The landmark with this key; None where it is the key of something else."""
+    return key - _LANDMARK if gtsam.Symbol(key).chr() == ord("l") else None
+
+
 def pose_key(number: int) -> int:
     """The key of a keyframe's pose."""
     return int(_POSE + number)
@@ -35,6 +41,19 @@ def velocity_key(number: int) -> int:
 def bias_key(number: int) -> int:
     """The key of a keyframe's IMU biases."""
     return int(_BIAS + number)
+
+
+def dimensions(key: int) -> int:
+    """Of a variable: 6 of a pose or of biases, 3 of a velocity or a landmark."""
+    return 6 if gtsam.Symbol(key).chr() in (ord("x"), ord("b")) else 3
+
+
+def ordered(keys: Sequence[int]) -> gtsam.Ordering:
+    """Keys as GTSAM's ordering."""
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The landmarks of the window: their positions, and the keyframes that observe them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.landmark import Landmark
+from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, BoolArray
@@ -18,40 +19,6 @@ _LEAST_PARALLAX_RAD = 0.02  # of rays that triangulate a point without any dispa
 _LEAST_INFORMATION = 1e-6  # 1/m^2: of a point, which bounds its covariance
 _DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
 _FARTHEST = 500.0  # baselines: farther points do not show translation
-
-
-@dataclass(slots=True, eq=False)
-class Landmark:
-    """A point of the world.
-
-    Attributes:
-        track_id: the track that observes it.
-        point_world: its position, m, (3,); None until it can be placed.
-        covariance: of the position, the observing poses taken as known, m^2, (3, 3); None until it is placed.
-        observations: by the number of the keyframe: left column, row, right column (NaN: no match), px, (3,).
-        depth_keyframe: the keyframe whose disparity placed it; None as long as there is none.
-        is_in_prior: whether the marginal prior contains it.
-        is_retired: whether it was found wrong: it gets no more observations, and leaves at the next marginalisation.
-    """
-
-    track_id: int
-    point_world: Array | None = None
-    covariance: Array | None = None
-    observations: dict[int, Array] = field(default_factory=dict)
-    depth_keyframe: int | None = None
-    is_in_prior: bool = False
-    is_retired: bool = False
-
-    @property
-    def is_solvable(self) -> bool:
-        """Whether it connects keyframes: it is placed, and observed by more than one of them or in the prior."""
-        return self.is_in_prior or (self.point_world is not None and len(self.observations) > 1)
-
-    def observe(self, number: int, observation: Array) -> None:
-        """Add the observation (3,) by keyframe ``number``; the first disparity is the one that places it."""
-        self.observations[number] = observation
-        if self.depth_keyframe is None and not np.isnan(observation[2]):
-            self.depth_keyframe = number
 
 
 class LandmarkMap:
@@ -142,16 +109,25 @@ class LandmarkMap:
         Args:
             poses: ``T_world_body`` by the number of the keyframe.
         """
+        by_disparity = []
         for landmark in self._by_id.values():
             if landmark.is_solvable or not landmark.observations:
                 continue
-            number = landmark.depth_keyframe
-            if number is not None and number in landmark.observations:
-                observation = landmark.observations[number]
-                point = self._rig.points(observation[None, :2], observation[:1] - observation[2:])
-                landmark.point_world = se3.apply(poses[number] @ self._rig.T_body_camera, point)[0]
+            if landmark.depth_keyframe in landmark.observations:
+                by_disparity.append(landmark)
             elif len(landmark.observations) > 1:
                 landmark.point_world = self._triangulated(landmark, poses)
+        if by_disparity:
+            self._place_by_disparity(by_disparity, poses)
+
+    def _place_by_disparity(self, landmarks: Sequence[Landmark], poses: Mapping[int, Array]) -> None:
+        numbers = [landmark.depth_keyframe for landmark in landmarks if landmark.depth_keyframe is not None]
+        pixels = np.array([each.observations[number] for each, number in zip(landmarks, numbers, strict=True)])
+        T_world_camera = {number: poses[number] @ self._rig.T_body_camera for number in set(numbers)}
+        in_camera = self._rig.points(pixels[:, :2], pixels[:, 0] - pixels[:, 2])
+        points = se3.apply(np.array([T_world_camera[number] for number in numbers]), in_camera)
+        for landmark, point in zip(landmarks, points, strict=True):
+            landmark.point_world = point
 
     def update_covariances(self, poses: Mapping[int, Array], model: StereoModel) -> None:
         """Covariance of each point, poses taken as known: of all its observations, and of one disparity.
@@ -160,23 +136,21 @@ class LandmarkMap:
             poses: ``T_world_body`` by the number of the keyframe.
             model: of the camera and its noise.
         """
-        placed = [each for each in self._by_id.values() if each.point_world is not None and each.observations]
-        rows = [(row, number) for row, each in enumerate(placed) for number in each.observations]
-        if not rows:
+        placed = {
+            name: each for name, each in self._by_id.items() if each.point_world is not None and each.observations
+        }
+        if not placed:
             return
-        depth_number = [
-            each.depth_keyframe if each.depth_keyframe in each.observations else min(each.observations)
-            for each in placed
-        ]
-        has_disparity = [placed[row].depth_keyframe is not None and depth_number[row] == number for row, number in rows]
+        table = ObservationTable.of(placed, list(poses))
+        depth = np.array([_depth_number(each) for each in placed.values()])
+        has_disparity = depth[table.landmark] == np.array(table.numbers)[table.keyframe]
         sigmas = np.where(has_disparity, self._config.noise.disparity_px, np.inf)
-        points = np.array([placed[row].point_world for row, _ in rows])
-        T_world_body = np.array([poses[number] for _, number in rows])
-        information = np.zeros((len(placed), 3, 3))
-        np.add.at(information, [row for row, _ in rows], model.point_information(T_world_body, points, sigmas))
+        points = np.array([each.point_world for each in placed.values()])[table.landmark]
+        T_world_body = np.array(list(poses.values()))[table.keyframe]
+        information = np.add.reduceat(model.point_information(T_world_body, points, sigmas), table.starts[:-1])
         least = _LEAST_INFORMATION + _DIGITS * np.einsum("nii->n", information)  # large for a point close to a camera
         covariances = np.linalg.inv(information + least[:, None, None] * np.eye(3))
-        for each, covariance in zip(placed, covariances, strict=True):
+        for each, covariance in zip(placed.values(), covariances, strict=True):
             each.covariance = covariance
 
     def _triangulated(self, landmark: Landmark, poses: Mapping[int, Array]) -> Array | None:
@@ -197,6 +171,21 @@ class LandmarkMap:
         is_usable = self._config.nearest_m < depth < _FARTHEST * self._rig.baseline_m
         return point if is_usable else None
 
+    def leaving(self, oldest: int, newest: int) -> tuple[list[int], list[int]]:
+        """Landmarks of the oldest keyframe or the prior: those to eliminate with it, and those that the prior keeps."""
+        lost: list[int] = []
+        tracked: list[int] = []
+        for landmark_id, landmark in self.items():
+            is_observed = oldest in landmark.observations and landmark.is_solvable
+            if not (is_observed or landmark.is_in_prior):
+                continue
+            is_tracked = newest in landmark.observations and not landmark.is_retired
+            (tracked if is_tracked else lost).append(landmark_id)
+        known = [each for each in tracked if self[each].is_in_prior]
+        fresh = [each for each in tracked if _is_worth_keeping(self[each], oldest)]
+        fresh.sort(key=lambda each: -len(self[each].observations))
+        return lost, known + fresh[: max(0, self._config.most_kept_landmarks - len(known))]
+
     def remove(self, landmark_id: int) -> None:
         """Remove a landmark."""
         landmark = self._by_id.pop(landmark_id)
@@ -209,3 +198,15 @@ class LandmarkMap:
             landmark.observations.pop(number, None)
             if not landmark.observations and not landmark.is_in_prior:
                 self.remove(landmark_id)
+
+
+def _depth_number(landmark: Landmark) -> int:
+    """The keyframe whose disparity counts: the one that placed the landmark, or else the first; -1 without any."""
+    if landmark.depth_keyframe is None:
+        return -1
+    return landmark.depth_keyframe if landmark.depth_keyframe in landmark.observations else min(landmark.observations)
+
+
+def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
+    """Whether a landmark may enter the prior: a single observation has to place it."""
+    return not landmark.is_in_prior and not np.isnan(landmark.observations[oldest][2])

@@ -2,7 +2,6 @@
 """The window itself: keyframes, landmarks and a prior, solved together; the oldest keyframe is marginalised."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -11,55 +10,21 @@ from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import ObservationFactors, Term
 from coclo_vio.backend.window.gauge import Gauge, tilt_prior, unobservable_directions
-from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
+from coclo_vio.backend.window.indeterminate import IndeterminateError
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
+from coclo_vio.backend.window.landmarks import LandmarkMap
 from coclo_vio.backend.window.marginalisation import marginal_prior, removing_terms
+from coclo_vio.backend.window.observation_table import ObservationTable
+from coclo_vio.backend.window.schur import SchurSolver, WindowMinimum, WindowProblem
 from coclo_vio.backend.window.solver import minimise
 from coclo_vio.backend.window.stereo_model import StereoModel
+from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.measurements import StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
 _POSE = 6  # dimensions
-
-
-@dataclass(slots=True, eq=False)
-class Keyframe:
-    """A frame of the window.
-
-    Attributes:
-        number: counts up; its keys are made of it.
-        stamp_ns: its time, ns.
-        tracks: points observed in it.
-        terms: connect it with the keyframe before it, or are priors on it.
-        rest_terms: zero velocity and the gyroscope's bias at a standstill.
-    """
-
-    number: int
-    stamp_ns: int
-    tracks: StereoTracks
-    terms: list[Term] = field(default_factory=list)
-    rest_terms: list[Term] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """Result of solving.
-
-    Attributes:
-        iterations: of the solver.
-        factors: in the problem.
-        landmarks: in the problem.
-        reprojection_px: root mean square of the observations' residuals, px.
-        covariance: of the newest pose relative to the oldest one's place and heading, and of velocity and biases
-            (accelerometer, gyroscope) where the IMU is used, (6, 6) or (15, 15).
-    """
-
-    iterations: int
-    factors: int
-    landmarks: int
-    reprojection_px: float
-    covariance: Array
+_MOST_ATTEMPTS = 8  # at solving, each without the landmarks that the one before did not determine
 
 
 class Window:
@@ -74,6 +39,7 @@ class Window:
         self._config = config
         self._is_anchored = is_anchored
         self._model = StereoModel(rig, config.noise)
+        self._schur_solver = SchurSolver(rig, config.noise)
         self._observation_factors = ObservationFactors(rig, config.noise)
         self._cache: dict[tuple[int, int], Term] = {}  # observations by landmark and keyframe
         self.landmarks = LandmarkMap(rig, config)
@@ -126,42 +92,115 @@ class Window:
         self.keyframes.append(keyframe)
         self.landmarks.observe(keyframe.number, keyframe.tracks, is_wrong)
         self._place()
+        if len(self.keyframes) == 1:  # nothing to solve for, after which they would be updated
+            self._update_covariances()
 
     def _place(self) -> None:
-        poses = {each.number: self.pose(each.number) for each in self.keyframes}
-        self.landmarks.place(poses)
-        self.landmarks.update_covariances(poses, self._model)
+        self.landmarks.place({each.number: self.pose(each.number) for each in self.keyframes})
+
+    def _update_covariances(self) -> None:
+        self.landmarks.update_covariances({each.number: self.pose(each.number) for each in self.keyframes}, self._model)
 
     def solve(self) -> Solution:
         """Solve for all states and landmarks, and remove the observations that do not fit.
 
+        Landmarks that are not determined are dropped, and the others solved for again.
+
         Raises:
-            SmootherError: the problem is not determined, or its solution is not finite.
+            SmootherError: the keyframes are not determined, or the solution is not finite.
         """
-        landmark_ids = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
-        terms = [*self.terms(landmark_ids)]
-        values = gtsam.Values(self.values)
+        dropped = 0
+        for _ in range(_MOST_ATTEMPTS):
+            problem = self._problem()
+            try:
+                found = self._minimum(problem)
+                break
+            except IndeterminateError as error:
+                if not error.points:
+                    raise
+                self._drop([each for each in problem.table.landmark_ids if factors.landmark_key(each) in error.points])
+                dropped += len(error.points)
+                last = error
+        else:
+            raise last
+        landmark_ids, count = problem.table.landmark_ids, len(problem.terms) + len(problem.table)
+        self._take(found, landmark_ids)
+        self._solved = frozenset(landmark_ids)
+        covariance = self._newest_covariance(found.covariance)
+        rms = self._cull(problem.table, found.points)
+        self._place()
+        self._update_covariances()
+        return Solution(found.iterations, count, len(landmark_ids), rms, covariance, dropped)
+
+    def _problem(self) -> WindowProblem:
+        """Everything that is solved for."""
+        solvable = {each: landmark for each, landmark in self.landmarks.items() if landmark.is_solvable}
+        kept = [each for each, landmark in solvable.items() if landmark.is_in_prior]
+        landmarks = {each: landmark for each, landmark in solvable.items() if not landmark.is_in_prior}
+        landmarks |= {each: solvable[each] for each in kept}
+        values, keys = gtsam.Values(self.values), [factors.landmark_key(each) for each in kept]
+        for key, each in zip(keys, kept, strict=True):
+            values.insert(key, self.landmarks.point(each))
+        numbers = [keyframe.number for keyframe in self.keyframes]
+        for number in numbers:
+            keys += self._keys_of(number)
+        return WindowProblem(
+            values=values,
+            terms=[*self._other_terms()],
+            keys=keys,
+            sizes=[factors.dimensions(key) for key in keys],
+            pose_keys=[factors.pose_key(number) for number in numbers],
+            table=ObservationTable.of(landmarks, numbers),
+            points=np.array([self.landmarks.point(each) for each in landmarks]).reshape(-1, 3),
+            kept=len(kept),
+        )
+
+    def _minimum(self, problem: WindowProblem) -> WindowMinimum:
+        """By our solver; by GTSAM's where that has none, or is not compiled."""
+        last = sum(len(self._keys_of(keyframe.number)) for keyframe in self.keyframes[1:] or self.keyframes)
+        most, tolerance = self._config.iterations, self._config.tolerance
+        found = None
+        if IS_COMPILED:
+            found = self._schur_solver.minimise(problem, last, most_iterations=most, tolerance=tolerance)
+        return found or self._minimum_by_gtsam(problem, last)
+
+    def _minimum_by_gtsam(self, problem: WindowProblem, last: int) -> WindowMinimum:
+        landmark_ids = problem.table.landmark_ids
+        values, graph = gtsam.Values(self.values), gtsam.NonlinearFactorGraph()
         for landmark_id in landmark_ids:
             values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
-        graph = gtsam.NonlinearFactorGraph()
-        for term in terms:
+        for term in self.terms(sorted(landmark_ids)):
             graph.push_back(term.factor)
-        elimination = self.elimination(landmark_ids)
-        staying = [key for keyframe in self.keyframes[1:] or self.keyframes for key in self._keys_of(keyframe.number)]
         found = minimise(
             graph,
             values,
-            elimination,
-            len(staying),
+            self.elimination(landmark_ids),
+            last,
             most_iterations=self._config.iterations,
             tolerance=self._config.tolerance,
         )
-        self._take(found.values, landmark_ids)
-        self._solved = frozenset(landmark_ids)
-        covariance = self._newest_covariance(found.covariance)
-        rms = self._cull()
-        self._place()
-        return Solution(found.iterations, len(terms), len(landmark_ids), rms, covariance)
+        points = [found.values.atPoint3(factors.landmark_key(each)) for each in landmark_ids]
+        return WindowMinimum(found.values, np.array(points).reshape(-1, 3), found.iterations, found.covariance)
+
+    def _drop(self, landmark_ids: Sequence[int]) -> None:
+        """Drop landmarks; of the prior, what it holds on the other variables is kept."""
+        keys = [factors.landmark_key(each) for each in landmark_ids]
+        touched = [term for term in self.prior if not set(keys).isdisjoint(term.keys)]
+        if touched:
+            values = gtsam.Values(self.values)
+            for landmark_id, landmark in self.landmarks.items():
+                if landmark.is_in_prior:
+                    values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
+            in_prior = {key for term in touched for key in term.keys}
+            untouched = [term for term in self.prior if term not in touched]
+            self.prior = untouched + marginal_prior(touched, [key for key in keys if key in in_prior], values)
+        for landmark_id in landmark_ids:
+            self._forget(landmark_id)
+
+    def _forget(self, landmark_id: int) -> None:
+        for number in self.landmarks[landmark_id].observations:
+            self._cache.pop((landmark_id, number), None)
+        self.landmarks.remove(landmark_id)
 
     def _newest_covariance(self, covariance: Array) -> Array:
         """The newest keyframe's, from that of all but the oldest; that of the next oldest one is kept for the gauge."""
@@ -173,24 +212,28 @@ class Window:
         """Uncertainty of a pose from that of the fixed oldest keyframe in the world, right/local, (6, 6)."""
         return self._gauge.covariance_at(T_world_body, self.pose(self.keyframes[0].number))
 
-    def _take(self, solved: gtsam.Values, landmark_ids: Sequence[int]) -> None:
-        for landmark_id in landmark_ids:
+    def _take(self, found: WindowMinimum, landmark_ids: Sequence[int]) -> None:
+        for landmark_id, point in zip(landmark_ids, found.points, strict=True):
             key = factors.landmark_key(landmark_id)
-            self.landmarks[landmark_id].point_world = np.asarray(solved.atPoint3(key))
-            solved.erase(key)
-        self.values = solved
+            self.landmarks[landmark_id].point_world = point
+            if found.values.exists(key):
+                found.values.erase(key)
+        self.values = found.values
 
     def terms(self, landmark_ids: Sequence[int]) -> Iterator[Term]:
         """All terms: of the prior, of the keyframes, and of the observations of these landmarks."""
+        yield from self._other_terms()
+        for landmark_id in landmark_ids:
+            for number in self.landmarks[landmark_id].observations:
+                yield self._observation_term(landmark_id, number)
+
+    def _other_terms(self) -> Iterator[Term]:
         yield from self.prior
         if self._gauge.term is not None:
             yield self._gauge.term
         for keyframe in self.keyframes:
             yield from keyframe.terms
             yield from keyframe.rest_terms
-        for landmark_id in landmark_ids:
-            for number in self.landmarks[landmark_id].observations:
-                yield self._observation_term(landmark_id, number)
 
     def _observation_term(self, landmark_id: int, number: int) -> Term:
         term = self._cache.get((landmark_id, number))
@@ -222,23 +265,15 @@ class Window:
         order = np.arange(size) if size == _POSE else np.r_[9:15, 6:9, 0:6]
         return np.asarray(covariance[np.ix_(order, order)])
 
-    def _cull(self) -> float:
+    def _cull(self, table: ObservationTable, points_world: Array) -> float:
         """Remove observations that do not fit or are of points behind the camera; RMS residual of the others, px."""
-        rows = [
-            (landmark_id, number)
-            for landmark_id, landmark in self.landmarks.items()
-            if landmark.is_solvable
-            for number in landmark.observations
-        ]
-        if not rows:
+        if not len(table):
             return 0.0
-        poses = {keyframe.number: self.pose(keyframe.number) for keyframe in self.keyframes}
-        T_world_body = np.array([poses[number] for _, number in rows])
-        points = np.array([self.landmarks.point(landmark_id) for landmark_id, _ in rows])
-        observations = np.array([self.landmarks[landmark_id].observations[number] for landmark_id, number in rows])
+        T_world_body = np.array([self.pose(number) for number in table.numbers])[table.keyframe]
+        points, observations = points_world[table.landmark], table.pixels
         is_wrong = self._model.residual_norms(T_world_body, points, observations) > self._config.noise.outlier
-        for index in np.flatnonzero(is_wrong):
-            landmark_id, number = rows[index]
+        for row in np.flatnonzero(is_wrong):
+            landmark_id, number = table.landmark_ids[table.landmark[row]], table.numbers[table.keyframe[row]]
             del self.landmarks[landmark_id].observations[number]
             self._cache.pop((landmark_id, number), None)
             self.landmarks[landmark_id].is_retired |= number == self.newest.number
@@ -255,7 +290,7 @@ class Window:
             SmootherError: the variables that leave are not determined; nothing has changed then.
         """
         oldest = self.keyframes[0]
-        lost, kept = self._lost_and_kept(oldest.number)
+        lost, kept = self.landmarks.leaving(oldest.number, self.newest.number)
         leaving = [factors.landmark_key(each) for each in lost] + self._keys_of(oldest.number)
         touched, untouched = self._touched(set(leaving), oldest, lost, kept)
         values = gtsam.Values(self.values)
@@ -299,26 +334,6 @@ class Window:
         has_gravity = self.values.exists(factors.velocity_key(number))
         return unobservable_directions(self.pose(number), has_gravity=has_gravity)
 
-    def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
-        """Landmarks of the oldest keyframe or the prior: those to eliminate, and those that the prior keeps."""
-        lost: list[int] = []
-        tracked: list[int] = []
-        for landmark_id, landmark in self.landmarks.items():
-            is_observed = oldest in landmark.observations and landmark.is_solvable
-            if not (is_observed or landmark.is_in_prior):
-                continue
-            is_tracked = self.newest.number in landmark.observations and not landmark.is_retired
-            (tracked if is_tracked else lost).append(landmark_id)
-        known = [each for each in tracked if self.landmarks[each].is_in_prior]
-        fresh = [each for each in tracked if self._is_worth_keeping(self.landmarks[each], oldest)]
-        fresh.sort(key=lambda each: -len(self.landmarks[each].observations))
-        return lost, known + fresh[: max(0, self._config.most_kept_landmarks - len(known))]
-
-    @staticmethod
-    def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
-        """Whether a landmark may enter the prior: a single observation has to place it."""
-        return not landmark.is_in_prior and not np.isnan(landmark.observations[oldest][2])
-
     def _touched(
         self, leaving: set[int], oldest: Keyframe, lost: Sequence[int], kept: Sequence[int]
     ) -> tuple[list[Term], list[Term]]:
@@ -341,9 +356,7 @@ class Window:
         for key in self._keys_of(oldest.number):
             self.values.erase(key)
         for landmark_id in lost:
-            for number in self.landmarks[landmark_id].observations:
-                self._cache.pop((landmark_id, number), None)
-            self.landmarks.remove(landmark_id)
+            self._forget(landmark_id)
         for landmark_id, _ in self.landmarks.items():
             self._cache.pop((landmark_id, oldest.number), None)
         self.landmarks.remove_keyframe(oldest.number)

@@ -12,11 +12,12 @@ from coclo_vio.backend.window.event_log import EventLog
 from coclo_vio.backend.window.frame_estimate import FrameEstimate, propagated_covariance
 from coclo_vio.backend.window.frame_localisation import FrameLocalisation
 from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
 from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_evidence
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.motion_prediction import ExternalOdometry, MotionPredictor
 from coclo_vio.backend.window.stereo_model import PoseFit
-from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.backend.window.window import Window
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.errors import SmootherError
@@ -189,6 +190,7 @@ class WindowUpdater:
         except SmootherError as error:
             self._log.add(stamp_ns, "solver_failed", f"{error}; the window is discarded")
             return None
+        self._log.add_dropped(stamp_ns, solution.dropped, solution.landmarks)
         if window.last_speed_mps > self._config.failure.fastest_mps:
             detail = (
                 f"the solution moves at {window.last_speed_mps:.0f} m/s, faster than failure.fastest_mps = "

@@ -6,7 +6,8 @@ import pytest
 from worlds import RIG
 
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
-from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
+from coclo_vio.backend.window.landmark import Landmark
+from coclo_vio.backend.window.landmarks import LandmarkMap
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array

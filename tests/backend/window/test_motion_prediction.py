@@ -8,9 +8,10 @@ from worlds import IMU, NS_PER_S, RIG, WALK, frames, pose_at, readings, scattere
 
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.keyframe import Keyframe
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.motion_prediction import MotionPredictor
-from coclo_vio.backend.window.window import Keyframe, Window
+from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.keyframes import OdometryDelta

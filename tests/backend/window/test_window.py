@@ -10,7 +10,8 @@ from worlds import FRAME_NS, RIG, WALK, frames, pose_at, scattered
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
-from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
+from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
