@@ -11,13 +11,14 @@ from coclo_vio.backend.window.landmark import Landmark
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.measurements import StereoTracks
 
 _LEAST_PARALLAX_RAD = 0.02  # of rays that triangulate a point without any disparity
 _LEAST_INFORMATION = 1e-6  # 1/m^2: of a point, which bounds its covariance
 _DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
+_NOTHING = np.zeros((3, 3))
 _FARTHEST = 500.0  # baselines: farther points do not show translation
 
 
@@ -57,13 +58,12 @@ class LandmarkMap:
 
     def known(self, tracks: StereoTracks) -> tuple[BoolArray, Array, Array]:
         """Which tracks (N,) have a placed landmark, positions of those, m, (M, 3), and their covariances (M, 3, 3)."""
-        found = [self._landmark_of(int(each)) for each in tracks.track_ids]
+        found = [self._landmark_of(each) for each in tracks.track_ids.tolist()]
         placed = [each for each in found if each is not None and each.point_world is not None]
         is_known = np.array([each is not None and each.point_world is not None for each in found], dtype=np.bool_)
-        points = np.array([each.point_world for each in placed]).reshape(-1, 3)
-        nothing = np.zeros((3, 3))
-        covariances = [nothing if each.covariance is None else each.covariance for each in placed]
-        return is_known, points, np.array(covariances).reshape(-1, 3, 3)
+        points = [each.point_world for each in placed if each.point_world is not None]
+        covariances = [_NOTHING if each.covariance is None else each.covariance for each in placed]
+        return is_known, _stacked(points, (3,)), _stacked(covariances, (3, 3))
 
     def observe(self, number: int, tracks: StereoTracks, is_wrong: BoolArray) -> None:
         """Add the observations of keyframe ``number``; tracks that are wrong (N,) are left out."""
@@ -83,8 +83,7 @@ class LandmarkMap:
             self._add(track_id).observe(number, observation)
 
     def _landmark_of(self, track_id: int) -> Landmark | None:
-        landmark_id = self._of_track.get(track_id)
-        return None if landmark_id is None else self._by_id[landmark_id]
+        return self._by_id.get(self._of_track.get(track_id, -1))
 
     def _add(self, track_id: int) -> Landmark:
         landmark = self._by_id[self._next_id] = Landmark(track_id)
@@ -109,14 +108,16 @@ class LandmarkMap:
         Args:
             poses: ``T_world_body`` by the number of the keyframe.
         """
-        by_disparity = []
-        for landmark in self._by_id.values():
+        by_disparity, by_rays = [], {}
+        for landmark_id, landmark in self._by_id.items():
             if landmark.is_solvable or not landmark.observations:
                 continue
             if landmark.depth_keyframe in landmark.observations:
                 by_disparity.append(landmark)
             elif len(landmark.observations) > 1:
-                landmark.point_world = self._triangulated(landmark, poses)
+                by_rays[landmark_id] = landmark
+        if by_rays:
+            self._triangulate(by_rays, poses)
         if by_disparity:
             self._place_by_disparity(by_disparity, poses)
 
@@ -153,23 +154,17 @@ class LandmarkMap:
         for each, covariance in zip(placed.values(), covariances, strict=True):
             each.covariance = covariance
 
-    def _triangulated(self, landmark: Landmark, poses: Mapping[int, Array]) -> Array | None:
-        """The point (3,) nearest to all rays; None where they are too parallel, or the point is behind or too far."""
-        centres, rays = [], []
-        for number, observation in landmark.observations.items():
-            T_world_camera = poses[number] @ self._rig.T_body_camera
-            sides = (observation[:2] - np.array(self._rig.principal_point_px)) / np.array(self._rig.focal_px)
-            ray = T_world_camera[:3, :3] @ np.array([sides[0], sides[1], 1.0])
-            centres.append(T_world_camera[:3, 3])
-            rays.append(ray / np.linalg.norm(ray))
-        if np.linalg.norm(np.cross(rays[0], rays[-1])) < _LEAST_PARALLAX_RAD:
-            return None
-        across = [np.eye(3) - np.outer(ray, ray) for ray in rays]
-        right = np.sum([part @ centre for part, centre in zip(across, centres, strict=True)], axis=0)
-        point = np.asarray(np.linalg.solve(np.sum(across, axis=0), right))
-        depth = float(rays[-1] @ (point - centres[-1]))
-        is_usable = self._config.nearest_m < depth < _FARTHEST * self._rig.baseline_m
-        return point if is_usable else None
+    def _triangulate(self, landmarks: Mapping[int, Landmark], poses: Mapping[int, Array]) -> None:
+        """Place landmarks at the points nearest to their rays, where those are usable."""
+        table = ObservationTable.of(landmarks, list(poses))
+        T_world_camera = (np.array(list(poses.values())) @ self._rig.T_body_camera)[table.keyframe]
+        sides = (table.pixels[:, :2] - np.array(self._rig.principal_point_px)) / np.array(self._rig.focal_px)
+        rays = np.einsum("nij,nj->ni", T_world_camera[:, :3, :3], np.column_stack((sides, np.ones(len(sides)))))
+        rays /= np.sqrt(np.einsum("ni,ni->n", rays, rays))[:, None]
+        points, depths = triangulated(table.starts, T_world_camera[:, :3, 3], rays)
+        is_usable = (self._config.nearest_m < depths) & (depths < _FARTHEST * self._rig.baseline_m)
+        for landmark, point, usable in zip(landmarks.values(), points, is_usable.tolist(), strict=True):
+            landmark.point_world = point if usable else None
 
     def leaving(self, oldest: int, newest: int) -> tuple[list[int], list[int]]:
         """Landmarks of the oldest keyframe or the prior: those to eliminate with it, and those that the prior keeps."""
@@ -200,6 +195,11 @@ class LandmarkMap:
                 self.remove(landmark_id)
 
 
+def _stacked(arrays: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """Arrays of one shape as one array: several times as fast as ``np.array`` of a list."""
+    return np.concatenate(arrays).reshape(-1, *shape) if arrays else np.zeros((0, *shape))
+
+
 def _depth_number(landmark: Landmark) -> int:
     """The keyframe whose disparity counts: the one that placed the landmark, or else the first; -1 without any."""
     if landmark.depth_keyframe is None:
@@ -210,3 +210,28 @@ def _depth_number(landmark: Landmark) -> int:
 def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
     """Whether a landmark may enter the prior: a single observation has to place it."""
     return not landmark.is_in_prior and not np.isnan(landmark.observations[oldest][2])
+
+
+def triangulated(starts: IntArray, centres: Array, rays: Array) -> tuple[Array, Array]:
+    """Points nearest to all of their rays, and depths along the last one; NaN where rays are too parallel.
+
+    A point p has ``sum over its rays of (I - r r^T) (p - c) = 0``.
+
+    Args:
+        starts: first ray of each point, and N, (P + 1,); at least two for each.
+        centres: where the rays begin, m, (N, 3).
+        rays: their directions, of length 1, (N, 3).
+
+    Returns:
+        Points (P, 3) and depths (P,), m.
+    """
+    first, last = starts[:-1], starts[1:] - 1
+    sine = np.linalg.norm(np.cross(rays[first], rays[last]), axis=1)
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    left = np.add.reduceat(across, first)
+    right = np.add.reduceat(np.einsum("nij,nj->ni", across, centres), first)
+    left[sine < _LEAST_PARALLAX_RAD] = np.eye(3)  # parallel rays determine no point
+    points = np.linalg.solve(left, right[:, :, None])[:, :, 0]
+    depths = np.einsum("ni,ni->n", rays[last], points - centres[last])
+    depths[sine < _LEAST_PARALLAX_RAD] = np.nan
+    return points, depths

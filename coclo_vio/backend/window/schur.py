@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.backend.window.factors import Term, ordered
@@ -34,7 +34,7 @@ class WindowProblem:
     Attributes:
         values: of the keyframes' variables, and of the points that other terms than observations contain.
         terms: those other terms.
-        keys: of ``values``, such points first, then the keyframes' variables, the newest last.
+        keys: of ``values``, such points first, then the keyframes' variables, those last that a result is about.
         sizes: dimensions of each key.
         pose_keys: of the keyframes, in the order of the table's numbers.
         table: observations; its landmarks are first those in no other term, then those of ``keys``, in their order.
@@ -151,25 +151,52 @@ class Iterations:
 
     def step(self, values: gtsam.Values, points: Array) -> Step | None:
         """The step of Gauss and Newton; None where GTSAM would call a variable indeterminate."""
-        linear = self._graph.linearize(values)
-        for factor in self._unmeasured:
-            linear.push_back(factor)
-        information, vector = (np.ascontiguousarray(each) for each in linear.hessian(self._ordering))
-        free = np.empty((self._free, 3, 3)), np.empty((self._free, 3)), np.empty((len(self._observed[0]), 3, 6))
-        starts, system = self._problem.table.starts, (information, vector)
-        poses = self._poses(values)
-        if not linearise(points, self._observed, poses, self._camera, starts, self._offsets, system, free):
+        system = self._system(values, points)
+        if system is None:
             return None
+        information, vector, free = system
         upper, failure = dpotrf(information.T, lower=0, clean=0, overwrite_a=1)
         root = upper.T
         if failure or not is_determined(root, self._blocks):
             return None
-        keys = dpotrs(upper, vector, lower=0)[0]
+        keys, starts = dpotrs(upper, vector, lower=0)[0], self._problem.table.starts
         moved = np.empty((len(points), 3))
         back_substituted(*free, starts, self._offsets[0], keys, moved[: self._free])
         moved[self._free :] = keys[: _POINT * self._problem.kept].reshape(-1, 3)
         predicted = 0.5 * float(vector @ keys + np.sum(np.square(free[1])))
         return Step(keys, moved, predicted, root) if np.isfinite(predicted) else None
+
+    def reduced(self, values: gtsam.Values, points: Array, last: int) -> tuple[Array, Array] | None:
+        """Information (M, M) and vector (M,) of the ``last`` keys once everything else is eliminated.
+
+        Directions of those keys may hold no information. None where GTSAM would call another variable indeterminate.
+        """
+        system = self._system(values, points)
+        if system is None:
+            return None
+        information, vector, _ = system
+        first = int(self._blocks[-1 - last])
+        own = np.tril(information[first:, first:])
+        own += np.tril(own, -1).T
+        if first == 0:
+            return own, vector
+        upper, failure = dpotrf(information[:first, :first].T, lower=0, clean=0)
+        if failure or not is_determined(upper.T, self._blocks[:-last]):
+            return None
+        cross = np.column_stack((information[first:, :first].T, vector[:first]))
+        gain = dtrtrs(upper, cross, lower=0, trans=1)[0]
+        return own - gain[:, :-1].T @ gain[:, :-1], vector[first:] - gain[:, :-1].T @ gain[:, -1]
+
+    def _system(self, values: gtsam.Values, points: Array) -> tuple[Array, Array, tuple[Array, Array, Array]] | None:
+        """Information, lower triangle, and vector of all keys, and what ``back_substituted`` needs of the points."""
+        linear = self._graph.linearize(values)
+        for factor in self._unmeasured:
+            linear.push_back(factor)
+        information, vector = (np.ascontiguousarray(each) for each in linear.hessian(self._ordering))
+        free = np.empty((self._free, 3, 3)), np.empty((self._free, 3)), np.empty((len(self._observed[0]), 3, 6))
+        starts, system, poses = self._problem.table.starts, (information, vector), self._poses(values)
+        is_solvable = linearise(points, self._observed, poses, self._camera, starts, self._offsets, system, free)
+        return (information, vector, free) if is_solvable else None
 
     def shortened(
         self, values: gtsam.Values, points: Array, cost: float, step: Step

@@ -13,7 +13,7 @@ from coclo_vio.backend.window.gauge import Gauge, tilt_prior, unobservable_direc
 from coclo_vio.backend.window.indeterminate import IndeterminateError
 from coclo_vio.backend.window.keyframe import Keyframe, Solution
 from coclo_vio.backend.window.landmarks import LandmarkMap
-from coclo_vio.backend.window.marginalisation import marginal_prior, removing_terms
+from coclo_vio.backend.window.marginalisation import evidence_of_poses, marginal_prior, removing_terms
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.schur import SchurSolver, WindowMinimum, WindowProblem
 from coclo_vio.backend.window.solver import minimise
@@ -111,7 +111,7 @@ class Window:
         """
         dropped = 0
         for _ in range(_MOST_ATTEMPTS):
-            problem = self._problem()
+            problem = self.problem([each for each, landmark in self.landmarks.items() if landmark.is_solvable])
             try:
                 found = self._minimum(problem)
                 break
@@ -132,21 +132,28 @@ class Window:
         self._update_covariances()
         return Solution(found.iterations, count, len(landmark_ids), rms, covariance, dropped)
 
-    def _problem(self) -> WindowProblem:
-        """Everything that is solved for."""
-        solvable = {each: landmark for each, landmark in self.landmarks.items() if landmark.is_solvable}
-        kept = [each for each, landmark in solvable.items() if landmark.is_in_prior]
-        landmarks = {each: landmark for each, landmark in solvable.items() if not landmark.is_in_prior}
-        landmarks |= {each: solvable[each] for each in kept}
+    def problem(
+        self, landmark_ids: Sequence[int], without: Sequence[Term] = (), last: Sequence[int] = ()
+    ) -> WindowProblem:
+        """Everything that is solved for.
+
+        Args:
+            landmark_ids: the landmarks, all of them solvable.
+            without: terms that are left out.
+            last: keys of poses that are put at the end.
+        """
+        kept = [each for each in landmark_ids if self.landmarks[each].is_in_prior]
+        ordered_ids = [each for each in landmark_ids if not self.landmarks[each].is_in_prior] + kept
+        landmarks = {each: self.landmarks[each] for each in ordered_ids}
         values, keys = gtsam.Values(self.values), [factors.landmark_key(each) for each in kept]
         for key, each in zip(keys, kept, strict=True):
             values.insert(key, self.landmarks.point(each))
-        numbers = [keyframe.number for keyframe in self.keyframes]
-        for number in numbers:
-            keys += self._keys_of(number)
+        numbers, left_out = [keyframe.number for keyframe in self.keyframes], {id(term) for term in without}
+        keys += [key for number in numbers for key in self._keys_of(number) if key not in last]
+        keys += last
         return WindowProblem(
             values=values,
-            terms=[*self._other_terms()],
+            terms=[term for term in self._other_terms() if id(term) not in left_out],
             keys=keys,
             sizes=[factors.dimensions(key) for key in keys],
             pose_keys=[factors.pose_key(number) for number in numbers],
@@ -154,6 +161,34 @@ class Window:
             points=np.array([self.landmarks.point(each) for each in landmarks]).reshape(-1, 3),
             kept=len(kept),
         )
+
+    def evidence(self, numbers: Sequence[int], without: Sequence[Term] = ()) -> tuple[Array, Array]:
+        """Information (6 N, 6 N) and vector (6 N,) of the poses of N keyframes, everything else eliminated.
+
+        Args:
+            numbers: of the keyframes.
+            without: terms that are left out.
+
+        Raises:
+            SmootherError: landmarks or other variables are not determined.
+        """
+        landmark_ids = self.solved_landmarks  # others may be far from the minimum, where linearisation is worthless
+        if IS_COMPILED:
+            problem = self.problem(landmark_ids, without, [factors.pose_key(number) for number in numbers])
+            found = self._schur_solver.run(problem).reduced(problem.values, problem.points, len(numbers))
+            if found is not None:
+                return found
+        return self.evidence_by_gtsam(numbers, without)
+
+    def evidence_by_gtsam(self, numbers: Sequence[int], without: Sequence[Term] = ()) -> tuple[Array, Array]:
+        """The same by GTSAM's elimination."""
+        landmark_ids, values = self.solved_landmarks, gtsam.Values(self.values)
+        for landmark_id in landmark_ids:
+            values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
+        poses, left_out = [factors.pose_key(number) for number in numbers], {id(term) for term in without}
+        terms = [term for term in self.terms(landmark_ids) if id(term) not in left_out]
+        leaving = [key for key in self.elimination(landmark_ids) if key not in poses]
+        return evidence_of_poses(terms, leaving, poses, values)
 
     def _minimum(self, problem: WindowProblem) -> WindowMinimum:
         """By our solver; by GTSAM's where that has none, or is not compiled."""

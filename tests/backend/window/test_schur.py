@@ -11,7 +11,7 @@ from worlds import CHEAP_IMU, FRAME_NS, IMU, RIG, WALK, frames, in_order, play, 
 
 from coclo_vio.backend.window import window as window_module
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.factors import Term, landmark_key, ordered, pose_key
+from coclo_vio.backend.window.factors import Term, landmark_key, ordered, pose_key, relative_pose
 from coclo_vio.backend.window.keyframe import Keyframe
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.reprojection_kernels import reprojection_cost
@@ -63,6 +63,11 @@ def behind(window: Window, count: int) -> None:
         landmark.point_world = pose[:3, 3] - 0.05 * pose[:3, 2]
 
 
+def problem_of(window: Window) -> WindowProblem:
+    """Everything that ``solve`` solves for."""
+    return window.problem([each for each, landmark in window.landmarks.items() if landmark.is_solvable])
+
+
 def by_ours(window: Window, problem: WindowProblem, **limits: float) -> WindowMinimum | None:
     most, tolerance = int(limits.get("most_iterations", 6)), limits.get("tolerance", 1e-4)
     last = len(problem.pose_keys) - 1
@@ -89,7 +94,7 @@ def test_cost_and_one_step_are_those_of_gtsam(seed: int, count_behind: int) -> N
     """With stereo and left-only observations, first and repeated disparities, wrong ones, and points of the prior."""
     window = disturbed_window(seed)
     behind(window, count_behind)
-    problem = window._problem()
+    problem = problem_of(window)
     assert problem.kept > 10
     assert np.isnan(problem.table.pixels[:, 2]).sum() > 10
     assert 0 < problem.table.is_first.sum() < len(problem.table) / 2
@@ -111,7 +116,7 @@ def test_cost_and_one_step_are_those_of_gtsam(seed: int, count_behind: int) -> N
 @pytest.mark.parametrize("seed", range(4))
 def test_the_reduced_information_is_that_of_gtsam(seed: int) -> None:
     window = disturbed_window(seed)
-    problem = window._problem()
+    problem = problem_of(window)
     step = window._schur_solver.run(problem).step(problem.values, problem.points)
     assert step is not None
     ids = problem.table.landmark_ids
@@ -127,7 +132,7 @@ def test_the_reduced_information_is_that_of_gtsam(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_minimum_is_that_of_gtsam(seed: int) -> None:
     window = disturbed_window(seed)
-    problem = window._problem()
+    problem = problem_of(window)
     found = by_ours(window, problem)
     expected = window._minimum_by_gtsam(problem, len(problem.pose_keys) - 1)
     assert found is not None
@@ -139,6 +144,23 @@ def test_the_minimum_is_that_of_gtsam(seed: int) -> None:
     sigmas = np.sqrt(np.diag(expected.covariance))
     scale = np.outer(sigmas, sigmas)
     np.testing.assert_allclose(found.covariance / scale, expected.covariance / scale, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_evidence_of_keyframes_is_that_of_gtsam(seed: int) -> None:
+    """With and without a relative motion between them, after which only landmarks tie the newest one."""
+    window = disturbed_window(seed)
+    before, newest = (keyframe.number for keyframe in window.keyframes[-2:])
+    motion = relative_pose(before, newest, se3.exp(0.1 * np.ones(6)), 1e-4 * np.eye(6))
+    window.newest.terms.append(motion)
+    window.solve()
+    for numbers, without in (((before, newest), ()), ((before, newest), (motion,)), ((newest,), ())):
+        ours, theirs = window.evidence(numbers, without), window.evidence_by_gtsam(numbers, without)
+        scale = np.sqrt(np.outer(np.diag(theirs[0]), np.diag(theirs[0])))
+        np.testing.assert_allclose(ours[0] / scale, theirs[0] / scale, atol=1e-9)
+        np.testing.assert_allclose(
+            ours[1] / np.sqrt(np.diag(theirs[0])), theirs[1] / np.sqrt(np.diag(theirs[0])), atol=1e-7
+        )
 
 
 @pytest.mark.parametrize("uses_imu", [True, False], ids=["vins", "stereo"])
@@ -164,13 +186,13 @@ def test_a_landmark_that_is_not_determined_is_left_to_gtsam() -> None:
     landmark.observations = {number: np.array([*landmark.observations[number][:2], np.nan]), number - 1: np.zeros(3)}
     pose = window.pose(number - 1) @ RIG.T_body_camera
     landmark.point_world = pose[:3, 3] - 3.0 * pose[:3, 2]
-    assert by_ours(window, window._problem()) is None
+    assert by_ours(window, problem_of(window)) is None
     assert window.solve().dropped <= 1
 
 
 def test_a_step_that_no_share_of_lowers_the_cost_is_left_to_gtsam(monkeypatch: pytest.MonkeyPatch) -> None:
     window = disturbed_window(0)
-    problem = window._problem()
+    problem = problem_of(window)
     assert by_ours(window, problem) is not None
     monkeypatch.setattr("coclo_vio.backend.window.schur.is_lower", lambda proposed, cost: False)
     assert by_ours(window, problem) is None
@@ -178,7 +200,7 @@ def test_a_step_that_no_share_of_lowers_the_cost_is_left_to_gtsam(monkeypatch: p
 
 def test_the_number_of_iterations_is_bounded() -> None:
     window = disturbed_window(1)
-    found = by_ours(window, window._problem(), most_iterations=2, tolerance=0.0)
+    found = by_ours(window, problem_of(window), most_iterations=2, tolerance=0.0)
     assert found is not None
     assert found.iterations == 2
 
