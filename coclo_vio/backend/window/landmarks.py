@@ -16,8 +16,6 @@ from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.measurements import StereoTracks
 
 _LEAST_PARALLAX_RAD = 0.02  # of rays that triangulate a point without any disparity
-_LEAST_INFORMATION = 1e-6  # 1/m^2: of a point, which bounds its covariance
-_DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
 _NOTHING = np.zeros((3, 3))
 _FARTHEST = 500.0  # baselines: farther points do not show translation
 
@@ -145,12 +143,8 @@ class LandmarkMap:
         table = ObservationTable.of(placed, list(poses))
         depth = np.array([_depth_number(each) for each in placed.values()])
         has_disparity = depth[table.landmark] == np.array(table.numbers)[table.keyframe]
-        sigmas = np.where(has_disparity, self._config.noise.disparity_px, np.inf)
-        points = np.array([each.point_world for each in placed.values()])[table.landmark]
-        T_world_body = np.array(list(poses.values()))[table.keyframe]
-        information = np.add.reduceat(model.point_information(T_world_body, points, sigmas), table.starts[:-1])
-        least = _LEAST_INFORMATION + _DIGITS * np.einsum("nii->n", information)  # large for a point close to a camera
-        covariances = np.linalg.inv(information + least[:, None, None] * np.eye(3))
+        points = _stacked([each.point_world for each in placed.values() if each.point_world is not None], (3,))
+        covariances = model.point_covariances(points, table, np.array(list(poses.values())), has_disparity)
         for each, covariance in zip(placed.values(), covariances, strict=True):
             each.covariance = covariance
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled kernels of the pose of one frame by landmarks of known position; ``StereoModel`` has the readable forms.
+"""Compiled kernels of the pose of one frame by landmarks, and of their uncertainty.
+
+``StereoModel`` has the readable forms.
 
 Arguments that they share: ``points`` (N, 3), m, world frame; ``observed`` (N, 3) left column, row, right column or NaN,
 px; ``whiten`` (N, 3, 3), lower triangles that make residuals white; ``T_world_body`` and ``T_camera_body`` (4, 4);
@@ -11,7 +13,7 @@ import numpy as np
 from coclo_vio.backend.window.reprojection_kernels import transformed
 from coclo_vio.geometry.compiled import compiled
 from coclo_vio.geometry.so3_kernels import rotated_back
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 NEAREST_M = 1e-3  # depth of a point that counts as ahead of the camera
 FARTHEST_PX = 1e6  # projection of a point behind the camera: an outlier whatever was observed
@@ -107,6 +109,51 @@ def _set_inverse_root(L: Array, inverse: Array) -> None:
             for k in range(j, i):
                 total += L[i, k] * inverse[k, j]
             inverse[i, j] = -total / L[i, i]
+
+
+@compiled
+def set_point_covariances(
+    covariances: Array,
+    points: Array,
+    rows: tuple[IntArray, IntArray, Array],
+    T_camera_world: Array,
+    optics: Array,
+    least: tuple[float, float],
+) -> None:
+    """Covariances (P, 3, 3) of points (P, 3), m, world frame, from their observations, poses taken as known.
+
+    Args:
+        covariances: result, m^2.
+        points: the landmarks.
+        rows: of N observations: the point and the keyframe, and the inverse sigmas of [left column, row, disparity],
+            1/px, (N, 3).
+        T_camera_world: of the keyframes' left camera, (K, 4, 4).
+        optics: of the cameras.
+        least: information that is added in every direction, 1/m^2 and a share of the trace.
+    """
+    in_camera, slopes, L, inverse = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    covariances[:] = 0.0
+    for n in range(len(rows[0])):
+        point, T = rows[0][n], T_camera_world[rows[1][n]]
+        transformed(T, points[point], in_camera)
+        _set_slopes(in_camera, T, True, optics, slopes)
+        for k in range(3):
+            weight = rows[2][n, k] ** 2
+            for i in range(3):
+                for j in range(i + 1):
+                    covariances[point, i, j] += weight * slopes[k, i] * slopes[k, j]
+    for point in range(len(points)):
+        trace = covariances[point, 0, 0] + covariances[point, 1, 1] + covariances[point, 2, 2]
+        for i in range(3):
+            for j in range(i + 1):
+                L[i, j] = covariances[point, i, j]
+            L[i, i] += least[0] + least[1] * trace
+        _set_inverse_root(L, inverse)
+        for i in range(3):
+            for j in range(3):
+                covariances[point, i, j] = (
+                    inverse[0, i] * inverse[0, j] + inverse[1, i] * inverse[1, j] + inverse[2, i] * inverse[2, j]
+                )
 
 
 @compiled

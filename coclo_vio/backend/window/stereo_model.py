@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
+from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.pose_kernels import (
     DIGITS,
     FARTHEST_PX,
     NEAREST_M,
     add_pose_equations,
+    set_point_covariances,
     set_residual_norms,
     set_whitening,
 )
@@ -21,6 +23,7 @@ from coclo_vio.values.calibration import RectifiedStereo
 
 _MOST_ITERATIONS = 10
 _CONVERGED = 1e-7  # rad and m
+_LEAST_INFORMATION = (1e-6, DIGITS)  # of a point, 1/m^2 and a share of all of it: bounds its covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,19 +178,39 @@ class StereoModel:
         pixel[:, 2, 2] = -fx * baseline / z**2
         return pixel
 
-    def point_information(self, T_world_body: Array, points_world: Array, disparity_sigmas_px: Array) -> Array:
-        """Information of observations on their points, poses taken as known, 1/m^2, world frame, (N, 3, 3).
+    def point_covariances(
+        self, points_world: Array, table: ObservationTable, T_world_body: Array, has_disparity: BoolArray
+    ) -> Array:
+        """Covariance of each point from its observations, poses taken as known, m^2, world frame, (P, 3, 3).
 
         Args:
-            T_world_body: the pose, or one for each point, (4, 4) or (N, 4, 4).
-            points_world: the points, m, (N, 3).
-            disparity_sigmas_px: of their disparities; infinite where there is none, px, (N,).
+            points_world: of the table's landmarks, m, (P, 3).
+            table: the observations.
+            T_world_body: of the table's keyframes, (K, 4, 4).
+            has_disparity: whether the disparity of a row counts, (N,).
         """
-        rotation = (T_world_body @ self._rig.T_body_camera)[..., :3, :3]
-        rows = self._pixel_jacobian(self._in_camera(T_world_body, points_world)) @ np.swapaxes(rotation, -1, -2)
+        if not IS_COMPILED:
+            return self.point_covariances_by_numpy(points_world, table, T_world_body, has_disparity)
+        weights = np.full((len(table), 3), 1.0 / self._noise.track_px)
+        weights[:, 2] = np.where(has_disparity, 1.0 / self._noise.disparity_px, 0.0)
+        T_camera_world = np.ascontiguousarray(se3.inverse(T_world_body @ self._rig.T_body_camera))
+        rows, covariances = (table.landmark, table.keyframe, weights), np.empty((len(points_world), 3, 3))
+        set_point_covariances(covariances, points_world, rows, T_camera_world, self._optics, _LEAST_INFORMATION)
+        return covariances
+
+    def point_covariances_by_numpy(
+        self, points_world: Array, table: ObservationTable, T_world_body: Array, has_disparity: BoolArray
+    ) -> Array:
+        """The readable form of ``point_covariances``."""
+        points, T = points_world[table.landmark], T_world_body[table.keyframe]
+        rotation = (T @ self._rig.T_body_camera)[:, :3, :3]
+        rows = self._pixel_jacobian(self._in_camera(T, points)) @ np.swapaxes(rotation, -1, -2)
         rows[:, :2] /= self._noise.track_px
-        rows[:, 2] /= disparity_sigmas_px[:, None]
-        return np.asarray(np.swapaxes(rows, 1, 2) @ rows)
+        rows[:, 2] /= np.where(has_disparity, self._noise.disparity_px, np.inf)[:, None]
+        information = np.add.reduceat(np.swapaxes(rows, 1, 2) @ rows, table.starts[:-1])
+        absolute, relative = _LEAST_INFORMATION
+        least = absolute + relative * np.einsum("nii->n", information)  # large for a point close to a camera
+        return np.asarray(np.linalg.inv(information + least[:, None, None] * np.eye(3)))
 
     def whitening(
         self, T_world_body: Array, points_world: Array, observations: Array, covariances: Array | None
