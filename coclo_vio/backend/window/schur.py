@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
-from coclo_vio.backend.window.factors import Term, ordered
+from coclo_vio.backend.window.factors import Term, landmark_key, ordered
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.reprojection_kernels import reprojection_cost
 from coclo_vio.backend.window.schur_kernels import back_substituted, is_determined, linearise
@@ -50,6 +50,19 @@ class WindowProblem:
     table: ObservationTable
     points: Array
     kept: int
+
+    @property
+    def elimination(self) -> list[int]:
+        """Keys of all variables: landmarks that no other term contains first, then ``keys``."""
+        free = self.table.landmark_ids[: len(self.points) - self.kept]
+        return [*(landmark_key(each) for each in free), *self.keys]
+
+    def all_values(self) -> gtsam.Values:
+        """Of all variables."""
+        values = gtsam.Values(self.values)
+        for landmark_id, point in zip(self.table.landmark_ids, self.points, strict=True):
+            values.insert_or_assign(landmark_key(landmark_id), point)
+        return values
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -123,7 +123,7 @@ class StereoModel:
             off = se3.log(se3.inverse(T) @ predicted)
             hessian, gradient = self.equations(T, frame, use)
             hessian += information
-            step = np.linalg.solve(hessian, gradient + information @ off)
+            step = np.asarray(np.linalg.solve(hessian, gradient + information @ off), dtype=np.float64)
             T = T @ se3.exp(step)
             if np.abs(step).max() < _CONVERGED:
                 break
@@ -221,7 +221,8 @@ class StereoModel:
         whiten = np.empty((len(points_world), 3, 3))
         T_camera_world = np.ascontiguousarray(self._T_camera_body @ se3.inverse(T_world_body))
         noise = (self._sigmas_px, self._optics)
-        set_whitening(whiten, *_contiguous(points_world, covariances, observations), T_camera_world, noise)
+        points, spread, observed = _contiguous(points_world, covariances, observations)
+        set_whitening(whiten, points, spread, observed, T_camera_world, noise)
         return whiten
 
     def whitening_by_numpy(

@@ -102,7 +102,7 @@ def _smoother() -> SlidingWindowSmoother:
     T_body_camera[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
     rig = RectifiedStereo((700.0, 700.0), (600.0, 180.0), 0.5, T_body_camera)
     config = SmootherConfig(noise={"track_px": 0.4, "disparity_px": 1.0, "repeated_disparity_px": 3.0})
-    return SlidingWindowSmoother(rig, config, uses_imu=False)
+    return SlidingWindowSmoother(rig, config)
 
 
 def test_the_prior_holds_no_information_on_the_oldest_keyframe() -> None:

@@ -239,7 +239,7 @@ def motorway(seed: int, speed_mps: float = 25.0) -> Iterator[StereoTracks]:
 @pytest.mark.parametrize("seed", [0, 2, 5])
 def test_on_a_motorway_with_distant_points_the_window_never_starts_anew(seed: int) -> None:
     """With a baseline of 10 cm most points have no disparity, and many of them lie near the epipole."""
-    smoother = SlidingWindowSmoother(RIG, None, None, uses_imu=False)
+    smoother = SlidingWindowSmoother(RIG, None, None)
     kinds = []
     for tracks in motorway(seed):
         result = smoother.push_tracks(tracks)

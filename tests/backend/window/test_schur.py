@@ -1,17 +1,30 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The compiled solver of the window against GTSAM: normal equations, minima, covariances, what it leaves to it."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
-from worlds import CHEAP_IMU, FRAME_NS, IMU, RIG, WALK, frames, in_order, play, pose_at, readings, scattered, stamps_ns
+from worlds import (
+    CHEAP_IMU,
+    FRAME_NS,
+    IMU,
+    RIG,
+    WALK,
+    frames,
+    in_order,
+    play,
+    pose_at,
+    readings,
+    scattered,
+    sources_of,
+    stamps_ns,
+)
 
-from coclo_vio.backend.window import window as window_module
+from coclo_vio.backend.window import window_solver
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.factors import Term, landmark_key, ordered, pose_key, relative_pose
+from coclo_vio.backend.window.factors import landmark_key, ordered, pose_key, relative_pose
 from coclo_vio.backend.window.keyframe import Keyframe
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.reprojection_kernels import reprojection_cost
@@ -71,21 +84,7 @@ def problem_of(window: Window) -> WindowProblem:
 def by_ours(window: Window, problem: WindowProblem, **limits: float) -> WindowMinimum | None:
     most, tolerance = int(limits.get("most_iterations", 6)), limits.get("tolerance", 1e-4)
     last = len(problem.pose_keys) - 1
-    return window._schur_solver.minimise(problem, last, most_iterations=most, tolerance=tolerance)
-
-
-def graph_of(terms: Iterable[Term]) -> gtsam.NonlinearFactorGraph:
-    graph = gtsam.NonlinearFactorGraph()
-    for term in terms:
-        graph.push_back(term.factor)
-    return graph
-
-
-def all_values(window: Window, problem: WindowProblem) -> gtsam.Values:
-    values = gtsam.Values(window.values)
-    for each in problem.table.landmark_ids:
-        values.insert(landmark_key(each), window.landmarks.point(each))
-    return values
+    return window.solver.schur.minimise(problem, last, most_iterations=most, tolerance=tolerance)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -98,13 +97,13 @@ def test_cost_and_one_step_are_those_of_gtsam(seed: int, count_behind: int) -> N
     assert problem.kept > 10
     assert np.isnan(problem.table.pixels[:, 2]).sum() > 10
     assert 0 < problem.table.is_first.sum() < len(problem.table) / 2
-    run = window._schur_solver.run(problem)
-    values, ids = all_values(window, problem), problem.table.landmark_ids
-    graph = graph_of(window.terms(sorted(ids)))
+    run = window.solver.schur.run(problem)
+    values, ids = problem.all_values(), problem.table.landmark_ids
+    graph = window.solver.graph(problem)
     assert run.cost(problem.values, problem.points) == pytest.approx(graph.error(values), rel=1e-12)
     step, linear = run.step(problem.values, problem.points), graph.linearize(values)
     assert step is not None
-    net = linear.eliminateSequential(ordered(window.elimination(ids)))
+    net = linear.eliminateSequential(ordered(problem.elimination))
     expected = net.optimize()
     ours = np.concatenate([step.points.ravel(), step.keys[3 * problem.kept :]])
     theirs = np.concatenate([expected.at(key) for key in (*map(landmark_key, ids), *problem.keys[problem.kept :])])
@@ -117,11 +116,11 @@ def test_cost_and_one_step_are_those_of_gtsam(seed: int, count_behind: int) -> N
 def test_the_reduced_information_is_that_of_gtsam(seed: int) -> None:
     window = disturbed_window(seed)
     problem = problem_of(window)
-    step = window._schur_solver.run(problem).step(problem.values, problem.points)
+    step = window.solver.schur.run(problem).step(problem.values, problem.points)
     assert step is not None
     ids = problem.table.landmark_ids
     free = [landmark_key(each) for each in ids[: len(ids) - problem.kept]]
-    linear = graph_of(window.terms(sorted(ids))).linearize(all_values(window, problem))
+    linear = window.solver.graph(problem).linearize(problem.all_values())
     remaining = linear.eliminatePartialSequential(ordered(free))[1]
     expected = remaining.hessian(ordered(problem.keys))[0]
     root = np.tril(step.root)
@@ -134,7 +133,7 @@ def test_the_minimum_is_that_of_gtsam(seed: int) -> None:
     window = disturbed_window(seed)
     problem = problem_of(window)
     found = by_ours(window, problem)
-    expected = window._minimum_by_gtsam(problem, len(problem.pose_keys) - 1)
+    expected = window.solver.minimum_by_gtsam(problem, len(problem.pose_keys) - 1)
     assert found is not None
     assert found.iterations == expected.iterations > 1
     for key in problem.pose_keys:
@@ -155,7 +154,8 @@ def test_the_evidence_of_keyframes_is_that_of_gtsam(seed: int) -> None:
     window.newest.terms.append(motion)
     window.solve()
     for numbers, without in (((before, newest), ()), ((before, newest), (motion,)), ((newest,), ())):
-        ours, theirs = window.evidence(numbers, without), window.evidence_by_gtsam(numbers, without)
+        problem = window.problem(window.solved_landmarks, without, [pose_key(number) for number in numbers])
+        ours, theirs = window.evidence(numbers, without), window.solver.evidence_by_gtsam(problem, len(numbers))
         scale = np.sqrt(np.outer(np.diag(theirs[0]), np.diag(theirs[0])))
         np.testing.assert_allclose(ours[0] / scale, theirs[0] / scale, atol=1e-9)
         np.testing.assert_allclose(
@@ -163,15 +163,15 @@ def test_the_evidence_of_keyframes_is_that_of_gtsam(seed: int) -> None:
         )
 
 
-@pytest.mark.parametrize("uses_imu", [True, False], ids=["vins", "stereo"])
-def test_a_walk_is_the_same_as_by_gtsam(monkeypatch: pytest.MonkeyPatch, uses_imu: bool) -> None:
+@pytest.mark.parametrize("has_imu", [True, False], ids=["vins", "stereo"])
+def test_a_walk_is_the_same_as_by_gtsam(monkeypatch: pytest.MonkeyPatch, has_imu: bool) -> None:
     """Compared to the rounding of the numbers that one window leaves to the next, which grows along the way."""
     stamps = stamps_ns(0.0, 3.0, FRAME_NS)
-    inertial = readings(WALK, stamps_ns(-0.5, 3.0, 5_000_000), errors=CHEAP_IMU) if uses_imu else ()
+    inertial = readings(WALK, stamps_ns(-0.5, 3.0, 5_000_000), errors=CHEAP_IMU) if has_imu else ()
     measurements = in_order(frames(WALK, stamps, scattered(count=600), noise_px=0.3), inertial)
-    ours = play(SlidingWindowSmoother(RIG, None, IMU, uses_imu=uses_imu), measurements)
-    monkeypatch.setattr(window_module, "IS_COMPILED", False)
-    theirs = play(SlidingWindowSmoother(RIG, None, IMU, uses_imu=uses_imu), measurements)
+    ours = play(SlidingWindowSmoother(RIG, None, IMU, sources_of(has_imu)), measurements)
+    monkeypatch.setattr(window_solver, "IS_COMPILED", False)
+    theirs = play(SlidingWindowSmoother(RIG, None, IMU, sources_of(has_imu)), measurements)
     assert ours.counts == theirs.counts
     assert [each.iterations for each in ours.health] == [each.iterations for each in theirs.health]
     for stamp, estimate in theirs.estimates.items():
