@@ -327,9 +327,8 @@ class Window:
         self.solver.observations.forget(oldest.number)
         self.landmarks.remove_keyframe(oldest.number)
         self.keyframes.pop(0)
-        gone = factors.pose_key(oldest.number)
-        following = self.keyframes[0]
-        following.terms = [term for term in following.terms if gone not in term.keys]
+        gone, following = set(self.variables.keys(oldest.number)), self.keyframes[0]
+        following.terms = [term for term in following.terms if gone.isdisjoint(term.keys)]
 
     def discard_oldest(self, covariance: Array, priors: Sequence[Term]) -> None:
         """Drop the oldest keyframe without its information.

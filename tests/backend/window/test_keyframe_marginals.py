@@ -121,7 +121,9 @@ def test_without_odometry_a_keyframe_has_a_marginal_and_no_evidence() -> None:
 @pytest.mark.parametrize("has_start", [True, False])
 def test_the_oldest_keyframe_is_fixed_only_where_no_start_was_given(*, has_start: bool) -> None:
     window = window_of(walked(6.0, has_start=has_start)[0])
-    on_oldest = [term for term in window.problem([]).terms if term.keys == (factors.pose_key(window.keyframes[0].number),)]
+    on_oldest = [
+        term for term in window.problem([]).terms if term.keys == (factors.pose_key(window.keyframes[0].number),)
+    ]
     sigma = 1e-4
     is_fixed = any(
         np.allclose(np.diag(term.factor.linearize(window.values).information()), sigma**-2, rtol=0.5)
