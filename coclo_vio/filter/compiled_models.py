@@ -18,7 +18,7 @@ from coclo_vio.filter import (
     state_kernels,
 )
 from coclo_vio.filter.measurement_kernel import Sensed, SensingConstants, Triples
-from coclo_vio.filter.measurement_model import LegSensing
+from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.process_kernel import ProcessConstants
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
@@ -35,7 +35,7 @@ class CompiledModels:
     """The models by kernels; arguments as in ``DirectModels``."""
 
     def __init__(
-        self, sensing: LegSensing, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
+        self, sensing: LegConstants, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
     ) -> None:
         self._config = config = sensing.config
         self._encoder_noise_rad = float(encoder_noise_rad)

@@ -25,7 +25,7 @@ _GYROSCOPE, _REST_VELOCITY, _REST_RATE, _LEG_VELOCITY, _FOOT_POSITION = range(5)
 
 
 class SensingConstants(NamedTuple):
-    """What the measurement model knows of the robot and of the noise; as in ``LegSensing``."""
+    """What the measurement model knows of the robot and of the noise; as in ``LegConstants``."""
 
     radii_m: Array
     hips_body: Array

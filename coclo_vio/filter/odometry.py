@@ -21,7 +21,7 @@ from coclo_vio.filter.state_kernels import plain_covariance
 from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.values.arrays import BoolArray
+from coclo_vio.values.arrays import BoolArray, is_finite
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -202,7 +202,7 @@ class LegOdometryFilter:
         else:
             rows = mean.plain_jacobian() @ core.factor
             covariance = rows @ rows.T
-        if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
+        if not is_finite(vector) or not is_finite(covariance):
             raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")
         nav = NavState(
             se3.transform(mean.rotation, vector[POSITION]),

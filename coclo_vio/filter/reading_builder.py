@@ -126,7 +126,8 @@ class ReadingBuilder:
         feet = self._robot.feet(sample.position, sample.velocity)
         rates = tuple(self._rates)
         rate = _mean([each for _, each in rates]) if rates else None
-        contact = self._contact.update(sample.stamp_ns, self._load.loads_at(sample, up_body, rate))
+        load = self._load.loads_at(sample, up_body, rate, feet.jacobian)
+        contact = self._contact.update(sample.stamp_ns, load)
         if rate is None:
             self._counts["imu_missing"] += 1
         self._rates = []

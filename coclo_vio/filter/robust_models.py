@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from coclo_vio.filter import measurement_model, process_model
-from coclo_vio.filter.measurement_model import NO_LEG, Block, LegSensing
+from coclo_vio.filter.measurement_model import NO_LEG, Block, LegConstants
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import SLIP, State
@@ -59,7 +59,7 @@ class DirectModels:
     """
 
     def __init__(
-        self, sensing: LegSensing, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
+        self, sensing: LegConstants, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
     ) -> None:
         self._sensing, self._encoder_noise_rad, self._imu, self._gate = sensing, encoder_noise_rad, imu, gate
 

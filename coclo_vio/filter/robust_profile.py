@@ -11,7 +11,7 @@ from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.initialisation import FootPrior
-from coclo_vio.filter.measurement_model import LegSensing
+from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
@@ -42,7 +42,7 @@ class RobustProfile:
         self._counts = counts
         radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
         description = robot.description
-        sensing = LegSensing(radii_m, robot.hip_position_body, description.joint_velocity_noise_radps, config)
+        sensing = LegConstants(radii_m, robot.hip_position_body, description.joint_velocity_noise_radps, config)
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
         models: type[CompiledModels | DirectModels] = CompiledModels if is_compiled else DirectModels
         self._models: RobustModels = models(sensing, description.encoder_noise_rad, description.imu, self._gate)

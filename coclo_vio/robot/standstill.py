@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.values.arrays import Array
+from coclo_vio.values.arrays import Array, has_nan
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import ImuSample, JointSample
 from coclo_vio.values.units import NS_PER_S
@@ -87,10 +87,10 @@ class StandstillDetector:
                 values = np.concatenate((sample.angular_velocity, sample.specific_force))
                 is_taken = self._imu.push(sample.stamp_ns, values)
             case JointSample():
-                velocity = np.where(np.isnan(sample.velocity), 0.0, sample.velocity)
-                fastest = float(np.abs(velocity).max(initial=0.0))
+                velocity = np.nan_to_num(sample.velocity, nan=0.0) if has_nan(sample.velocity) else sample.velocity
                 is_taken = self._joints.push(sample.stamp_ns, velocity)
-                if is_taken and fastest > _FAST_JOINT * self.config.joint_speed_radps:
+                fast = _FAST_JOINT * self.config.joint_speed_radps
+                if is_taken and max(velocity.max(initial=0.0), -velocity.min(initial=0.0)) > fast:
                     self._fast_ns = sample.stamp_ns
         if not is_taken:
             self._counts["standstill_stamp_refused"] += 1

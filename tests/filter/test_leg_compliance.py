@@ -169,7 +169,7 @@ def spread_in_compliance(state: State, compliances_m: np.ndarray) -> State:
 def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[measurement_model.Block]:
     """Gyroscope, velocities, positions."""
     noise_radps = robot.description.joint_velocity_noise_radps
-    sensing = measurement_model.LegSensing(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
+    sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
         sensing, reading, motion, mean, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
     )

@@ -70,7 +70,7 @@ def test_a_rolling_foot_is_exact_to_third_order_in_the_step(daisy: RobotModel) -
 
 def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[measurement_model.Block]:
     noise_radps = robot.description.joint_velocity_noise_radps
-    sensing = measurement_model.LegSensing(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
+    sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
         sensing, reading, motion, state, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
     )
