@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.datasets.dataset import Dataset, open_dataset
 from coclo_vio.datasets.sample import sample_path
@@ -159,7 +160,8 @@ def _stages() -> tuple[Dataset, VisualOdometry, TimedFrontend, TimedSmoother]:
     equipment = Equipment.of(dataset, config, _SENSORS)
     _, imu = equipment.require_vision_imu()
     frontend = TimedFrontend(StereoFrontend(equipment.require_cameras(), config.frontend))
-    smoother = TimedSmoother(SlidingWindowSmoother(frontend.rig, config.smoother, imu, uses_imu=True))
+    sources = [InertialSource(imu, config.smoother)]
+    smoother = TimedSmoother(SlidingWindowSmoother(frontend.rig, config.smoother, imu, sources))
     return dataset, VisualOdometry("vins", smoother, frontend, imu_kind=CameraImuSample), frontend, smoother
 
 

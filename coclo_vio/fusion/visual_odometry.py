@@ -138,7 +138,8 @@ def visual_odometry(
         ConfigError: cameras that cannot be rectified.
         CalibrationMissing: tracks, and cameras that are not rectified.
     """
-    from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.inertial_source import InertialSource  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415
 
     stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
     twist: TwistIntegrator | None = None
@@ -147,9 +148,10 @@ def visual_odometry(
 
         twist = TwistOdometry(smoother.twist)
     kind, calibration = (None, None) if imu is None else imu
+    sources = [InertialSource(calibration or ImuCalibration(), smoother)] if ties == "imu" else []
     return VisualOdometry(
         name,
-        SlidingWindowSmoother(rig, smoother, calibration, uses_imu=ties == "imu"),
+        SlidingWindowSmoother(rig, smoother, calibration, sources),
         stages,
         twist,
         imu_kind=kind,

@@ -11,8 +11,9 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 
-from coclo_vio.backend.window.factors import Term
-from coclo_vio.backend.window.solver import first_sentence, ordered
+from coclo_vio.backend.window.factors import Term, landmark_id, ordered
+from coclo_vio.backend.window.indeterminate import indeterminate_points, supports
+from coclo_vio.backend.window.solver import first_sentence
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 
@@ -59,7 +60,7 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
     for term in terms:
         graph.push_back(term.factor)
     try:
-        _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
+        remaining = _eliminated(graph.linearize(values), leaving)
     except (RuntimeError, ValueError) as error:  # ValueError: a leaving key without a term
         raise SmootherError(f"what leaves the window is not determined: {first_sentence(error)}") from error
     kept = []
@@ -69,6 +70,21 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
         if keys:
             kept.append(Term(gtsam.LinearContainerFactor(factor, values), keys))
     return kept
+
+
+def _eliminated(linear: gtsam.GaussianFactorGraph, leaving: Sequence[int]) -> gtsam.GaussianFactorGraph:
+    """What remains of the factors; landmarks that they do not determine take nothing else with them."""
+    try:
+        return linear.eliminatePartialMultifrontal(ordered(leaving))[1]
+    except RuntimeError as error:
+        present = linear.keys()
+        points = [key for key in leaving if landmark_id(key) is not None and present.count(key)]
+        loose = indeterminate_points(linear, points, error)
+        if not loose:
+            raise
+        for factor in supports(linear, loose):
+            linear.push_back(factor)
+        return linear.eliminatePartialMultifrontal(ordered(leaving))[1]
 
 
 def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.Values) -> list[Term]:
