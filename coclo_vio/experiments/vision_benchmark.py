@@ -23,7 +23,14 @@ from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.keyframes import FrameResult, OdometryDelta, PoseEvidence, PoseMarginal
-from coclo_vio.values.measurements import CameraImuSample, InertialReading, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import (
+    BodyTwistSample,
+    CameraImuSample,
+    InertialReading,
+    Measurement,
+    StereoFrame,
+    StereoTracks,
+)
 from coclo_vio.values.outputs import KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
 
@@ -99,6 +106,10 @@ class TimedSmoother:
     def push_imu(self, sample: InertialReading) -> None:
         """Take a reading."""
         self.watch.time(lambda: self._smoother.push_imu(sample))
+
+    def push_twist(self, sample: BodyTwistSample) -> None:
+        """Take a twist."""
+        self.watch.time(lambda: self._smoother.push_twist(sample))
 
     def predicted_pose(self, stamp_ns: int) -> Array | None:
         """``T_world_body`` expected at a stamp."""

@@ -18,6 +18,7 @@ class Keyframe:
         tracks: points observed in it.
         terms: connect it with the keyframe before it, or are priors on it.
         rest_terms: zero velocity and the gyroscope's bias at a standstill.
+        is_supported: whether a weak prior makes its pose solvable.
     """
 
     number: int
@@ -25,6 +26,7 @@ class Keyframe:
     tracks: StereoTracks
     terms: list[Term] = field(default_factory=list)
     rest_terms: list[Term] = field(default_factory=list)
+    is_supported: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,7 @@ class Solution:
         covariance: of the newest pose relative to the oldest one's place and heading, and of velocity and biases
             (accelerometer, gyroscope) where the IMU is used, (6, 6) or (15, 15).
         dropped: landmarks that were not determined, and were dropped.
+        supported: poses that were not determined, and got a weak prior.
     """
 
     iterations: int
@@ -47,3 +50,4 @@ class Solution:
     reprojection_px: float
     covariance: Array
     dropped: int = 0
+    supported: int = 0

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from coclo_vio.backend.window.factors import landmark_id, ordered
-from coclo_vio.backend.window.indeterminate import IndeterminateError, indeterminate_points
+from coclo_vio.backend.window.factors import ordered
+from coclo_vio.backend.window.indeterminate import indeterminate
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 
@@ -116,8 +116,7 @@ def _damped(
         covariance = _covariance(net, elimination[-last:])
     except RuntimeError as error:
         message = f"a problem of {graph.size()} factors cannot be solved: {first_sentence(error)}"
-        points = [key for key in elimination if landmark_id(key) is not None]
-        raise IndeterminateError(message, indeterminate_points(graph.linearize(solved), points, error)) from error
+        raise indeterminate(message, graph.linearize(solved), elimination, error) from error
     if not np.isfinite(optimizer.error()):
         raise SmootherError(f"a problem of {graph.size()} factors has no finite solution")
     return Minimum(solved, int(optimizer.iterations()), covariance)

@@ -121,22 +121,24 @@ class Window:
     def solve(self) -> Solution:
         """Solve for all states and landmarks, and remove the observations that do not fit.
 
-        Landmarks that are not determined are dropped, and the others solved for again.
+        Landmarks that are not determined are dropped, and the others solved for again; a pose that is not gets a weak
+        prior where it is.
 
         Raises:
             SmootherError: the keyframes are not determined, or the solution is not finite.
         """
-        dropped, last = 0, len([*self.variables]) * len(self.keyframes[1:] or self.keyframes)
+        dropped, supported, last = 0, 0, len([*self.variables]) * len(self.keyframes[1:] or self.keyframes)
         for _ in range(_MOST_ATTEMPTS):
             problem = self.problem([each for each, landmark in self.landmarks.items() if landmark.is_solvable])
             try:
                 found = self.solver.minimum(problem, last)
                 break
             except IndeterminateError as error:
-                if not error.points:
+                if not error.points and not self._support(error):
                     raise
                 self._drop([each for each in problem.table.landmark_ids if factors.landmark_key(each) in error.points])
                 dropped += len(error.points)
+                supported += not error.points
                 failure = error
         else:
             raise failure
@@ -147,7 +149,7 @@ class Window:
         rms = self._cull(problem.table, found.points)
         self._place()
         self._update_covariances()
-        return Solution(found.iterations, count, len(landmark_ids), rms, covariance, dropped)
+        return Solution(found.iterations, count, len(landmark_ids), rms, covariance, dropped, supported)
 
     def problem(
         self, landmark_ids: Sequence[int], without: Sequence[Term] = (), last: Sequence[int] = ()
@@ -192,6 +194,16 @@ class Window:
         poses = [factors.pose_key(number) for number in numbers]
         problem = self.problem(self.solved_landmarks, without, poses)  # others may be far from the minimum
         return self.solver.evidence(problem, len(poses))
+
+    def _support(self, error: IndeterminateError) -> bool:
+        """Give the pose that is not determined a weak prior; whether there is one that has none yet."""
+        for keyframe in self.keyframes:
+            if factors.pose_key(keyframe.number) == error.pose and not keyframe.is_supported:
+                covariance = np.eye(POSE.dimensions) / error.pose_information
+                keyframe.terms.append(factors.pose_prior(keyframe.number, self.pose(keyframe.number), covariance))
+                keyframe.is_supported = True
+                return True
+        return False
 
     def _drop(self, landmark_ids: Sequence[int]) -> None:
         """Drop landmarks; of the prior, what it holds on the other variables is kept."""

@@ -196,6 +196,7 @@ class WindowUpdater:
             self._log.add(stamp_ns, "solver_failed", f"{error}; the window is discarded")
             return None
         self._log.add_dropped(stamp_ns, solution.dropped, solution.landmarks)
+        self._log.count("poses_supported", solution.supported)
         if window.last_speed_mps > self._config.failure.fastest_mps:
             detail = (
                 f"the solution moves at {window.last_speed_mps:.0f} m/s, faster than failure.fastest_mps = "

@@ -11,7 +11,7 @@ from worlds import FRAME_NS, RIG, WALK, World, frames, pose_at, scattered
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.event_log import EventLog
-from coclo_vio.backend.window.factors import ObservationFactors, Term
+from coclo_vio.backend.window.factors import ObservationFactors, Term, relative_pose
 from coclo_vio.backend.window.indeterminate import indeterminate_points, supports
 from coclo_vio.backend.window.keyframe import Keyframe
 from coclo_vio.backend.window.marginalisation import marginal_prior
@@ -246,3 +246,36 @@ def test_on_a_motorway_with_distant_points_the_window_never_starts_anew(seed: in
         kinds += [event.kind for event in result.events]
     assert smoother.counts["landmarks_dropped"] > 0
     assert not {"window_restart", "solver_failed"}.intersection(kinds)
+
+
+def window_of_two(sigma_m: float) -> Window:
+    """Two keyframes that share a single point; their relative pose is known to ``sigma_m`` and a fifth of it in rad."""
+    window, tracks = Window(RIG, CONFIG), frames(WALK, [STAMPS[0], STAMPS[1]], scattered(count=200))
+    common = sorted({*tracks[0].track_ids.tolist()} & {*tracks[1].track_ids.tolist()})[0]
+    for number, each in enumerate(tracks):
+        index = np.flatnonzero(each.track_ids == common)
+        left = each.left_px[index]
+        right = each.right_px[index] if number == 0 else np.full((1, 2), np.nan)
+        keyframe = Keyframe(number, each.stamp_ns, StereoTracks(each.stamp_ns, each.track_ids[index], left, right))
+        if number == 1:
+            covariance = np.diag(np.square(np.repeat([0.2 * sigma_m, sigma_m], 3)))
+            T_start_end = se3.inverse(pose_at(WALK, STAMPS[0])) @ pose_at(WALK, STAMPS[1])
+            keyframe.terms.append(relative_pose(0, 1, T_start_end, covariance))
+        window.add(keyframe, pose_at(WALK, each.stamp_ns), np.zeros(1, dtype=np.bool_))
+        if number == 0:
+            window.fix_first(1e-8 * np.eye(6))
+    return window
+
+
+def test_a_pose_that_is_hardly_determined_gets_a_weak_prior_where_it_is() -> None:
+    window = window_of_two(1e4)
+    solution = window.solve()
+    assert (solution.supported, solution.dropped) == (1, 0)
+    assert np.abs(se3.log(se3.inverse(pose_at(WALK, STAMPS[1])) @ window.pose(1))).max() < 1e-6
+    sigmas = np.sqrt(np.diag(solution.covariance))
+    assert sigmas[3:].max() > 0.5
+    assert window.solve().supported == 0
+
+
+def test_a_pose_that_is_determined_gets_no_prior() -> None:
+    assert window_of_two(1.0).solve().supported == 0
