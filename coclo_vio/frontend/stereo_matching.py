@@ -58,8 +58,8 @@ class StereoMatcher:
         start = np.zeros((count, 6))
         start[:, 0], start[:, 2:4] = -disparity[known], -tracks.slants[known]
         identity = np.tile(np.eye(2), (count, 1, 1))
-        templates = self._aligner.templates(smooth.left, points, len(self._sigmas))
-        found = self._aligner.align(templates, smooth.right, points, identity, self._sigmas, start)
+        templates = self._aligner.templates(smooth.left, points, self._sigmas)
+        found = self._aligner.align(templates, smooth.right, points, identity, start)
         kept = are_similar(found, self._similarity) & self._passes_gates(points, found.centres)
         kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.max_correction_px
         right_px[known[kept]] = found.centres[kept]
