@@ -8,6 +8,8 @@ an object that a later call replaced is void, and its methods raise FilterError.
 """
 
 from collections.abc import Callable
+from copy import deepcopy
+from functools import partial
 
 from coclo_vio.filter import remembered_poses
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateResult
@@ -143,6 +145,14 @@ class Keyframe:
             FilterError: the object is void.
         """
         return remembered_poses.in_world(self._exchange.core_of(self), T_anchor_body, covariance)
+
+    def in_world_of_now(self) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """``in_world`` as it is now, for a pose that is known later.
+
+        Raises:
+            FilterError: the object is void.
+        """
+        return partial(remembered_poses.in_world, deepcopy(self._exchange.core_of(self)))
 
 
 class FramePair:
