@@ -12,9 +12,7 @@ from scipy.linalg import lapack
 from coclo_vio.filter import (
     correction_kernel,
     measurement_kernel,
-    measurement_model,
     process_kernel,
-    process_model,
     state_kernels,
 )
 from coclo_vio.filter.measurement_kernel import Sensed, SensingConstants, Triples
@@ -22,20 +20,19 @@ from coclo_vio.filter.measurement_model import LegSensing
 from coclo_vio.filter.process_kernel import ProcessConstants
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import LEG_COMPLIANCE, SLIP, State
+from coclo_vio.filter.state import LEG_COMPLIANCE, SLIP, State, StateLayout
 from coclo_vio.filter.triangle_kernels import foot_noises, lower_of
 from coclo_vio.values.arrays import Array, BoolArray
-from coclo_vio.values.calibration import ImuCalibration
 
 _BLOCK = 32  # columns that LAPACK reflects together
 _NO_RATE = np.zeros(3)
 
 
 class CompiledModels:
-    """The models by kernels; arguments as in ``DirectModels``."""
+    """The models by kernels; arguments as in ``DirectModels``, and the layout of the state."""
 
     def __init__(
-        self, sensing: LegSensing, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
+        self, sensing: LegSensing, encoder_noise_rad: float, gate: dict[int, float], layout: StateLayout
     ) -> None:
         self._config = config = sensing.config
         self._encoder_noise_rad = float(encoder_noise_rad)
@@ -53,14 +50,12 @@ class CompiledModels:
             hips_body,
             float(config.angular_acceleration_density),
             float(config.acceleration_density),
-            float(imu.gyroscope_bias_walk),
-            float(imu.accelerometer_bias_walk),
-            float(config.leg_scale_walk * config.estimates_leg_scale),
-            float(config.leg_compliance_walk_m * config.estimates_leg_compliance),
-            float(config.slip_turn_per_m),
-            float(config.slip_share),
             float(config.foothold_creep),
-            float(config.slip_memory_s),
+            layout.walks,
+            layout.walking,
+            layout.memories_s,
+            layout.world.stop,
+            layout.active,
         )
 
     def foot_noise(self, reading: Reading) -> Array:
@@ -70,17 +65,16 @@ class CompiledModels:
     def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         """By ``process_kernel``."""
         mean = core.mean
-        width_squared = core.spread(process_model.CURVED_COLUMNS).width_squared
+        width_squared = core.spread(mean.layout.curved_in_process).width_squared
         rotation, vector, rows = process_kernel.predicted(
             mean.rotation, mean.vector, core.factor, motion, foot_noise, self._process, dt_s, width_squared
         )
         length = len(vector)
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)
         core.factor = lower_of(triangle, 0, length)
-        state_kernels.bound_rotations(core.factor, MAX_ROTATION_SIGMA_RAD, mean.layout.legs)
-        core.mean = State(
-            mean.layout, rotation, vector, mean.keyframe_rotation, mean.frame_rotation, mean.anchor_rotation
-        )
+        layout = mean.layout
+        state_kernels.bound_rotations(core.factor, MAX_ROTATION_SIGMA_RAD, layout.active, len(layout.poses))
+        core.mean = State(layout, rotation, vector, mean.remembered)
 
     def expect(
         self,
@@ -110,12 +104,12 @@ class CompiledModels:
         table = measurement_kernel.triples_of(sensed, motion, foot_noise, mean.rotation, compliance_m, self._sensing)
         if not len(table.leg):
             return None
-        legs, width_squared = mean.layout.legs, core.spread(measurement_model.CURVED_COLUMNS).width_squared
+        layout, width_squared = mean.layout, core.spread(mean.layout.curved_in_measurement).width_squared
         predicted, rows = measurement_kernel.expected(
-            mean.rotation, mean.vector, core.factor, table, legs, width_squared
+            mean.rotation, mean.vector, core.factor, table, layout.world.stop, width_squared
         )
         innovation = table.measured.ravel() - predicted
-        rejected = measurement_kernel.rejected_legs(rows, innovation, table, self._limits, legs)
+        rejected = measurement_kernel.rejected_legs(rows, innovation, table, self._limits, layout.legs)
         return CompiledExpectation(rows, table, innovation, rejected)
 
 
@@ -144,10 +138,7 @@ class CompiledExpectation:
             return
         triangle, _, _, _ = lapack.dgeqrf(stacked, lwork=_BLOCK * stacked.shape[1], overwrite_a=1)
         step, core.factor = correction_kernel.solved(triangle, innovation, SLIP.start, SLIP.stop)
-        remembered = mean.keyframe_rotation[None]
-        if layout.has_frame:
-            remembered = np.stack((mean.keyframe_rotation, mean.frame_rotation, mean.anchor_rotation))
-        rotation, vector, remembered = state_kernels.corrected(
-            mean.rotation, mean.vector, remembered, step, layout.legs
+        moved = state_kernels.corrected(
+            mean.rotation, mean.vector, mean.remembered, step, layout.world.stop, layout.active
         )
-        core.mean = State(layout, rotation, vector, *remembered)
+        core.mean = State(layout, *moved)
