@@ -21,10 +21,11 @@ from coclo_vio.filter.process_kernel import ProcessConstants
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import LEG_COMPLIANCE, SLIP, State, StateLayout
-from coclo_vio.filter.triangle_kernels import foot_noises, lower_of
+from coclo_vio.filter.triangle_kernels import foot_noises
 from coclo_vio.values.arrays import Array, BoolArray
 
 _BLOCK = 32  # columns that LAPACK reflects together
+_CONSIDERED = (SLIP.start, SLIP.stop)
 _NO_RATE = np.zeros(3)
 
 
@@ -64,17 +65,23 @@ class CompiledModels:
 
     def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         """By ``process_kernel``."""
-        mean = core.mean
-        width_squared = core.spread(mean.layout.curved_in_process).width_squared
-        rotation, vector, rows = process_kernel.predicted(
-            mean.rotation, mean.vector, core.factor, motion, foot_noise, self._process, dt_s, width_squared
+        mean, factor = core.mean, core.active_factor
+        layout, length = mean.layout, len(factor)
+        rotation, active, rows, core.passive.cross = process_kernel.predicted(
+            mean.rotation,
+            mean.vector[:length],
+            (factor, core.passive.cross),
+            motion,
+            foot_noise,
+            self._process,
+            dt_s,
+            core.spread(layout.curved_in_process).width_squared,
         )
-        length = len(vector)
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)
-        core.factor = lower_of(triangle, 0, length)
-        layout = mean.layout
-        state_kernels.bound_rotations(core.factor, MAX_ROTATION_SIGMA_RAD, layout.active, len(layout.poses))
-        core.mean = State(layout, rotation, vector, mean.remembered)
+        factor, scales = state_kernels.bounded_factor(triangle, MAX_ROTATION_SIGMA_RAD)
+        core.replace_active(factor)
+        core.follow_bound(scales)
+        core.mean = State(layout, rotation, np.concatenate((active, mean.vector[length:])), mean.remembered)
 
     def expect(
         self,
@@ -105,12 +112,18 @@ class CompiledModels:
         if not len(table.leg):
             return None
         layout, width_squared = mean.layout, core.spread(mean.layout.curved_in_measurement).width_squared
-        predicted, rows = measurement_kernel.expected(
-            mean.rotation, mean.vector, core.factor, table, layout.world.stop, width_squared
+        predicted, rows, observed = measurement_kernel.expected(
+            mean.rotation,
+            mean.vector[: layout.active],
+            core.active_factor,
+            core.passive.cross,
+            table,
+            layout.world.stop,
+            width_squared,
         )
         innovation = table.measured.ravel() - predicted
         rejected = measurement_kernel.rejected_legs(rows, innovation, table, self._limits, layout.legs)
-        return CompiledExpectation(rows, table, innovation, rejected)
+        return CompiledExpectation(rows, table, innovation, observed, rejected)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,23 +134,30 @@ class CompiledExpectation:
         rows: square-root rows of the predicted measurement, (L + extra, M).
         table: the M / 3 triples.
         innovation: measured less predicted, (M,).
+        observed: covariance with the passive errors, (M, p).
         rejected: as in ``Expectation``.
     """
 
     rows: Array
     table: Triples
     innovation: Array
+    observed: Array
     rejected: BoolArray
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
         """One update by the rows that are left; the slip is only considered."""
         mean = core.mean
         layout = mean.layout
-        stacked, innovation = correction_kernel.stacked(self.rows, core.factor, self.table, self.innovation, rejected)
+        stacked, innovation, observed = correction_kernel.stacked(
+            self.rows, core.active_factor, self.table, self.innovation, rejected, self.observed
+        )
         if not len(innovation):
             return
         triangle, _, _, _ = lapack.dgeqrf(stacked, lwork=_BLOCK * stacked.shape[1], overwrite_a=1)
-        step, core.factor = correction_kernel.solved(triangle, innovation, SLIP.start, SLIP.stop)
+        step, factor = correction_kernel.solved(
+            triangle, innovation, _CONSIDERED, observed, core.passive.cross, core.passive.own
+        )
+        core.replace_active(factor)
         moved = state_kernels.corrected(
             mean.rotation, mean.vector, mean.remembered, step, layout.world.stop, layout.active
         )

@@ -82,8 +82,8 @@ def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
     Without it the first footholds, measured by the same joint angles, would determine the compliance to be zero.
     """
     feet = core.mean.layout.feet
-    compliance_m = core.factor[LEG_COMPLIANCE, LEG_COMPLIANCE].item()
-    core.factor[feet.start + 2 : feet.stop : 3, LEG_COMPLIANCE] = compliance_m * foot_prior.load_ratio[:, None]
+    compliance_m = core.active_factor[LEG_COMPLIANCE, LEG_COMPLIANCE].item()
+    core.active_factor[feet.start + 2 : feet.stop : 3, LEG_COMPLIANCE] = compliance_m * foot_prior.load_ratio[:, None]
 
 
 def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:

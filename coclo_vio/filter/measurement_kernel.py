@@ -26,7 +26,7 @@ from coclo_vio.filter.state import (
     RATE,
     VELOCITY,
 )
-from coclo_vio.filter.state_kernels import set_spread
+from coclo_vio.filter.state_kernels import set_rest_and_shares, set_spread
 from coclo_vio.filter.triangle_kernels import cholesky_in_place, set_noise_factor, squared_norm
 from coclo_vio.geometry.array_types import Array, BoolArray, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
@@ -230,14 +230,17 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
 
 @compiled
 def expected(
-    rotation: Array, vector: Array, factor: Array, table: Triples, world_stop: int, width_squared: float
-) -> tuple[Array, Array]:
-    """Mean (M,) and square-root rows (L + curved + 1, M) of the predicted measurement: ``SquareRootFilter.observe``.
+    rotation: Array, vector: Array, factor: Array, cross: Array, table: Triples, world_stop: int, width_squared: float
+) -> tuple[Array, Array, Array]:
+    """Predicted measurement: mean (M,), square-root rows (L + curved + 1, M), covariance with passive errors (M, p).
+
+    ``SquareRootFilter.observe`` and ``PassiveStates.observed``.
 
     Args:
         rotation: of the mean, (3, 3).
         vector: of the mean, (L,).
         factor: lower factor, (L, L).
+        cross: covariance with the passive errors, (L, p).
         table: the M / 3 triples.
         world_stop: end of the vectors of the world, see ``StateLayout.world``.
         width_squared: of the sigma points, see ``SigmaSpread``.
@@ -263,7 +266,15 @@ def expected(
         for i in range(j, length):
             column_of[i] = factor[i, j]
         _set_linear(rows[j], column_of, rotation, vector[_LEG_SCALE], table, speed)
-    return mean, rows
+    observed, image, shares = np.empty((size, cross.shape[1])), np.empty(size), np.empty(CURVED)
+    for passive in range(cross.shape[1]):
+        set_rest_and_shares(column_of, shares, cross[:, passive], factor)
+        _set_linear(image, column_of, rotation, vector[_LEG_SCALE], table, speed)
+        for i in range(size):
+            for k in range(CURVED):
+                image[i] += shares[k] * rows[k, i]
+            observed[i, passive] = image[i]
+    return mean, rows, observed
 
 
 @inlined

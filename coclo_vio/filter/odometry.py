@@ -221,9 +221,9 @@ class LegOdometryFilter:
         mean = core.mean
         vector = mean.vector
         if IS_COMPILED:
-            covariance = plain_covariance(mean.rotation, vector, core.factor)
+            covariance = plain_covariance(mean.rotation, vector, core.active_factor)
         else:
-            rows = mean.plain_jacobian() @ core.factor
+            rows = mean.plain_jacobian()[:, : mean.layout.active] @ core.active_factor
             covariance = rows @ rows.T
         if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
             raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")

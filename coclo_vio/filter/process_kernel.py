@@ -27,7 +27,7 @@ from coclo_vio.filter.state import (
     SLIP_TURN,
     VELOCITY,
 )
-from coclo_vio.filter.state_kernels import set_errors, set_spread
+from coclo_vio.filter.state_kernels import set_errors, set_rest_and_shares, set_spread
 from coclo_vio.geometry.array_types import Array, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated, rotated_back, set_exp, set_product, set_product_transposed
@@ -127,19 +127,19 @@ def _set_moved(
 def predicted(
     rotation: Array,
     vector: Array,
-    factor: Array,
+    covariance: tuple[Array, Array],
     motion: FootMotion,
     foot_noise: Array,
     constants: ProcessConstants,
     dt_s: float,
     width_squared: float,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Prediction of mean and covariance: ``SquareRootFilter.predict`` up to the triangle.
 
     Args:
         rotation: of the mean, (3, 3).
         vector: of the mean, (L,).
-        factor: lower factor, (L, L).
+        covariance: its lower factor, (L, L), and the covariance with the passive errors, (L, p).
         motion: of the feet, by the joints.
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
         constants: of robot and process.
@@ -147,22 +147,25 @@ def predicted(
         width_squared: of the sigma points, see ``SigmaSpread``.
 
     Returns:
-        Rotation (3, 3) and vector (L,) of the new mean, and rows (m, L) of the new covariance, column by column in
-        memory.
+        Rotation (3, 3) and vector (L,) of the new mean, rows (m, L) of the new covariance, column by column in memory,
+        and the new covariance with the passive errors.
     """
     legs, length = len(motion.holds), len(vector)
     step = Step(dt_s, speed_of(vector), np.exp(-dt_s / constants.memories_s))
+    factor, cross = covariance
     turned, images = _images(rotation, vector, factor, motion, step, constants, width_squared)
     R, mean = _mean(turned, images, width_squared, constants)
     feet_at = length + CURVED + 1 + _ACCELERATIONS + len(constants.walking)
     rows = np.zeros((length, feet_at + 3 * legs)).T
     _set_spread_rows(rows, turned, images, R, mean, constants.world_stop, width_squared)
-    _set_flat_rows(rows, factor, rotation, motion, step, _turn(turned[0], R), constants.world_stop)
+    turn = _turn(turned[0], R)
+    _set_flat_rows(rows, factor, rotation, motion, step, turn, constants.world_stop)
+    new_cross = _moved_cross(cross, rows, factor, rotation, motion, step, turn, constants.world_stop)
     noise = rows[length + CURVED + 1 :]
     _set_body_noise(noise, R, dt_s, constants)
     _set_world_noise(noise, R, mean, motion, constants)
     _set_foot_noise(rows[feet_at:], R, motion, foot_noise, constants.foothold_creep * math.sqrt(dt_s))
-    return R, mean, rows
+    return R, mean, rows, new_cross
 
 
 @inlined
@@ -235,6 +238,16 @@ def _set_spread_rows(
         rows[length + CURVED, i] = math.sqrt(1.0 - CURVED / width_squared) * plus[i]
 
 
+@compiled
+def _set_flat_error(
+    moved: Array, error: Array, rotation: Array, motion: FootMotion, step: Step, turn: Array, world_stop: int
+) -> None:
+    """An error along flat columns (L,) moved by the linear part, seen from the new mean."""
+    _set_flat(moved, error, rotation, motion, step)
+    for at in range(_VELOCITY, world_stop, 3):
+        moved[at], moved[at + 1], moved[at + 2] = rotated_back(turn, moved[at], moved[at + 1], moved[at + 2])
+
+
 @inlined
 def _set_flat_rows(
     rows: Array, factor: Array, rotation: Array, motion: FootMotion, step: Step, turn: Array, world_stop: int
@@ -246,11 +259,37 @@ def _set_flat_rows(
         column[j - 1] = 0.0
         for i in range(j, length):
             column[i] = factor[i, j]
-        _set_flat(moved, column, rotation, motion, step)
-        for at in range(_VELOCITY, world_stop, 3):
-            moved[at], moved[at + 1], moved[at + 2] = rotated_back(turn, moved[at], moved[at + 1], moved[at + 2])
+        _set_flat_error(moved, column, rotation, motion, step, turn, world_stop)
         for i in range(j - 2, length):  # the turn mixes three at a time
             rows[j, i] = moved[i]
+
+
+@compiled
+def _moved_cross(
+    cross: Array,
+    rows: Array,
+    factor: Array,
+    rotation: Array,
+    motion: FootMotion,
+    step: Step,
+    turn: Array,
+    world_stop: int,
+) -> Array:
+    """Covariance of the moved errors with the passive ones, (L, p): ``PassiveStates.predict``.
+
+    A column is an error that is moved: its part along the curved columns of the factor by their odd halves, the rest
+    by the linear part of the process.
+    """
+    length, moved_cross = len(factor), np.empty(cross.shape)
+    rest, moved, shares = np.empty(length), np.empty(length), np.empty(CURVED)
+    for passive in range(cross.shape[1]):
+        set_rest_and_shares(rest, shares, cross[:, passive], factor)
+        _set_flat_error(moved, rest, rotation, motion, step, turn, world_stop)
+        for i in range(length):
+            for k in range(CURVED):
+                moved[i] += shares[k] * rows[k, i]
+            moved_cross[i, passive] = moved[i]
+    return moved_cross
 
 
 @inlined

@@ -222,7 +222,13 @@ class State:
         return self.vector[..., self.layout.feet].reshape(*self.vector.shape[:-1], self.layout.legs, 3)
 
     def spread(self, errors: Array) -> "State":
-        """The stack of states that differ from this mean by error vectors (points, L); remembered poses do not move."""
+        """The stack of states that differ from this mean by error vectors (points, L); remembered poses do not move.
+
+        Where the vectors end before the passive errors, these are zero.
+        """
+        passive = len(self.vector) - errors.shape[1]
+        if passive:
+            errors = np.concatenate((errors, np.zeros((len(errors), passive))), axis=1)
         return self._spread(errors, so3.exp(errors[:, ROTATION]))
 
     def _spread(self, errors: Array, turn: Array) -> "State":

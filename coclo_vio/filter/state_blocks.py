@@ -16,6 +16,9 @@ from coclo_vio.values.calibration import ImuCalibration
 ZERO_SIGMA = 1e-9
 """Sigma of what is zero by definition: position and yaw at the start, poses that are not remembered yet."""
 
+KNOWN_SIGMA = 1e-12
+"""Sigma of what is known and not estimated: not zero, so that the factor of the covariance has an inverse."""
+
 KEYFRAME, FRAME, ANCHOR = "keyframe", "frame", "anchor"
 """Names of the remembered poses."""
 
@@ -51,7 +54,7 @@ class StateBlock:
         size: number of errors.
         retraction: how errors change the mean.
         curvature: in which models the block is curved.
-        sigma: at the start, one for all errors or one each; 0 where the block is known.
+        sigma: at the start, one for all errors or one each.
         moving_sigma: the same for a start without rest; None: as ``sigma``.
         walk: density of its random walk, its unit by sqrt(s).
         memory_s: time constant with which its mean decays to zero, s.
@@ -81,7 +84,7 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
             "leg_scale",
             1,
             curvature=curved,
-            sigma=robust.leg_scale_sigma * robust.estimates_leg_scale,
+            sigma=robust.leg_scale_sigma if robust.estimates_leg_scale else KNOWN_SIGMA,
             walk=robust.leg_scale_walk * robust.estimates_leg_scale,
             is_reported=True,
         ),
@@ -91,7 +94,7 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
         StateBlock(
             "leg_compliance",
             1,
-            sigma=robust.leg_compliance_sigma_m * robust.estimates_leg_compliance,
+            sigma=robust.leg_compliance_sigma_m if robust.estimates_leg_compliance else KNOWN_SIGMA,
             walk=robust.leg_compliance_walk_m * robust.estimates_leg_compliance,
             is_reported=True,
         ),
@@ -105,7 +108,7 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
 def _slip(name: str, sigma: float, memory_s: float) -> StateBlock:
     """A slip that decays, with a walk that keeps its sigma."""
     walk = sigma * math.sqrt(2.0 / memory_s)
-    return StateBlock(name, 3, sigma=sigma, walk=walk, memory_s=memory_s, is_reported=True)
+    return StateBlock(name, 3, sigma=max(sigma, KNOWN_SIGMA), walk=walk, memory_s=memory_s, is_reported=True)
 
 
 def robust_blocks(
@@ -128,7 +131,7 @@ def robust_blocks(
         extra: further blocks.
     """
     feet = StateBlock("feet", 3 * legs, Retraction.WORLD)
-    remembered = remembered_blocks(initial) if has_frame else (_pose(KEYFRAME),)
+    remembered = remembered_blocks(initial) if has_frame else ()
     return (*body_blocks(robust, initial, imu), feet, *extra, *remembered)
 
 
@@ -146,9 +149,14 @@ def paper_blocks(
         "velocity": paper.velocity_walk,
         "position": paper.position_walk,
     }
-    none = RobustConfig(estimates_leg_scale=False, estimates_leg_compliance=False, slip_share=0.0, slip_turn_per_m=0.0)
-    body = [replace(block, walk=walks.get(block.name, block.walk)) for block in body_blocks(none, initial, imu)]
-    body = [replace(block, curvature=Curvature.PROCESS) if block.name == "gyroscope_bias" else block for block in body]
+    unknown_to_paper = {"leg_scale", "leg_compliance", "slip_turn", "slip"}
+    body = []
+    for block in body_blocks(RobustConfig(), initial, imu):
+        if block.name in unknown_to_paper:
+            body.append(replace(block, sigma=0.0, walk=0.0))
+        else:
+            curvature = Curvature.PROCESS if block.name == "gyroscope_bias" else block.curvature
+            body.append(replace(block, curvature=curvature, walk=walks.get(block.name, block.walk)))
     feet = StateBlock("feet", 3 * legs, Retraction.WORLD, walk=paper.foot_walk)
     contacts = StateBlock("contacts", legs, sigma=0.5, walk=paper.contact_walk)
     remembered = remembered_blocks(initial) if has_frame else (_pose(KEYFRAME),)

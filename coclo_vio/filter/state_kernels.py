@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from coclo_vio.filter.state import POSITION, VELOCITY
+from coclo_vio.filter.triangle_kernels import lower_of
 from coclo_vio.geometry.array_types import Array
 from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import (
@@ -57,6 +58,26 @@ def _clear_rotation(vector: Array, at: int) -> None:
 
 
 @compiled
+def set_rest_and_shares(rest: Array, shares: Array, error: Array, factor: Array) -> None:
+    """An error (L,) as shares of the first columns of a lower factor (L, L) and a rest that those do not reach.
+
+    Args:
+        rest: is written, (L,); zero where the columns reach.
+        shares: is written; its length is the number of columns.
+        error: is taken apart.
+        factor: the lower factor; an error without uncertainty has no share.
+    """
+    curved = len(shares)
+    for i in range(len(error)):
+        rest[i] = error[i]
+    for k in range(curved):
+        shares[k] = 0.0 if factor[k, k] == 0.0 else rest[k] / factor[k, k]
+        rest[k] = 0.0
+        for i in range(k + 1, len(error)):
+            rest[i] -= shares[k] * factor[i, k]
+
+
+@compiled
 def corrected(
     rotation: Array, vector: Array, remembered: Array, step: Array, world_stop: int, active: int
 ) -> tuple[Array, Array, Array]:
@@ -88,17 +109,21 @@ def corrected(
 
 
 @compiled
-def bound_rotations(factor: Array, limit: float, active: int, poses: int) -> None:
-    """Scale the rows of rotations so that no sigma is above a limit: ``SquareRootFilter.bound_rotation``."""
-    for pose in range(poses + 1):
-        start = 0 if pose == 0 else active + _REMEMBERED * (pose - 1)
-        for row in range(start, start + 3):
-            squared = 0.0
+def bounded_factor(triangle: Array, limit: float) -> tuple[Array, Array]:
+    """Lower factor (L, L) of a triangle, and the scales (3,) that keep its rotation sigmas below a limit.
+
+    The scales are applied; ``SquareRootFilter`` does the same.
+    """
+    factor, scales = lower_of(triangle, 0, triangle.shape[1]), np.ones(3)
+    for row in range(3):
+        squared = 0.0
+        for column in range(row + 1):
+            squared += factor[row, column] * factor[row, column]
+        if squared > limit * limit:
+            scales[row] = limit / math.sqrt(squared)
             for column in range(row + 1):
-                squared += factor[row, column] * factor[row, column]
-            if squared > limit * limit:
-                for column in range(row + 1):
-                    factor[row, column] *= limit / math.sqrt(squared)
+                factor[row, column] *= scales[row]
+    return factor, scales
 
 
 @compiled
