@@ -9,11 +9,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coclo_vio.filter.measurement_model import CURVED_COLUMNS, NO_LEG
+from coclo_vio.filter.measurement_model import NO_LEG
 from coclo_vio.filter.process_kernel import slip_velocity, speed_of
 from coclo_vio.filter.stance import FootMotion
-from coclo_vio.filter.state import GYROSCOPE_BIAS, LEG_COMPLIANCE, LEG_SCALE, POSITION, RATE, VELOCITY
-from coclo_vio.filter.state_kernels import BODY, set_spread
+from coclo_vio.filter.state import (
+    BODY_ERRORS as BODY,
+)
+from coclo_vio.filter.state import (
+    CURVED_IN_MEASUREMENT as CURVED,
+)
+from coclo_vio.filter.state import (
+    GYROSCOPE_BIAS,
+    LEG_COMPLIANCE,
+    LEG_SCALE,
+    POSITION,
+    RATE,
+    VELOCITY,
+)
+from coclo_vio.filter.state_kernels import set_rest_and_shares, set_spread
 from coclo_vio.filter.triangle_kernels import cholesky_in_place, set_noise_factor, squared_norm
 from coclo_vio.geometry.array_types import Array, BoolArray, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
@@ -217,57 +230,68 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
 
 @compiled
 def expected(
-    rotation: Array, vector: Array, factor: Array, table: Triples, legs: int, width_squared: float
-) -> tuple[Array, Array]:
-    """Mean (M,) and square-root rows (L + curved + 1, M) of the predicted measurement: ``SquareRootFilter.observe``.
+    rotation: Array, vector: Array, factor: Array, cross: Array, table: Triples, world_stop: int, width_squared: float
+) -> tuple[Array, Array, Array]:
+    """Predicted measurement: mean (M,), square-root rows (L + curved + 1, M), covariance with passive errors (M, p).
+
+    ``SquareRootFilter.observe`` and ``PassiveStates.observed``.
 
     Args:
         rotation: of the mean, (3, 3).
         vector: of the mean, (L,).
         factor: lower factor, (L, L).
+        cross: covariance with the passive errors, (L, p).
         table: the M / 3 triples.
-        legs: number of legs.
+        world_stop: end of the vectors of the world, see ``StateLayout.world``.
         width_squared: of the sigma points, see ``SigmaSpread``.
     """
     length, size = len(vector), 3 * len(table.kind)
     speed = speed_of(vector)
-    images = _images(rotation, vector, factor, table, legs, speed, width_squared)
-    mean, rows = np.empty(size), np.empty((length + CURVED_COLUMNS + 1, size))
-    scale, centre_scale = 0.5 / math.sqrt(width_squared), math.sqrt(1.0 - CURVED_COLUMNS / width_squared)
+    images = _images(rotation, vector, factor, table, world_stop, speed, width_squared)
+    mean, rows = np.empty(size), np.empty((length + CURVED + 1, size))
+    scale, centre_scale = 0.5 / math.sqrt(width_squared), math.sqrt(1.0 - CURVED / width_squared)
     for i in range(size):
         shift = 0.0
         for index in range(1, len(images)):
             shift += images[index, i] - images[0, i]
         mean[i] = images[0, i] + shift / (2.0 * width_squared)
-        for column in range(CURVED_COLUMNS):
-            plus, minus = images[1 + column, i], images[1 + CURVED_COLUMNS + column, i]
+        for column in range(CURVED):
+            plus, minus = images[1 + column, i], images[1 + CURVED + column, i]
             rows[column, i] = scale * (plus - minus)
             rows[length + column, i] = scale * ((plus - mean[i]) + (minus - mean[i]))
-        rows[length + CURVED_COLUMNS, i] = centre_scale * (images[0, i] - mean[i])
+        rows[length + CURVED, i] = centre_scale * (images[0, i] - mean[i])
     column_of = np.zeros(length)
-    for j in range(CURVED_COLUMNS, length):
+    for j in range(CURVED, length):
         column_of[j - 1] = 0.0
         for i in range(j, length):
             column_of[i] = factor[i, j]
         _set_linear(rows[j], column_of, rotation, vector[_LEG_SCALE], table, speed)
-    return mean, rows
+    observed, image, shares = np.empty((size, cross.shape[1])), np.empty(size), np.empty(CURVED)
+    for passive in range(cross.shape[1]):
+        set_rest_and_shares(column_of, shares, cross[:, passive], factor)
+        _set_linear(image, column_of, rotation, vector[_LEG_SCALE], table, speed)
+        for i in range(size):
+            for k in range(CURVED):
+                image[i] += shares[k] * rows[k, i]
+            observed[i, passive] = image[i]
+    return mean, rows, observed
 
 
 @inlined
 def _images(
-    rotation: Array, vector: Array, factor: Array, table: Triples, legs: int, speed: float, width_squared: float
+    rotation: Array, vector: Array, factor: Array, table: Triples, world_stop: int, speed: float, width_squared: float
 ) -> Array:
     """Measurements (9, M) predicted at centre and curved points: +, then -."""
     length, width = len(vector), math.sqrt(width_squared)
-    images = np.empty((1 + 2 * CURVED_COLUMNS, 3 * len(table.kind)))
+    images = np.empty((1 + 2 * CURVED, 3 * len(table.kind)))
     R, point, error = np.empty((3, 3)), np.empty(length), np.zeros(length)
     for index in range(len(images)):
         if index > 0:
-            column = (index - 1) % CURVED_COLUMNS
-            sign = width if index <= CURVED_COLUMNS else -width
+            column = (index - 1) % CURVED
+            sign = width if index <= CURVED else -width
             for i in range(length):
                 error[i] = sign * factor[i, column]
-        set_spread(R, point, rotation, vector, error, legs)
+        set_spread(R, point, rotation, vector, error, world_stop)
         scale = point[_LEG_SCALE]
         _set_linear(images[index], point, R, scale, table, speed)
         for row in range(len(table.kind)):

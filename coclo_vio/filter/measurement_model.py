@@ -31,7 +31,6 @@ from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 
 NO_LEG = -1
-CURVED_COLUMNS = 4  # the models are nonlinear in rotation and leg scale, and linear in all else given them
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 """The leg odometry COCLO: measurements in, one at a time; an estimate out at every joint sample."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,17 +12,19 @@ from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
 from coclo_vio.filter.paper_profile import PaperProfile
+from coclo_vio.filter.profile import Profile
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
+from coclo_vio.filter.state_blocks import StateBlock
 from coclo_vio.filter.state_kernels import plain_covariance
 from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import StartRule
-from coclo_vio.values.arrays import BoolArray, is_finite
+from coclo_vio.values.arrays import Array, BoolArray, is_finite
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -48,7 +50,12 @@ class LegOdometryFilter:
     """
 
     def __init__(
-        self, robot: RobotModel, config: FilterConfig | None = None, *, remembers_frames: bool = False
+        self,
+        robot: RobotModel,
+        config: FilterConfig | None = None,
+        *,
+        remembers_frames: bool = False,
+        extra_blocks: Sequence[StateBlock] = (),
     ) -> None:
         """Take a robot and a configuration.
 
@@ -57,17 +64,28 @@ class LegOdometryFilter:
             config: of the filter; the robot's own if None.
             remembers_frames: keep the poses of a camera frame and of the anchor keyframe in the state, and the errors
                 of the cameras' calibration, for ``mark_frame``.
+            extra_blocks: further blocks of the state of the robust profile.
         """
         self.config = config or FilterConfig.of_robot(robot.description)
         self._counts: Counter[str] = Counter()
         self._robot = robot
         contact = robot.description.contact
-        self._profile: RobustProfile | PaperProfile
+        self._profile: Profile
+        initial = self.config.initial
         if self.config.profile == "paper":
             contact = contact.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
-            self._profile = PaperProfile(robot, self.config.paper, self._counts, has_frame=remembers_frames)
+            self._profile = PaperProfile(
+                robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
+            )
         else:
-            self._profile = RobustProfile(robot, self.config.robust, self._counts, has_frame=remembers_frames)
+            self._profile = RobustProfile(
+                robot,
+                self.config.robust,
+                self._counts,
+                initial=initial,
+                has_frame=remembers_frames,
+                extra_blocks=extra_blocks,
+            )
         timeout_s = self.config.force_timeout_s
         self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
         self._start_rule = StartRule(self.config.rest_timeout_s)
@@ -139,10 +157,15 @@ class LegOdometryFilter:
         Raises:
             FilterError: the filter has not started yet, or does not remember frames.
         """
-        core = self._remembering()
-        camera = core.mean.layout.camera
-        value, sigma = core.mean.vector[camera], np.sqrt(core.variance(camera))
+        value, sigma = self._remembering().report("camera")
         return Calibration(stamp_ns, value[:3], sigma[:3], float(1.0 + value[3]), float(sigma[3]))
+
+    def reports(self) -> dict[str, tuple[Array, Array]]:
+        """Value and one sigma of each block of the state that is declared as reported; empty before the start."""
+        core = self._core
+        if core is None:
+            return {}
+        return {block.name: core.report(block.name) for block in core.mean.layout.blocks if block.is_reported}
 
     def _extrapolation(self, stamp_ns: int) -> Extrapolation:
         """From the last sample to a frame; motion beyond constant velocity counts only across a gap."""
@@ -158,7 +181,7 @@ class LegOdometryFilter:
         The paper's profile takes the whole gap in one step, as printed.
         """
         remaining = reading
-        if isinstance(self._profile, RobustProfile):
+        if self._profile.can_coast:
             for stamp_ns, rate in reading.gyroscope:
                 if stamp_ns <= self._stamp_ns or stamp_ns >= reading.stamp_ns:
                     continue
@@ -197,9 +220,9 @@ class LegOdometryFilter:
         mean = core.mean
         vector = mean.vector
         if IS_COMPILED:
-            covariance = plain_covariance(mean.rotation, vector, core.factor)
+            covariance = plain_covariance(mean.rotation, vector, core.active_factor)
         else:
-            rows = mean.plain_jacobian() @ core.factor
+            rows = mean.plain_jacobian()[:, : mean.layout.active] @ core.active_factor
             covariance = rows @ rows.T
         if not is_finite(vector) or not is_finite(covariance):
             raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")
@@ -211,7 +234,9 @@ class LegOdometryFilter:
             vector[ACCELEROMETER_BIAS],
         )
         layout = mean.layout
-        probability = np.clip(vector[layout.contacts], 0.0, 1.0) if layout.has_contacts else reading.contact.probability
+        probability = reading.contact.probability
+        if layout.has_contacts:
+            probability = np.clip(vector[layout.at("contacts")], 0.0, 1.0)
         return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
 
     def _remembering(self) -> SquareRootFilter:

@@ -12,7 +12,6 @@ from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import SLIP, State
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
-from coclo_vio.values.calibration import ImuCalibration
 
 
 class Expectation(Protocol):
@@ -54,14 +53,11 @@ class DirectModels:
     Args:
         sensing: the legs and the parameters.
         encoder_noise_rad: one sigma of a joint position.
-        imu: bias walks.
         gate: limits of the normalised innovation squared of 3 and of 6 rows.
     """
 
-    def __init__(
-        self, sensing: LegConstants, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
-    ) -> None:
-        self._sensing, self._encoder_noise_rad, self._imu, self._gate = sensing, encoder_noise_rad, imu, gate
+    def __init__(self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float]) -> None:
+        self._sensing, self._encoder_noise_rad, self._gate = sensing, encoder_noise_rad, gate
 
     def foot_noise(self, reading: Reading) -> Array:
         """Encoders through the Jacobian, and bending."""
@@ -74,13 +70,10 @@ class DirectModels:
         """By ``process_model``."""
         sensing, config = self._sensing, self._sensing.config
         core.predict(
-            lambda stack: process_model.predict(
-                stack, dt_s, motion, sensing.radii_m, sensing.hips_body, config.slip_memory_s
-            ),
+            lambda stack: process_model.predict(stack, dt_s, motion, sensing.radii_m, sensing.hips_body),
             lambda mean: process_model.noise_rows(
-                mean, dt_s, motion, radii_m=sensing.radii_m, foot_noise=foot_noise, config=config, imu=self._imu
+                mean, dt_s, motion, radii_m=sensing.radii_m, foot_noise=foot_noise, config=config
             ),
-            process_model.CURVED_COLUMNS,
         )
 
     def expect(
@@ -109,7 +102,7 @@ class DirectModels:
         def model(stack: State) -> Array:
             return np.concatenate([block.model(stack) for block in blocks], axis=1)
 
-        predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
+        predicted, rows = core.observe(model)
         innovation = np.concatenate([block.measured for block in blocks]) - predicted
         noise = _noise_rows(blocks)
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
