@@ -166,8 +166,9 @@ def test_covariance_of_a_delta_is_of_its_right_local_error() -> None:
     for seed in range(5):
         error = _SMALL * np.random.default_rng(seed).normal(size=layout.dimension)
         error[layout.at("camera")] = 0.0
-        core.factor = np.zeros((layout.dimension, layout.dimension))
-        core.factor[:, 0] = error  # a covariance of this one error
+        factor = np.zeros((layout.dimension, layout.dimension))
+        factor[:, 0] = error  # a covariance of this one error
+        core.factor = factor
         delta = relative_motion(frame_pair(core, 3, 8), floor_m=0.0)
         np.testing.assert_allclose(delta.T_start_end, se3.inverse(_keyframe_pose(mean)) @ frame_pose(mean), atol=1e-13)
         moved = mean.corrected(error)

@@ -50,6 +50,7 @@ class SquareRootFilter:
 
     @factor.setter
     def factor(self, factor: Array) -> None:
+        """Replace it; the array is taken over, and read only from then on where there are passive errors."""
         active = self.mean.layout.active
         self.active_factor = np.ascontiguousarray(factor[:active, :active])
         self.passive = PassiveStates.of_factor(factor, active)
