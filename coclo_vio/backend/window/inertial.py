@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""IMU readings between two keyframes: preintegrated for the smoother, and examined for rest.
+"""IMU readings between two keyframes, preintegrated for the smoother.
 
 Source: Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", 2017 (by
 GTSAM).
@@ -12,7 +12,7 @@ from typing import Self
 import gtsam
 import numpy as np
 
-from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
+from coclo_vio.backend.window.config import InertialConfig
 from coclo_vio.backend.window.lever_arm import mean_reading
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
@@ -20,26 +20,8 @@ from coclo_vio.values.measurements import InertialReading
 from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _INTEGRATION_NOISE = 1e-4  # m/sqrt(s): error of the midpoint rule between samples
-_FEWEST_SAMPLES = 5
-_SPANNED = 0.8  # share of the window that the samples have to span
-_REST_FORCE_MPS2 = 2.0  # how far the force at rest may be from gravity: more than any bias
 _FASTEST_RADPS, _STRONGEST_MPS2 = 100.0, 1000.0  # beyond what any such sensor can read
 _HISTORY_NS = 1_000_000_000  # readings that are kept for a start in the past
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuMeans:
-    """Mean readings over a time, imu frame.
-
-    Attributes:
-        angular_velocity: rad/s, (3,).
-        specific_force: m/s^2, (3,).
-        span_s: length of that time.
-    """
-
-    angular_velocity: Array
-    specific_force: Array
-    span_s: float
 
 
 def is_possible(sample: InertialReading) -> bool:
@@ -168,43 +150,3 @@ def _between(before: _Row, after: _Row, stamp_ns: int) -> Array:
     span_ns = after.stamp_ns - before.stamp_ns
     share = 1.0 if span_ns <= 0 else min(max((stamp_ns - before.stamp_ns) / span_ns, 0.0), 1.0)
     return np.asarray(before.values + share * (after.values - before.values))
-
-
-class RestDetector:
-    """Whether the IMU has been at rest during the last readings, and their means, imu frame."""
-
-    def __init__(self, config: StandstillWindowConfig) -> None:
-        self._config = config
-        self._readings: deque[_Row] = deque()
-
-    def push(self, sample: InertialReading) -> None:
-        """Take a reading if it is possible and newer than the last; readings older than the window are dropped."""
-        if not is_possible(sample) or (self._readings and sample.stamp_ns <= self._readings[-1].stamp_ns):
-            return
-        self._readings.append(_Row.of(sample))
-        oldest_ns = sample.stamp_ns - round(self._config.window_s * NS_PER_S)
-        while self._readings[0].stamp_ns < oldest_ns:
-            self._readings.popleft()
-
-    @property
-    def means(self) -> ImuMeans | None:
-        """The means over the window, at rest or not; None before the first reading."""
-        if not self._readings:
-            return None
-        mean = np.mean([row.values for row in self._readings], axis=0)
-        return ImuMeans(mean[:3], mean[3:], (self._readings[-1].stamp_ns - self._readings[0].stamp_ns) / NS_PER_S)
-
-    @property
-    def rest(self) -> ImuMeans | None:
-        """The means over the window if the IMU was at rest in it; otherwise None."""
-        means = self.means
-        if means is None or len(self._readings) < _FEWEST_SAMPLES or means.span_s < _SPANNED * self._config.window_s:
-            return None
-        scatter = np.var([row.values for row in self._readings], axis=0)
-        is_at_rest = (
-            np.sqrt(scatter[:3].sum()) < self._config.gyroscope_std_radps
-            and np.sqrt(scatter[3:].sum()) < self._config.accelerometer_std_mps2
-            and abs(np.linalg.norm(means.specific_force) - GRAVITY_MPS2)
-            < _REST_FORCE_MPS2  # a dead sensor is not at rest
-        )
-        return means if is_at_rest else None

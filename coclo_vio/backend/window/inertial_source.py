@@ -10,12 +10,13 @@ import numpy as np
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import Term
-from coclo_vio.backend.window.inertial import ImuMeans, Preintegration
+from coclo_vio.backend.window.inertial import Preintegration
 from coclo_vio.backend.window.keyframe_source import FirstKeyframe, KeyframeSource, KeyframeState, Ties
 from coclo_vio.backend.window.motion_model import PredictedMotion
 from coclo_vio.backend.window.start import FIXED_SIGMA
 from coclo_vio.backend.window.variables import BIASES, POSE, VELOCITY, Variable
 from coclo_vio.geometry import so3
+from coclo_vio.robot.standstill import ImuMeans
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.measurements import InertialReading

@@ -16,7 +16,7 @@ from coclo_vio.backend.window.event_log import EventLog
 from coclo_vio.backend.window.frame_estimate import FrameEstimate
 from coclo_vio.backend.window.frame_localisation import FrameLocalisation, has_enough_disparity, localise_frame
 from coclo_vio.backend.window.gyroscope_bias import StandstillBias
-from coclo_vio.backend.window.inertial import ImuMeans, RestDetector, is_possible
+from coclo_vio.backend.window.inertial import is_possible
 from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.keyframe_selection import has_lost_overlap, is_keyframe, tracks_are_still
 from coclo_vio.backend.window.keyframe_source import KeyframeSource
@@ -27,6 +27,7 @@ from coclo_vio.backend.window.start import FIXED_SIGMA, Starter
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.backend.window.variables import VELOCITY
 from coclo_vio.backend.window.window_updater import WindowUpdater
+from coclo_vio.robot.standstill import ImuMeans, StandstillDetector
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.values.estimates import NavState, StateEstimate
@@ -64,7 +65,7 @@ class SlidingWindowSmoother:
         self._model = StereoModel(rig, self.config.noise)
         self._inertial = [source for source in sources if isinstance(source, InertialSource)]
         self._twists = [source for source in sources if isinstance(source, TwistSource)]
-        self._rest_detector = RestDetector(self.config.standstill)
+        self._rest_detector = StandstillDetector(self.config.standstill.limits)
         self._velocity_model = ConstantVelocityModel(self.config.motion, self.config.start.moving_velocity_mps)
         self._log = EventLog()
         self._sources = SourceSet(sources, self._velocity_model)

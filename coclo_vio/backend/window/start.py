@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.backend.window.config import StartConfig
-from coclo_vio.backend.window.inertial import ImuMeans, RestDetector
 from coclo_vio.geometry import so3
+from coclo_vio.robot.standstill import ImuMeans, StandstillDetector, StartRule
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
@@ -37,14 +37,12 @@ class Starter:
     def __init__(self, config: StartConfig, rotation_body_imu: Array, *, measures_gravity: bool) -> None:
         self._config, self._rotation_body_imu = config, rotation_body_imu
         self._measures_gravity = measures_gravity
-        self._first_ns: int | None = None
+        self._rule = StartRule(config.rest_timeout_s)
 
-    def try_at(self, stamp_ns: int, detector: RestDetector) -> Start | None:
+    def try_at(self, stamp_ns: int, detector: StandstillDetector) -> Start | None:
         """The start at a frame; None as long as it waits for rest."""
-        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         rest, means = detector.rest, detector.means
-        has_waited = stamp_ns - self._first_ns >= self._config.rest_timeout_s * NS_PER_S
-        if rest is None and not has_waited and (means is not None or self._measures_gravity):
+        if not self._rule.is_met(stamp_ns, rest) and (means is not None or self._measures_gravity):
             return None
         T = np.eye(4)
         level = rest or means
