@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.geometry.compiled import IS_COMPILED, compiled
+from coclo_vio.geometry.compiled import IS_COMPILED, compiled, compiled_without_gil
 from coclo_vio.values.arrays import Array, BoolArray, FloatImage
 
 GAIN_LIMITS = (0.3, 3.0)  # of the brightness of a patch to that of its template
@@ -32,7 +32,7 @@ if IS_COMPILED:
     _fused = _fused_product
 
 
-@compiled
+@compiled_without_gil
 def align(
     image: FloatImage,
     window: tuple[FloatImage, FloatImage],
@@ -91,7 +91,7 @@ def _move(centre: Array, warp: Array, parameters: Array, moved_centre: Array, mo
         moved_warp[i, 1] = _fused(right, 1.0 + parameters[5], left * parameters[3])
 
 
-@compiled
+@compiled_without_gil
 def patches_and_shifts(image: FloatImage, centres: Array, steps: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Brightness (N, P) at ``centres + steps`` and its derivatives (N, 2, P) by column and row; arguments as above."""
     count, longest, identity = steps.shape[1], np.abs(steps).max() + 1.0, np.eye(2)

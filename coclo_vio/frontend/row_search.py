@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from coclo_vio.geometry.compiled import IS_COMPILED, compiled
+from coclo_vio.geometry.compiled import IS_COMPILED, compiled, compiled_without_gil
 from coclo_vio.values.arrays import Array, ByteImage, FloatImage, IntArray
 
 BLOCK_ROWS = 1  # rows above and below that a block is also searched in
@@ -70,7 +70,7 @@ def found_by_opencv(search: RowSearch, left: ByteImage, right: ByteImage, column
     return float(column - half - first - best) if is_match else np.nan
 
 
-@compiled
+@compiled_without_gil
 def _found(
     left: ByteImage, right: ByteImage, pixels: IntArray, half: int, reach: int, limits: tuple[float, float]
 ) -> Array:

@@ -142,19 +142,21 @@ def test_counts_wait_for_the_frame_in_process() -> None:
 def test_an_error_of_a_frame_comes_where_its_result_is_due_after_the_outputs_before(frame_threads: int) -> None:
     odometry = made(NotingSmoother(keyframes_every=1), FailingFrontend(), frame_threads)
     outputs: list[Output] = []
-    pushed_ns: list[int] = []
-
-    def push_all() -> None:
-        for one in with_images(0.0, 2.0):
-            pushed_ns.append(one.stamp_ns)
-            outputs.extend(odometry.push(one))
-
+    stamps_ns: list[int] = []
     with pytest.raises(SmootherError, match="the third frame is at fault"):
-        push_all()
-    failed_ns = pushed_ns[-1]
+        _push(odometry, with_images(0.0, 2.0), stamps_ns, outputs)
     by_vision = [one.state.stamp_ns for one in outputs if isinstance(one, Estimate) and one.name == "combined_vins"]
     assert len(by_vision) == 2
-    assert LATENCY_NS <= failed_ns - (by_vision[-1] + FRAME_NS) < LATENCY_NS + 10_000_000
+    assert LATENCY_NS <= stamps_ns[-1] - (by_vision[-1] + FRAME_NS) < LATENCY_NS + 10_000_000
+
+
+def _push(
+    odometry: CombinedOdometry, measurements: Sequence[Measurement], stamps_ns: list[int], outputs: list[Output]
+) -> None:
+    """Push until an error, and note what was pushed and what came out."""
+    for one in measurements:
+        stamps_ns.append(one.stamp_ns)
+        outputs += odometry.push(one)
 
 
 def test_no_thread_is_left_by_an_estimator_that_ends_or_is_abandoned() -> None:
