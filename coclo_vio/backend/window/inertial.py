@@ -45,8 +45,11 @@ class ImuMeans:
 def is_possible(sample: InertialReading) -> bool:
     """Whether a reading is within the range of any IMU: spikes of a broken link are not."""
     rates, forces = sample.angular_velocity.tolist(), sample.specific_force.tolist()
-    return all(-_FASTEST_RADPS < rate < _FASTEST_RADPS for rate in rates) and all(
-        -_STRONGEST_MPS2 < force < _STRONGEST_MPS2 for force in forces
+    return bool(
+        min(rates) > -_FASTEST_RADPS
+        and max(rates) < _FASTEST_RADPS
+        and min(forces) > -_STRONGEST_MPS2
+        and max(forces) < _STRONGEST_MPS2
     )
 
 
@@ -189,18 +192,25 @@ class RestDetector:
     @property
     def means(self) -> ImuMeans | None:
         """The means over the window, at rest or not; None before the first reading."""
-        if not self._readings:
-            return None
-        mean = np.mean([row.values for row in self._readings], axis=0)
+        return self._means_of(self._rows()) if self._readings else None
+
+    def _rows(self) -> Array:
+        return np.array([row.values for row in self._readings])
+
+    def _means_of(self, rows: Array) -> ImuMeans:
+        mean = np.mean(rows, axis=0)
         return ImuMeans(mean[:3], mean[3:], (self._readings[-1].stamp_ns - self._readings[0].stamp_ns) / NS_PER_S)
 
     @property
     def rest(self) -> ImuMeans | None:
         """The means over the window if the IMU was at rest in it; otherwise None."""
-        means = self.means
-        if means is None or len(self._readings) < _FEWEST_SAMPLES or means.span_s < _SPANNED * self._config.window_s:
+        if len(self._readings) < _FEWEST_SAMPLES:
             return None
-        scatter = np.var([row.values for row in self._readings], axis=0)
+        rows = self._rows()
+        means = self._means_of(rows)
+        if means.span_s < _SPANNED * self._config.window_s:
+            return None
+        scatter = np.var(rows, axis=0)
         is_at_rest = (
             np.sqrt(scatter[:3].sum()) < self._config.gyroscope_std_radps
             and np.sqrt(scatter[3:].sum()) < self._config.accelerometer_std_mps2

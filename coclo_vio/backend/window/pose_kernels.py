@@ -179,7 +179,7 @@ def add_pose_equations(
     T_world_body: Array,
     camera: tuple[Array, Array, float],
 ) -> None:
-    """Add the observations that are used (N,) to information (6, 6) and vector (6,) of the pose, right/local.
+    """Add the observations that are used (N,) to zero information (6, 6) and vector (6,) of the pose, right/local.
 
     ``camera``: T_camera_body, ``optics``, and Huber's limit in sigmas.
     """
@@ -204,6 +204,10 @@ def add_pose_equations(
             J[1] = J[3] * in_body[2] - J[5] * in_body[0]
             J[2] = J[4] * in_body[0] - J[3] * in_body[1]
             for i in range(6):
-                gradient[i] += J[i] * weight * residual[k]
-                for j in range(6):
-                    hessian[i, j] += J[i] * weight * J[j]
+                weighted = weight * J[i]
+                gradient[i] += weighted * residual[k]
+                for j in range(i + 1):
+                    hessian[i, j] += weighted * J[j]
+    for i in range(6):
+        for j in range(i):
+            hessian[j, i] = hessian[i, j]
