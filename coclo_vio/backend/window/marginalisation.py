@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import gtsam
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from coclo_vio.backend.window.factors import Term, landmark_id, ordered
 from coclo_vio.backend.window.indeterminate import indeterminate_points, supports
@@ -118,7 +119,10 @@ def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.V
     information, vector = turned.T @ information @ turned, turned.T @ vector
     size = len(information) - free.shape[1]
     rest = information[:size, :size] + _LEAST_INFORMATION * np.eye(size)
-    gain = np.linalg.solve(rest, np.column_stack((information[:size, size:], vector[:size])))
+    columns = np.column_stack((information[:size, size:], vector[:size]))
+    _, gain, failure = dposv(rest, columns)
+    if failure:  # not positive definite, by rounding
+        gain = np.linalg.solve(rest, columns)
     alone = information[size:, size:] - information[size:, :size] @ gain[:, :-1]
     pull = vector[size:] - information[size:, :size] @ gain[:, -1]
     removed = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)

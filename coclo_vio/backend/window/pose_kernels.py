@@ -4,7 +4,7 @@
 ``StereoModel`` has the readable forms.
 
 Arguments that they share: ``points`` (N, 3), m, world frame; ``observed`` (N, 3) left column, row, right column or NaN,
-px; ``whiten`` (N, 3, 3), lower triangles that make residuals white; ``T_world_body`` and ``T_camera_body`` (4, 4);
+px; ``whiten`` (N, 3, 3), lower triangles that make residuals white; ``T_body_world`` and ``T_camera_body`` (4, 4);
 ``optics`` = fx, fy, cx, cy (px), baseline (m), (5,).
 """
 
@@ -12,18 +12,11 @@ import numpy as np
 
 from coclo_vio.backend.window.reprojection_kernels import transformed
 from coclo_vio.geometry.compiled import compiled
-from coclo_vio.geometry.so3_kernels import rotated_back
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 NEAREST_M = 1e-3  # depth of a point that counts as ahead of the camera
 FARTHEST_PX = 1e6  # projection of a point behind the camera: an outlier whatever was observed
 DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
-
-
-@compiled
-def _set_body(T_world_body: Array, point: Array, in_body: Array) -> None:
-    x, y, z = point[0] - T_world_body[0, 3], point[1] - T_world_body[1, 3], point[2] - T_world_body[2, 3]
-    in_body[0], in_body[1], in_body[2] = rotated_back(T_world_body, x, y, z)
 
 
 @compiled
@@ -123,7 +116,7 @@ def set_point_covariances(
     """Covariances (P, 3, 3) of points (P, 3), m, world frame, from their observations, poses taken as known.
 
     Args:
-        covariances: result, m^2.
+        covariances: zero; result, m^2.
         points: the landmarks.
         rows: of N observations: the point and the keyframe, and the inverse sigmas of [left column, row, disparity],
             1/px, (N, 3).
@@ -132,11 +125,10 @@ def set_point_covariances(
         least: information that is added in every direction, 1/m^2 and a share of the trace.
     """
     in_camera, slopes, L, inverse = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    covariances[:] = 0.0
     for n in range(len(rows[0])):
         point, T = rows[0][n], T_camera_world[rows[1][n]]
         transformed(T, points[point], in_camera)
-        _set_slopes(in_camera, T, True, optics, slopes)
+        _set_slopes(in_camera, T, rows[2][n, 2] > 0.0, optics, slopes)
         for k in range(3):
             weight = rows[2][n, k] ** 2
             for i in range(3):
@@ -158,12 +150,12 @@ def set_point_covariances(
 
 @compiled
 def set_residual_norms(
-    norms: Array, points: Array, observed: Array, whiten: Array, T_world_body: Array, camera: tuple[Array, Array]
+    norms: Array, points: Array, observed: Array, whiten: Array, T_body_world: Array, camera: tuple[Array, Array]
 ) -> None:
     """Distances (N,) of the observations from the projections, in sigmas; ``camera``: T_camera_body and ``optics``."""
     in_body, in_camera, residual = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(points)):
-        _set_body(T_world_body, points[n], in_body)
+        transformed(T_body_world, points[n], in_body)
         transformed(camera[0], in_body, in_camera)
         norms[n] = _whitened(in_camera, observed[n], whiten[n], camera[1], residual)
 
@@ -176,10 +168,10 @@ def add_pose_equations(
     observed: Array,
     whiten: Array,
     use: BoolArray,
-    T_world_body: Array,
+    T_body_world: Array,
     camera: tuple[Array, Array, float],
 ) -> None:
-    """Add the observations that are used (N,) to information (6, 6) and vector (6,) of the pose, right/local.
+    """Add the observations that are used (N,) to zero information (6, 6) and vector (6,) of the pose, right/local.
 
     ``camera``: T_camera_body, ``optics``, and Huber's limit in sigmas.
     """
@@ -188,7 +180,7 @@ def add_pose_equations(
     for n in range(len(points)):
         if not use[n]:
             continue
-        _set_body(T_world_body, points[n], in_body)
+        transformed(T_body_world, points[n], in_body)
         transformed(camera[0], in_body, in_camera)
         if in_camera[2] < NEAREST_M:
             continue
@@ -204,6 +196,10 @@ def add_pose_equations(
             J[1] = J[3] * in_body[2] - J[5] * in_body[0]
             J[2] = J[4] * in_body[0] - J[3] * in_body[1]
             for i in range(6):
-                gradient[i] += J[i] * weight * residual[k]
-                for j in range(6):
-                    hessian[i, j] += J[i] * weight * J[j]
+                weighted = weight * J[i]
+                gradient[i] += weighted * residual[k]
+                for j in range(i + 1):
+                    hessian[i, j] += weighted * J[j]
+    for i in range(6):
+        for j in range(i):
+            hessian[j, i] = hessian[i, j]

@@ -12,7 +12,7 @@ disparity, px; ``huber`` in sigmas.
 import numpy as np
 from numpy.typing import NDArray
 
-from coclo_vio.geometry.compiled import compiled
+from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.values.arrays import Array
 
 Indices = NDArray[np.int64]
@@ -58,7 +58,7 @@ def reprojection_cost(points: Array, observed: Observed, T_body_world: Array, ca
     return cost
 
 
-@compiled
+@inlined
 def pixel_slopes(
     in_camera: Array, T_camera_body: Array, has_right: bool, weights: Array, optics: Array, slopes: Array
 ) -> None:
@@ -83,7 +83,7 @@ def pixel_slopes(
             slopes[2, i] = -weights[2] * optics[0] * optics[4] * ahead / z if has_right else 0.0
 
 
-@compiled
+@inlined
 def jacobians(slopes: Array, in_body: Array, T_body_world: Array, J_pose: Array, J_point: Array) -> None:
     """Derivatives to the pose, right/local, (3, 6), and to the point in the world, (3, 3), from those in the body."""
     for k in range(3):

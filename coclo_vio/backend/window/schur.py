@@ -19,7 +19,7 @@ from coclo_vio.backend.window.factors import Term, landmark_key, ordered
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.reprojection_kernels import reprojection_cost
 from coclo_vio.backend.window.schur_kernels import back_substituted, is_determined, linearise
-from coclo_vio.backend.window.solver import LENGTHS, covariance_of, is_lower
+from coclo_vio.backend.window.solver import LENGTHS, is_lower
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
@@ -73,13 +73,13 @@ class WindowMinimum:
         values: as those of the problem.
         points: as those of the problem.
         iterations: linear systems solved.
-        covariance: of the variables of the last keys, in their order.
+        covariances: of the groups of keys that were asked for.
     """
 
     values: gtsam.Values
     points: Array
     iterations: int
-    covariance: Array
+    covariances: Sequence[Array]
 
 
 class SchurSolver:
@@ -91,13 +91,13 @@ class SchurSolver:
         self._noise = noise
 
     def minimise(
-        self, problem: WindowProblem, last: int, *, most_iterations: int, tolerance: float
+        self, problem: WindowProblem, groups: Sequence[Sequence[int]], *, most_iterations: int, tolerance: float
     ) -> WindowMinimum | None:
         """The least cost near the problem's values, by the rules of ``solver.minimise``; None: GTSAM has to solve it.
 
         Args:
             problem: what is solved for.
-            last: number of keys at the end whose covariance is returned.
+            groups: of keys that follow each other in the problem, whose covariances are returned.
             most_iterations: the result after so many is returned, converged or not.
             tolerance: relative to the cost.
         """
@@ -114,9 +114,8 @@ class SchurSolver:
             is_settled = length == 1.0 and abs(cost - proposed_cost - step.predicted) <= tolerance * proposed_cost
             cost = proposed_cost
             if is_settled or iteration == most_iterations:
-                size = sum(problem.sizes[-last:])
-                root = np.tril(step.root[-size:, -size:])
-                return WindowMinimum(values, points, iteration, covariance_of(root @ root.T))
+                covariances = [run.covariance(step.root, group) for group in groups]
+                return WindowMinimum(values, points, iteration, covariances)
         return None
 
     def run(self, problem: WindowProblem) -> "Iterations":
@@ -144,8 +143,8 @@ class Iterations:
         sigmas[:, 1] = np.where(table.is_first, noise.disparity_px, noise.repeated_disparity_px)
         self._observed = (table.landmark, table.keyframe, table.pixels, sigmas)
         self._blocks = np.concatenate((np.zeros(1, dtype=np.int64), np.cumsum(problem.sizes, dtype=np.int64)))
-        first_row = dict(zip(problem.keys, self._blocks.tolist(), strict=False))
-        poses = np.array([first_row[key] for key in problem.pose_keys], dtype=np.int64)
+        self._first_row = dict(zip(problem.keys, self._blocks.tolist(), strict=False))
+        poses = np.array([self._first_row[key] for key in problem.pose_keys], dtype=np.int64)
         self._free = len(problem.points) - problem.kept
         own = np.maximum(_POINT * (np.arange(len(problem.points)) - self._free), 0)
         self._offsets = (poses[table.keyframe], own)
@@ -178,6 +177,18 @@ class Iterations:
         moved[self._free :] = keys[: _POINT * self._problem.kept].reshape(-1, 3)
         predicted = 0.5 * float(vector @ keys + np.sum(np.square(free[1])))
         return Step(keys, moved, predicted, root) if np.isfinite(predicted) else None
+
+    def covariance(self, root: Array, group: Sequence[int]) -> Array:
+        """Covariance of keys that follow each other, from Cholesky's root of everything that is not eliminated, (D, D).
+
+        Of information L L^T it is Y^T Y, with L Y = those columns of the unit matrix.
+        """
+        begin, index = self._first_row[group[0]], self._problem.keys.index(group[-1])
+        size = int(self._blocks[index + 1]) - begin
+        unit = np.zeros((len(root) - begin, size))
+        unit[:size] = np.eye(size)
+        columns = dtrtrs(root[begin:, begin:].T, unit, lower=0, trans=1)[0]
+        return np.asarray(columns.T @ columns)
 
     def reduced(self, values: gtsam.Values, points: Array, last: int) -> tuple[Array, Array] | None:
         """Information (M, M) and vector (M,) of the ``last`` keys once everything else is eliminated.

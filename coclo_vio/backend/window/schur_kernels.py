@@ -8,13 +8,13 @@ readable form is GTSAM's elimination, with which the tests compare the result.
 import numpy as np
 
 from coclo_vio.backend.window.reprojection_kernels import Camera, Indices, Observed, linearised
-from coclo_vio.geometry.compiled import compiled
+from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.values.arrays import Array
 
 _LEAST_SHARE = 2.0**-24  # of a variable's information that each of its dimensions has to keep: GTSAM's limit
 
 
-@compiled
+@inlined
 def add_pose(J_pose: Array, residual: Array, offset: int, information: Array, vector: Array) -> None:
     """Add an observation to information, lower triangle, (D, D), and vector (D,) of its pose at ``offset``."""
     for i in range(6):
@@ -24,7 +24,7 @@ def add_pose(J_pose: Array, residual: Array, offset: int, information: Array, ve
                 information[offset + i, offset + j] += J_pose[k, i] * J_pose[k, j]
 
 
-@compiled
+@inlined
 def add_point(J_pose: Array, J_point: Array, residual: Array, own: Array, vector: Array, cross: Array) -> None:
     """Add an observation to information (3, 3) and vector (3,) of its point; ``cross`` (3, 6) of it and the pose."""
     for i in range(3):
@@ -91,7 +91,7 @@ def eliminate(root: Array, reduced: Array, cross: Array, offsets: Indices, infor
                     )
 
 
-@compiled
+@inlined
 def keep(
     own: Array, added: Array, cross: Array, offsets: Indices, place: int, information: Array, vector: Array
 ) -> None:
@@ -161,8 +161,10 @@ def linearise(
     row = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
     own, vector = np.empty((3, 3)), np.empty(3)
     for point in range(len(points)):
-        own.fill(0.0)
-        vector.fill(0.0)
+        for i in range(3):
+            vector[i] = 0.0
+            for j in range(3):
+                own[i, j] = 0.0
         begin, end = starts[point], starts[point + 1]
         for index in range(begin, end):
             pose = T_body_world[observed[1][index]]
@@ -175,7 +177,10 @@ def linearise(
             continue
         if not factorised(own, vector):
             return False
-        free[0][point], free[1][point] = own, vector
+        for i in range(3):
+            free[1][point, i] = vector[i]
+            for j in range(3):
+                free[0][point, i, j] = own[i, j]
         eliminate(own, vector, cross, poses, system[0], system[1])
     return True
 

@@ -20,7 +20,7 @@ from coclo_vio.backend.window.inertial import is_possible
 from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.keyframe_selection import has_lost_overlap, is_keyframe, tracks_are_still
 from coclo_vio.backend.window.keyframe_source import KeyframeSource
-from coclo_vio.backend.window.motion_model import ConstantVelocityModel
+from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.odometry_source import ExternalOdometry, TwistSource
 from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.start import FIXED_SIGMA, Starter
@@ -77,6 +77,7 @@ class SlidingWindowSmoother:
         self._last: FrameEstimate | None = None
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
+        self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -109,11 +110,13 @@ class SlidingWindowSmoother:
             self._log.count("imu_refused")
             return
         self._rest_detector.push(sample)
+        self._predicted = None
         for source in self._inertial:
             source.push(sample)
 
     def push_twist(self, sample: BodyTwistSample) -> None:
         """Take a twist of the body; twists come before the frame that they lead to."""
+        self._predicted = None
         for source in self._twists:
             source.push(sample)
 
@@ -121,7 +124,9 @@ class SlidingWindowSmoother:
         """``T_world_body`` predicted at ``stamp_ns``, (4, 4); None before the start."""
         if self._updater.window is None:
             return None
-        return self._updater.predict(stamp_ns, ExternalOdometry()).T_world_body
+        motion = self._updater.predict(stamp_ns, ExternalOdometry())
+        self._predicted = stamp_ns, motion
+        return motion.T_world_body
 
     def push_tracks(
         self,
@@ -161,7 +166,7 @@ class SlidingWindowSmoother:
             odometry = evidence = None
             self._log.count("odometry_refused")
         external = ExternalOdometry(odometry, evidence)
-        motion = self._updater.predict(tracks.stamp_ns, external)
+        motion = self._take_predicted(tracks.stamp_ns, external)
         fewest = self.config.failure.fewest_inliers
         frame = localise_frame(window.landmarks, self._model, tracks, motion, fewest)
         self._last = self._frame_estimate(frame, external)
@@ -172,6 +177,13 @@ class SlidingWindowSmoother:
             tracks.stamp_ns, T_measured, self._last.T_world_body, covariance, is_keyframe=became_keyframe
         )
         return self._state_estimate(self._last) if tracks.stamp_ns >= self._outputs_from_ns else None
+
+    def _take_predicted(self, stamp_ns: int, external: ExternalOdometry) -> PredictedMotion:
+        """The prediction of a frame: the one that was asked for before, where nothing has come since."""
+        before, self._predicted = self._predicted, None
+        if before is not None and before[0] == stamp_ns and external.delta is None and external.evidence is None:
+            return before[1]
+        return self._updater.predict(stamp_ns, external)
 
     def _frame_estimate(self, frame: FrameLocalisation, external: ExternalOdometry) -> FrameEstimate:
         """What becomes of a frame: the keyframe at a standstill, a prediction, a new keyframe, or a localised frame."""

@@ -103,7 +103,6 @@ class StereoModel:
             observations: of the landmarks, px, (N, 3).
             point_covariances: of the landmarks, m^2, (N, 3, 3); None: they are known exactly.
         """
-        T_predicted = np.ascontiguousarray(T_predicted)
         information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         whiten = self.whitening(T_predicted, points_world, observations, point_covariances)
         frame = WhitenedPoints(*_contiguous(points_world, observations, whiten))
@@ -135,7 +134,7 @@ class StereoModel:
             return self.equations_by_numpy(T_world_body, frame, use)
         hessian, gradient = np.zeros((6, 6)), np.zeros(6)
         camera = (self._T_camera_body, self._optics, self._noise.huber)
-        add_pose_equations(hessian, gradient, *frame.arrays, use, T_world_body, camera)
+        add_pose_equations(hessian, gradient, *frame.arrays, use, se3.inverse(T_world_body), camera)
         return hessian, gradient
 
     def equations_by_numpy(self, T_world_body: Array, frame: WhitenedPoints, use: BoolArray) -> tuple[Array, Array]:
@@ -194,7 +193,7 @@ class StereoModel:
         weights = np.full((len(table), 3), 1.0 / self._noise.track_px)
         weights[:, 2] = np.where(has_disparity, 1.0 / self._noise.disparity_px, 0.0)
         T_camera_world = np.ascontiguousarray(se3.inverse(T_world_body @ self._rig.T_body_camera))
-        rows, covariances = (table.landmark, table.keyframe, weights), np.empty((len(points_world), 3, 3))
+        rows, covariances = (table.landmark, table.keyframe, weights), np.zeros((len(points_world), 3, 3))
         set_point_covariances(covariances, points_world, rows, T_camera_world, self._optics, _LEAST_INFORMATION)
         return covariances
 
@@ -244,7 +243,7 @@ class StereoModel:
         if not IS_COMPILED:
             return self.distances_by_numpy(T_world_body, frame)
         norms = np.empty(len(frame.points_world))
-        set_residual_norms(norms, *frame.arrays, T_world_body, (self._T_camera_body, self._optics))
+        set_residual_norms(norms, *frame.arrays, se3.inverse(T_world_body), (self._T_camera_body, self._optics))
         return norms
 
     def distances_by_numpy(self, T_world_body: Array, frame: WhitenedPoints) -> Array:

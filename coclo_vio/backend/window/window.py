@@ -127,11 +127,12 @@ class Window:
         Raises:
             SmootherError: the keyframes are not determined, or the solution is not finite.
         """
-        dropped, supported, last = 0, 0, len([*self.variables]) * len(self.keyframes[1:] or self.keyframes)
+        dropped, supported, following = 0, 0, (self.keyframes[1:] or self.keyframes)[0]
+        groups = (self.variables.keys(self.newest.number), [factors.pose_key(following.number)])
         for _ in range(_MOST_ATTEMPTS):
             problem = self.problem([each for each, landmark in self.landmarks.items() if landmark.is_solvable])
             try:
-                found = self.solver.minimum(problem, last)
+                found = self.solver.minimum(problem, groups)
                 break
             except IndeterminateError as error:
                 if not error.points and not self._support(error):
@@ -145,7 +146,7 @@ class Window:
         landmark_ids, count = problem.table.landmark_ids, len(problem.terms) + len(problem.table)
         self._take(found, landmark_ids)
         self._solved = frozenset(landmark_ids)
-        covariance = self._newest_covariance(found.covariance)
+        covariance, self._next_covariance = self.variables.as_registered(found.covariances[0]), found.covariances[1]
         rms = self._cull(problem.table, found.points)
         self._place()
         self._update_covariances()
@@ -224,13 +225,6 @@ class Window:
         for number in self.landmarks[landmark_id].observations:
             self.solver.observations.forget(number, landmark_id)
         self.landmarks.remove(landmark_id)
-
-    def _newest_covariance(self, covariance: Array) -> Array:
-        """The newest keyframe's, from that of all but the oldest; that of the next oldest one is kept for the gauge."""
-        size = self.variables.size
-        pose = slice(size - POSE.dimensions, size)
-        self._next_covariance = covariance[pose, pose]
-        return self.variables.as_registered(covariance[-size:, -size:])
 
     def gauge_covariance(self, T_world_body: Array) -> Array:
         """Uncertainty of a pose from that of the held oldest keyframe in the world, right/local, (6, 6)."""

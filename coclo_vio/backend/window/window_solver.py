@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Solves what a window holds: by Schur's complement where that is compiled and suffices, otherwise by GTSAM."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import gtsam
 import numpy as np
@@ -29,8 +29,8 @@ class WindowSolver:
         self.schur = SchurSolver(rig, config.noise)
         self.observations = ObservationFactors(rig, config.noise)
 
-    def minimum(self, problem: WindowProblem, last: int) -> WindowMinimum:
-        """The least cost near the problem's values, and the covariance of its ``last`` keys.
+    def minimum(self, problem: WindowProblem, groups: Sequence[Sequence[int]]) -> WindowMinimum:
+        """The least cost near the problem's values, and the covariances of groups of keys that follow each other.
 
         Raises:
             IndeterminateError: the factors do not determine the variables.
@@ -39,21 +39,28 @@ class WindowSolver:
         most, tolerance = self._config.iterations, self._config.tolerance
         found = None
         if IS_COMPILED:
-            found = self.schur.minimise(problem, last, most_iterations=most, tolerance=tolerance)
-        return found or self.minimum_by_gtsam(problem, last)
+            found = self.schur.minimise(problem, groups, most_iterations=most, tolerance=tolerance)
+        return found or self.minimum_by_gtsam(problem, groups)
 
-    def minimum_by_gtsam(self, problem: WindowProblem, last: int) -> WindowMinimum:
+    def minimum_by_gtsam(self, problem: WindowProblem, groups: Sequence[Sequence[int]]) -> WindowMinimum:
         """The same by GTSAM."""
+        first = min(problem.keys.index(group[0]) for group in groups)
         found = minimise(
             self.graph(problem),
             problem.all_values(),
             problem.elimination,
-            last,
+            len(problem.keys) - first,
             most_iterations=self._config.iterations,
             tolerance=self._config.tolerance,
         )
         points = [found.values.atPoint3(landmark_key(each)) for each in problem.table.landmark_ids]
-        return WindowMinimum(found.values, np.array(points).reshape(-1, 3), found.iterations, found.covariance)
+        ends = np.concatenate(([0], np.cumsum(problem.sizes[first:])))
+        covariances = []
+        for group in groups:
+            begin, end = (problem.keys.index(key) - first for key in (group[0], group[-1]))
+            rows = slice(ends[begin], ends[end + 1])
+            covariances.append(found.covariance[rows, rows])
+        return WindowMinimum(found.values, np.array(points).reshape(-1, 3), found.iterations, covariances)
 
     def evidence(self, problem: WindowProblem, last: int) -> tuple[Array, Array]:
         """Information (6 N, 6 N) and vector (6 N,) of the N ``last`` keys, all poses, everything else eliminated.
