@@ -59,8 +59,8 @@ def _has_shape(actual: tuple[int, ...], expected: tuple[int | None, ...]) -> boo
 
 
 def is_finite(array: Array) -> bool:
-    """Whether the sum of the squares is finite, as it is only if every entry is; faster than ``isfinite().all()``."""
-    return math.isfinite(np.vdot(array, array))
+    """Whether every entry is finite; several times faster than ``isfinite().all()`` where no square overflows."""
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def has_nan(array: Array) -> bool:

@@ -4,7 +4,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from coclo_vio.values.arrays import has_nan
+from coclo_vio.values.arrays import has_nan, is_finite
 from coclo_vio.values.measurements import (
     ALL_SENSORS,
     LEG_SENSORS,
@@ -112,13 +112,17 @@ def test_a_twist_must_be_finite() -> None:
         BodyTwistSample(0, np.zeros(3), np.array([0.0, 0.0, np.inf]))
 
 
-def test_has_nan_finds_a_nan_at_any_index() -> None:
+def test_a_value_that_is_not_finite_is_found_at_any_index() -> None:
     values = np.random.default_rng(4).normal(scale=1e200, size=(3, 5))  # their squares overflow
     assert not has_nan(values)
+    assert is_finite(values)
     for index in np.ndindex(values.shape):
         gap = values.copy()
         gap[index] = np.nan
         assert has_nan(gap)
+        assert not is_finite(gap)
+        gap[index] = -np.inf
+        assert not is_finite(gap)
 
 
 def test_other_velocities_are_checked_like_the_first() -> None:
