@@ -41,11 +41,12 @@ class CornerDetector:
 
     def is_allowed(self, points: Array) -> BoolArray:
         """Whether points (N, 2), px, are inside the searched part of the image, (N,)."""
-        column, row = np.rint(points).astype(np.int64).T
         rows, columns = self._shape
+        column, row = np.rint(points).astype(np.int64).T
         inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        allowed = self._allowed[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] > 0
-        return np.asarray(inside & allowed)
+        if not inside.all():
+            column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+        return np.asarray(inside & (self._allowed[row, column] > 0))
 
     def find(self, image: ByteImage, existing: Array) -> Array:
         """New points (M, 2), px, that complete the existing ones (N, 2) to the configured number."""

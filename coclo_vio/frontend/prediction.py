@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from coclo_vio.frontend.patches import median_of
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, BoolArray
@@ -31,7 +32,7 @@ class PointPredictor:
         self.is_known: BoolArray = np.isfinite(disparity)
         if not self.is_known.all():
             known = disparity[self.is_known]
-            disparity = np.where(self.is_known, disparity, float(np.median(known)) if len(known) else 0.0)
+            disparity = np.where(self.is_known, disparity, median_of(known) if len(known) else 0.0)
         self.points: Array = rig.points(tracks.left_px, np.maximum(disparity, _MIN_DISPARITY_PX))
 
     def pixels(self, T_previous_current: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ import pytest
 from textured_room import textures
 
 from coclo_vio.frontend.config import PatchConfig, SimilarityConfig
-from coclo_vio.frontend.patches import FREE_PX, PatchAligner, are_similar
+from coclo_vio.frontend.patches import FREE_PX, PatchAligner, are_similar, median_of
 
 TEXTURE = textures()[0][:400, :400]
 ALIGNER = PatchAligner(PatchConfig())
@@ -111,3 +111,9 @@ def test_memory_that_is_used_again_changes_no_smooth_image() -> None:
     for image in (plain(), plain(0.5)):
         np.testing.assert_array_equal(ALIGNER.smooth_image(image, memory), ALIGNER.smooth_image(image))
         np.testing.assert_array_equal(memory, ALIGNER.smooth_image(image))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 151])
+def test_the_median_by_ranks_is_the_median(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert median_of(values) == np.median(values)
