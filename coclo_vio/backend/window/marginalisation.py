@@ -121,10 +121,17 @@ def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.V
     size = len(information) - free.shape[1]
     rest = information[:size, :size] + _LEAST_INFORMATION * np.eye(size)
     columns = np.column_stack((information[:size, size:], vector[:size]))
-    _, gain, failure = dposv(rest, columns)
-    if failure:  # not positive definite, by rounding
-        gain = np.linalg.solve(rest, columns)
+    gain = _solved(rest, columns)
     alone = information[size:, size:] - information[size:, :size] @ gain[:, :-1]
     pull = vector[size:] - information[size:, :size] @ gain[:, -1]
     removed = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)
     return [Term(gtsam.LinearContainerFactor(removed, values), (key,))]
+
+
+def _solved(matrix: Array, columns: Array) -> Array:
+    """The solution of a symmetric system, which rounding may leave without a root of Cholesky; it may be empty."""
+    if len(matrix):
+        _, solution, failure = dposv(matrix, columns)
+        if not failure:
+            return np.asarray(solution)
+    return np.asarray(np.linalg.solve(matrix, columns))
