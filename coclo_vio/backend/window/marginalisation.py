@@ -109,21 +109,29 @@ def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.V
     for term in prior:
         graph.push_back(term.factor.linearize(values))
     others = sorted({other for term in prior for other in term.keys} - {key})
-    information, vector = graph.hessian(ordered([*others, key]))
+    information, vector = (np.array(each) for each in graph.hessian(ordered([*others, key])))
     if not np.isfinite(information).all():
         raise SmootherError("the prior on what stays in the window is not finite")
     size = len(information) - len(free)
-    turned = np.eye(len(information))
-    turned[size:, size:] = np.fliplr(np.linalg.qr(free, mode="complete")[0])
-    turned[size:, -free.shape[1] :] = free
-    information, vector = turned.T @ information @ turned, turned.T @ vector
+    turn = np.fliplr(np.linalg.qr(free, mode="complete")[0])
+    turn[:, -free.shape[1] :] = free
+    information[:, size:] = information[:, size:] @ turn
+    information[size:] = turn.T @ information[size:]
+    vector[size:] = turn.T @ vector[size:]
     size = len(information) - free.shape[1]
     rest = information[:size, :size] + _LEAST_INFORMATION * np.eye(size)
     columns = np.column_stack((information[:size, size:], vector[:size]))
-    _, gain, failure = dposv(rest, columns)
-    if failure:  # not positive definite, by rounding
-        gain = np.linalg.solve(rest, columns)
+    gain = _solved(rest, columns)
     alone = information[size:, size:] - information[size:, :size] @ gain[:, :-1]
     pull = vector[size:] - information[size:, :size] @ gain[:, -1]
     removed = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)
     return [Term(gtsam.LinearContainerFactor(removed, values), (key,))]
+
+
+def _solved(matrix: Array, columns: Array) -> Array:
+    """The solution of a symmetric system, which rounding may leave without a root of Cholesky; it may be empty."""
+    if len(matrix):
+        _, solution, failure = dposv(matrix, columns)
+        if not failure:
+            return np.asarray(solution)
+    return np.asarray(np.linalg.solve(matrix, columns))

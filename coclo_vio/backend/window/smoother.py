@@ -2,7 +2,8 @@
 """The sliding-window smoother from the outside: stereo tracks in, an estimate for every frame out.
 
 Between keyframes a frame is localised against landmarks that stay; at a keyframe the window is solved. Keyframes are
-connected by preintegrated IMU readings (``vins``), by odometry from outside, or by the landmarks that both observe.
+connected by landmarks that both observe and by sources of motion: preintegrated IMU readings (``vins``), odometry from
+outside, body twists, or steady motion where nothing measures it.
 Source: Qin, Cao, Pan, Shen, "A general optimization-based framework for local odometry estimation with multiple
 sensors", 2019 (VINS-Fusion); new here are the prior on landmarks still tracked, and the behaviour without vision.
 """

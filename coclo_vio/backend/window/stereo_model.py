@@ -81,9 +81,9 @@ class StereoModel:
         """Residuals (N, 3) = [left column, row, disparity] in sigmas; 0 for the disparity of a right column of NaN."""
         return np.asarray(_offsets(residuals_px) / self._sigmas_px)
 
-    def residual_norms(self, T_world_body: Array, points_world: Array, observations: Array) -> Array:
-        """Distance of each observation (N, 3) from the projection of its point, in sigmas, (N,)."""
-        whitened = self.whitened(observations - self.project(T_world_body, points_world))
+    def residual_norms(self, residuals_px: Array) -> Array:
+        """Lengths (N,) of residuals (N, 3), observed less projected, in sigmas."""
+        whitened = self.whitened(residuals_px)
         return np.asarray(np.sqrt(np.einsum("ij,ij->i", whitened, whitened)))
 
     def fit_pose(

@@ -258,13 +258,14 @@ class Window:
             return 0.0
         T_world_body = np.array([self.pose(number) for number in table.numbers])[table.keyframe]
         points, observations = points_world[table.landmark], table.pixels
-        is_wrong = self._model.residual_norms(T_world_body, points, observations) > self._config.noise.outlier
+        residuals = observations - self._model.project(T_world_body, points)
+        is_wrong = self._model.residual_norms(residuals) > self._config.noise.outlier
         for row in np.flatnonzero(is_wrong):
             landmark_id, number = table.landmark_ids[table.landmark[row]], table.numbers[table.keyframe[row]]
             del self.landmarks[landmark_id].observations[number]
             self.solver.observations.forget(number, landmark_id)
             self.landmarks[landmark_id].is_retired |= number == self.newest.number
-        residuals = (observations - self._model.project(T_world_body, points))[~is_wrong]
+        residuals = residuals[~is_wrong]
         return float(np.sqrt(np.nanmean(np.square(residuals)))) if len(residuals) else 0.0
 
     def drop_oldest(self) -> None:

@@ -66,6 +66,17 @@ def test_removed_information_leaves_the_rest_as_it_is_relative_to_the_pose(direc
     np.testing.assert_allclose(vector_after[size:], after[size:, :size] @ gain[:, -1], atol=1e-4)
 
 
+def test_of_a_prior_on_the_pose_alone_all_information_is_removed() -> None:
+    """Nothing else stays in the window: there is no rest to solve for."""
+    values = gtsam.Values()
+    values.insert(factors.pose_key(0), gtsam.Pose3())
+    prior = [factors.pose_prior(0, np.eye(4), np.eye(6))]
+    terms = removing_terms(prior, factors.pose_key(0), np.eye(6), values)
+    keys = gtsam.Ordering()
+    keys.push_back(factors.pose_key(0))
+    np.testing.assert_allclose(_linear([*prior, *terms], values).hessian(keys)[0], np.zeros((6, 6)), atol=1e-12)
+
+
 def test_nothing_is_removed_from_a_prior_without_the_pose() -> None:
     values = gtsam.Values()
     values.insert(factors.pose_key(1), gtsam.Pose3())
