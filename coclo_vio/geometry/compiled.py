@@ -30,7 +30,7 @@ def compiled(kernel: _Kernel) -> _Kernel:
     if not IS_COMPILED:
         return kernel
     try:
-        return cast(_Kernel, _njit(cache=True, error_model="numpy")(kernel))
+        return cast(_Kernel, _njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)(kernel))
     except RuntimeError:  # there is no folder to which the cache could be written
         return cast(_Kernel, _njit(error_model="numpy")(kernel))
 
