@@ -15,12 +15,13 @@ from coclo_vio.filter import (
     process_kernel,
     state_kernels,
 )
-from coclo_vio.filter.measurement_kernel import Sensed, SensingConstants, Triples
+from coclo_vio.filter.measurement_kernel import Measured, Sensed, SensingConstants
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.process_kernel import ProcessConstants
+from coclo_vio.filter.robust_models import innovation_squared_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import LEG_COMPLIANCE, SLIP, State, StateLayout
+from coclo_vio.filter.state import SLIP, State, StateLayout
 from coclo_vio.filter.triangle_kernels import foot_noises
 from coclo_vio.values.arrays import Array, BoolArray
 
@@ -37,7 +38,6 @@ class CompiledModels:
     ) -> None:
         self._config = config = sensing.config
         self._encoder_noise_rad = float(encoder_noise_rad)
-        self._limits = (gate[3], gate[6])
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
         self._sensing = SensingConstants(
             radii_m,
@@ -45,6 +45,8 @@ class CompiledModels:
             float(sensing.joint_velocity_noise_radps),
             float(config.standstill_velocity_noise_mps),
             float(config.standstill_rate_noise_radps),
+            (gate[3], gate[6]),
+            layout.world.stop,
         )
         self._process = ProcessConstants(
             radii_m,
@@ -107,11 +109,21 @@ class CompiledModels:
             0.0 if rate is None else gyroscope_noise_radps,
             reading.is_stationary,
         )
-        compliance_m = float(mean.vector[LEG_COMPLIANCE.start])
-        table = measurement_kernel.triples_of(sensed, motion, foot_noise, mean.rotation, compliance_m, self._sensing)
-        if not len(table.leg):
-            return None
-        layout, width_squared = mean.layout, core.spread(mean.layout.curved_in_measurement).width_squared
+        measured = measurement_kernel.measured_of(
+            sensed,
+            motion,
+            foot_noise,
+            (mean.rotation, mean.vector[: mean.layout.active]),
+            (core.active_factor, core.passive.cross),
+            core.spread(mean.layout.curved_in_measurement).width_squared,
+            self._sensing,
+        )
+        return CompiledExpectation(measured, _CONSIDERED) if len(measured.innovation) else None
+
+    def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "CompiledExpectation":
+        """By ``measurement_kernel``."""
+        mean, layout = core.mean, core.mean.layout
+        table = measurement_kernel.gravity_table(force_body, sigma)
         predicted, rows, observed = measurement_kernel.expected(
             mean.rotation,
             mean.vector[: layout.active],
@@ -119,11 +131,10 @@ class CompiledModels:
             core.passive.cross,
             table,
             layout.world.stop,
-            width_squared,
+            core.spread(layout.curved_in_measurement).width_squared,
         )
-        innovation = table.measured.ravel() - predicted
-        rejected = measurement_kernel.rejected_legs(rows, innovation, table, self._limits, layout.legs)
-        return CompiledExpectation(rows, table, innovation, observed, rejected)
+        rejected = np.zeros(layout.legs, dtype=np.bool_)
+        return CompiledExpectation(Measured(table, rows, observed, force_body - predicted, rejected), (0, 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,31 +142,36 @@ class CompiledExpectation:
     """``Expectation`` of ``CompiledModels``.
 
     Attributes:
-        rows: square-root rows of the predicted measurement, (L + extra, M).
-        table: the M / 3 triples.
-        innovation: measured less predicted, (M,).
-        observed: covariance with the passive errors, (M, p).
-        rejected: as in ``Expectation``.
+        measured: the measurements.
+        considered: first error that is only considered, and the one after the last.
     """
 
-    rows: Array
-    table: Triples
-    innovation: Array
-    observed: Array
-    rejected: BoolArray
+    measured: Measured
+    considered: tuple[int, int]
+
+    @property
+    def rejected(self) -> BoolArray:
+        """As in ``Expectation``."""
+        return self.measured.rejected
+
+    @property
+    def innovation_squared(self) -> float:
+        """As in ``Expectation``."""
+        rows, noise = self.measured.rows, noise_rows_of(self.measured.table.noise)
+        return innovation_squared_of(rows, noise, self.measured.innovation)
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
-        """One update by the rows that are left; the slip is only considered."""
-        mean = core.mean
+        """One update by the rows that are left."""
+        mean, measured = core.mean, self.measured
         layout = mean.layout
         stacked, innovation, observed = correction_kernel.stacked(
-            self.rows, core.active_factor, self.table, self.innovation, rejected, self.observed
+            measured.rows, core.active_factor, measured.table, measured.innovation, rejected, measured.observed
         )
         if not len(innovation):
             return
         triangle, _, _, _ = lapack.dgeqrf(stacked, lwork=_BLOCK * stacked.shape[1], overwrite_a=1)
         step, factor = correction_kernel.solved(
-            triangle, innovation, _CONSIDERED, observed, core.passive.cross, core.passive.own
+            triangle, innovation, self.considered, observed, core.passive.cross, core.passive.own
         )
         core.replace_active(factor)
         moved = state_kernels.corrected(

@@ -151,7 +151,10 @@ def predicted(
         and the new covariance with the passive errors.
     """
     legs, length = len(motion.holds), len(vector)
-    step = Step(dt_s, speed_of(vector), np.exp(-dt_s / constants.memories_s))
+    kept = np.empty(length)
+    for i in range(length):
+        kept[i] = math.exp(-dt_s / constants.memories_s[i])
+    step = Step(dt_s, speed_of(vector), kept)
     factor, cross = covariance
     turned, images = _images(rotation, vector, factor, motion, step, constants, width_squared)
     R, mean = _mean(turned, images, width_squared, constants)

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from coclo_vio.filter import measurement_model, process_model
-from coclo_vio.filter.measurement_model import NO_LEG, Block, LegConstants
+from coclo_vio.filter.measurement_model import NO_LEG, LegConstants
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import SLIP, State
@@ -20,6 +20,10 @@ class Expectation(Protocol):
     @property
     def rejected(self) -> BoolArray:
         """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
+
+    @property
+    def innovation_squared(self) -> float:
+        """Normalised innovation squared of all rows."""
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
         """Update the filter by all rows but those of the rejected legs (n,)."""
@@ -45,6 +49,9 @@ class RobustModels(Protocol):
         dt_s: float,
     ) -> Expectation | None:
         """The measurements of a joint sample; None where there are none. Arguments as in ``measurement_model``."""
+
+    def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> Expectation:
+        """Gravity as measured, body frame, m/s^2, (3,), with one sigma of each axis."""
 
 
 class DirectModels:
@@ -104,10 +111,17 @@ class DirectModels:
 
         predicted, rows = core.observe(model)
         innovation = np.concatenate([block.measured for block in blocks]) - predicted
-        noise = _noise_rows(blocks)
+        noise = noise_rows_of(np.concatenate([block.noise for block in blocks]))
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
         rejected = self._rejected(rows.T @ rows + noise.T @ noise, innovation, owner)
-        return DirectExpectation(rows, noise, innovation, owner, rejected)
+        return DirectExpectation(rows, noise, innovation, owner, rejected, SLIP)
+
+    def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "DirectExpectation":
+        """By ``measurement_model``."""
+        predicted, rows = core.observe(measurement_model.specific_force_at_rest)
+        legs = len(self._sensing.radii_m)
+        owner, rejected = np.full(3, NO_LEG), np.zeros(legs, dtype=np.bool_)
+        return DirectExpectation(rows, sigma * np.eye(3), force_body - predicted, owner, rejected, slice(0, 0))
 
     def _rejected(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
         legs = len(self._sensing.radii_m)
@@ -135,6 +149,7 @@ class DirectExpectation:
         innovation: measured less predicted, (M,).
         owner: the leg of each row, (M,); ``NO_LEG`` where none.
         rejected: as in ``Expectation``.
+        considered: errors whose mean is not corrected.
     """
 
     rows: Array
@@ -142,22 +157,32 @@ class DirectExpectation:
     innovation: Array
     owner: IntArray
     rejected: BoolArray
+    considered: slice
+
+    @property
+    def innovation_squared(self) -> float:
+        """As in ``Expectation``."""
+        return innovation_squared_of(self.rows, self.noise, self.innovation)
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
-        """One update by the rows that are left; the slip is only considered."""
+        """One update by the rows that are left."""
         rows, noise, innovation = self.rows, self.noise, self.innovation
         keep = ~np.isin(self.owner, np.flatnonzero(rejected))
         if not keep.all():
             rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
         if len(innovation):
-            core.update(rows, noise, innovation, considered=SLIP)
+            core.update(rows, noise, innovation, considered=self.considered)
 
 
-def _noise_rows(blocks: list[Block]) -> Array:
-    """Rows ``N``, (m, m), with ``N^T N`` the noise covariance of all blocks."""
-    factors = np.concatenate([block.noise for block in blocks])
+def noise_rows_of(factors: Array) -> Array:
+    """Rows ``N``, (3 k, 3 k), with ``N^T N`` the noise covariance of k blocks with these lower factors, (k, 3, 3)."""
     count = len(factors)
     rows = np.zeros((count, 3, count, 3))
     each = np.arange(count)
     rows[each, :, each, :] = np.swapaxes(factors, 1, 2)
     return rows.reshape(3 * count, 3 * count)
+
+
+def innovation_squared_of(rows: Array, noise: Array, innovation: Array) -> float:
+    """Normalised innovation squared, of rows (m, M) of the predicted measurement and (k, M) of the noise."""
+    return float(innovation @ np.linalg.solve(rows.T @ rows + noise.T @ noise, innovation))

@@ -146,12 +146,10 @@ class RobustProfile:
             gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
         if gravity is None:
             return
-        predicted, rows = core.observe(measurement_model.specific_force_at_rest)
-        innovation = mean.rotation.T @ gravity.force_world - predicted
         velocity_variance = float(core.variance(VELOCITY).mean())
         sigma = np.hypot(self._config.gravity_noise_mps2, np.sqrt(2.0 * velocity_variance) / gravity.duration_s)
-        covariance = rows.T @ rows + sigma**2 * np.eye(3)
-        if innovation @ np.linalg.solve(covariance, innovation) > self._gate[3]:
+        expectation = self._models.expect_gravity(core, mean.rotation.T @ gravity.force_world, float(sigma))
+        if expectation.innovation_squared > self._gate[3]:
             self._counts["gravity_rejected"] += 1
             return
-        core.update(rows, sigma * np.eye(3), innovation)
+        expectation.update(core, expectation.rejected)

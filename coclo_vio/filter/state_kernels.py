@@ -114,8 +114,9 @@ def bounded_factor(triangle: Array, limit: float) -> tuple[Array, Array]:
 
     The scales are applied; ``SquareRootFilter`` does the same.
     """
-    factor, scales = lower_of(triangle, 0, triangle.shape[1]), np.ones(3)
+    factor, scales = lower_of(triangle, 0, triangle.shape[1]), np.empty(3)
     for row in range(3):
+        scales[row] = 1.0
         squared = 0.0
         for column in range(row + 1):
             squared += factor[row, column] * factor[row, column]
