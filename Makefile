@@ -2,7 +2,7 @@
 # Everything runs in .venv, which `setup` makes; every other target makes it first where it is missing or out of date.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-slow lint docs bench table sample clean
+.PHONY: help setup demo test test-slow lint docs bench bench-commits table results sample clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -11,6 +11,7 @@ INSTALLED := $(VENV)/installed
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 OUT ?= out
 MEASURE ?= demo,go1,speed
+BEFORE ?= 8fd7be3
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -50,10 +51,13 @@ lint: setup ## style, types, import contract
 docs: setup ## the documentation site in site/; a warning fails the build
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-bench: setup ## latencies and rates as JSON in out/benchmark.json (OUT=... elsewhere)
+bench: setup ## cost of every stage against a calibration loop, as JSON in out/bench.json, and the change since the record
 	@mkdir -p $(OUT)
-	$(ONE_THREAD) $(BIN)/coclo-vio benchmark --json > $(OUT)/benchmark.json
-	@cat $(OUT)/benchmark.json
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.bench -o $(OUT)/bench.json
+
+bench-commits: setup ## how many times as fast as another commit (BEFORE=8fd7be3), in out/commit_speed.json
+	@mkdir -p $(OUT)
+	$(ONE_THREAD) $(BIN)/python -m coclo_vio.experiments.bench --before $(BEFORE) -o $(OUT)/commit_speed.json
 
 table: setup ## the paper's Table I over ten seeds, in out/table (OUT=... elsewhere); a stopped run is resumed
 	$(ONE_THREAD) $(BIN)/coclo-vio table --seeds 10 -o $(OUT)/table

@@ -9,29 +9,52 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coclo_vio.filter.measurement_model import CURVED_COLUMNS, NO_LEG
+from coclo_vio.filter.measurement_model import NO_LEG
 from coclo_vio.filter.process_kernel import slip_velocity, speed_of
 from coclo_vio.filter.stance import FootMotion
-from coclo_vio.filter.state import GYROSCOPE_BIAS, LEG_COMPLIANCE, LEG_SCALE, POSITION, RATE, VELOCITY
-from coclo_vio.filter.state_kernels import BODY, set_spread
+from coclo_vio.filter.state import (
+    ACCELEROMETER_BIAS,
+    GYROSCOPE_BIAS,
+    LEG_COMPLIANCE,
+    LEG_SCALE,
+    POSITION,
+    RATE,
+    VELOCITY,
+)
+from coclo_vio.filter.state import (
+    BODY_ERRORS as BODY,
+)
+from coclo_vio.filter.state import (
+    CURVED_IN_MEASUREMENT as CURVED,
+)
+from coclo_vio.filter.state_kernels import set_rest_and_shares, set_spread
 from coclo_vio.filter.triangle_kernels import cholesky_in_place, set_noise_factor, squared_norm
 from coclo_vio.geometry.array_types import Array, BoolArray, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated_back
+from coclo_vio.values.units import GRAVITY_MPS2
 
 _LEG_SCALE, _RATE, _GYROSCOPE_BIAS = LEG_SCALE.start, RATE.start, GYROSCOPE_BIAS.start
+_ACCELEROMETER_BIAS = ACCELEROMETER_BIAS.start
 _LEG_COMPLIANCE, _VELOCITY, _POSITION = LEG_COMPLIANCE.start, VELOCITY.start, POSITION.start
-_GYROSCOPE, _REST_VELOCITY, _REST_RATE, _LEG_VELOCITY, _FOOT_POSITION = range(5)
+_GYROSCOPE, _REST_VELOCITY, _REST_RATE, _LEG_VELOCITY, _FOOT_POSITION, _GRAVITY = range(6)
 
 
 class SensingConstants(NamedTuple):
-    """What the measurement model knows of the robot and of the noise; as in ``LegSensing``."""
+    """What the measurement model knows of the robot and of the noise, as in ``LegConstants``, and of gate and state.
+
+    Attributes:
+        gate: limits of the normalised innovation squared of 3 and of 6 rows.
+        world_stop: end of the vectors of the world, see ``StateLayout.world``.
+    """
 
     radii_m: Array
     hips_body: Array
     joint_velocity_noise_radps: float
     standstill_velocity_noise_mps: float
     standstill_rate_noise_radps: float
+    gate: tuple[float, float]
+    world_stop: int
 
 
 class Sensed(NamedTuple):
@@ -86,8 +109,57 @@ class Triples(NamedTuple):
     scaled: Array
 
 
+class Measured(NamedTuple):
+    """Measurements against what the filter expects of them.
+
+    Attributes:
+        table: the M / 3 triples.
+        rows: square-root rows of the predicted measurement, (L + extra, M).
+        observed: its covariance with the passive errors, (M, p).
+        innovation: measured less predicted, (M,).
+        rejected: legs whose innovation is larger than its covariance allows, (n,).
+    """
+
+    table: Triples
+    rows: Array
+    observed: Array
+    innovation: Array
+    rejected: BoolArray
+
+
 @compiled
-def triples_of(
+def measured_of(
+    sensed: Sensed,
+    motion: FootMotion,
+    foot_noise: Array,
+    mean: tuple[Array, Array],
+    covariance: tuple[Array, Array],
+    width_squared: float,
+    sensing: SensingConstants,
+) -> Measured:
+    """The measurements of one joint sample: ``DirectModels.expect``.
+
+    Args:
+        sensed: the measured values.
+        motion: of the feet.
+        foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
+        mean: its rotation, (3, 3), and vector, (L,).
+        covariance: its lower factor, (L, L), and the covariance with the passive errors, (L, p).
+        width_squared: of the sigma points, see ``SigmaSpread``.
+        sensing: of robot and noise.
+    """
+    rotation, vector = mean
+    factor, cross = covariance
+    table = _triples_of(sensed, motion, foot_noise, rotation, vector[_LEG_COMPLIANCE], sensing)
+    predicted, rows, observed = expected(rotation, vector, factor, cross, table, sensing.world_stop, width_squared)
+    for i in range(len(predicted)):
+        predicted[i] = table.measured[i // 3, i % 3] - predicted[i]
+    rejected = _rejected_legs(rows, predicted, table, sensing.gate, len(sensed.is_used))
+    return Measured(table, rows, observed, predicted, rejected)
+
+
+@inlined
+def _triples_of(
     sensed: Sensed,
     motion: FootMotion,
     foot_noise: Array,
@@ -95,16 +167,7 @@ def triples_of(
     compliance_m: float,
     sensing: SensingConstants,
 ) -> Triples:
-    """The measurements of one joint sample: ``measurement_model.blocks``.
-
-    Args:
-        sensed: the measured values.
-        motion: of the feet.
-        foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
-        rotation: of the predicted mean, (3, 3).
-        compliance_m: leg compliance of the predicted mean, m.
-        sensing: of robot and noise.
-    """
+    """The measurements of one joint sample: ``measurement_model.blocks``."""
     has_rate = sensed.gyroscope_noise_radps > 0.0
     count = int(has_rate) + 2 * int(sensed.is_stationary)
     for leg in range(len(sensed.is_used)):
@@ -203,6 +266,9 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
             x, y, z = vx, vy, vz
         elif kind == _REST_RATE:
             x, y, z = wx, wy, wz
+        elif kind == _GRAVITY:
+            at = _ACCELEROMETER_BIAS
+            x, y, z = vector[at], vector[at + 1], vector[at + 2]
         elif kind == _LEG_VELOCITY:
             x, y, z = cross(wx, wy, wz, lever[0], lever[1], lever[2])
             sx, sy, sz = slip_velocity(vector, lever, speed)
@@ -217,67 +283,92 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
 
 @compiled
 def expected(
-    rotation: Array, vector: Array, factor: Array, table: Triples, legs: int, width_squared: float
-) -> tuple[Array, Array]:
-    """Mean (M,) and square-root rows (L + curved + 1, M) of the predicted measurement: ``SquareRootFilter.observe``.
+    rotation: Array, vector: Array, factor: Array, cross: Array, table: Triples, world_stop: int, width_squared: float
+) -> tuple[Array, Array, Array]:
+    """Predicted measurement: mean (M,), square-root rows (L + curved + 1, M), covariance with passive errors (M, p).
+
+    ``SquareRootFilter.observe`` and ``PassiveStates.observed``.
 
     Args:
         rotation: of the mean, (3, 3).
         vector: of the mean, (L,).
         factor: lower factor, (L, L).
+        cross: covariance with the passive errors, (L, p).
         table: the M / 3 triples.
-        legs: number of legs.
+        world_stop: end of the vectors of the world, see ``StateLayout.world``.
         width_squared: of the sigma points, see ``SigmaSpread``.
     """
     length, size = len(vector), 3 * len(table.kind)
     speed = speed_of(vector)
-    images = _images(rotation, vector, factor, table, legs, speed, width_squared)
-    mean, rows = np.empty(size), np.empty((length + CURVED_COLUMNS + 1, size))
-    scale, centre_scale = 0.5 / math.sqrt(width_squared), math.sqrt(1.0 - CURVED_COLUMNS / width_squared)
+    images = _images(rotation, vector, factor, table, world_stop, speed, width_squared)
+    mean, rows = np.empty(size), np.empty((length + CURVED + 1, size))
+    scale, centre_scale = 0.5 / math.sqrt(width_squared), math.sqrt(1.0 - CURVED / width_squared)
     for i in range(size):
         shift = 0.0
         for index in range(1, len(images)):
             shift += images[index, i] - images[0, i]
         mean[i] = images[0, i] + shift / (2.0 * width_squared)
-        for column in range(CURVED_COLUMNS):
-            plus, minus = images[1 + column, i], images[1 + CURVED_COLUMNS + column, i]
+        for column in range(CURVED):
+            plus, minus = images[1 + column, i], images[1 + CURVED + column, i]
             rows[column, i] = scale * (plus - minus)
             rows[length + column, i] = scale * ((plus - mean[i]) + (minus - mean[i]))
-        rows[length + CURVED_COLUMNS, i] = centre_scale * (images[0, i] - mean[i])
+        rows[length + CURVED, i] = centre_scale * (images[0, i] - mean[i])
     column_of = np.zeros(length)
-    for j in range(CURVED_COLUMNS, length):
+    for j in range(CURVED, length):
         column_of[j - 1] = 0.0
         for i in range(j, length):
             column_of[i] = factor[i, j]
         _set_linear(rows[j], column_of, rotation, vector[_LEG_SCALE], table, speed)
-    return mean, rows
+    observed, image, shares = np.empty((size, cross.shape[1])), np.empty(size), np.empty(CURVED)
+    for passive in range(cross.shape[1]):
+        set_rest_and_shares(column_of, shares, cross[:, passive], factor)
+        _set_linear(image, column_of, rotation, vector[_LEG_SCALE], table, speed)
+        for i in range(size):
+            for k in range(CURVED):
+                image[i] += shares[k] * rows[k, i]
+            observed[i, passive] = image[i]
+    return mean, rows, observed
+
+
+def gravity_table(force_body: Array, sigma: float) -> Triples:
+    """The one triple of gravity: ``measurement_model.specific_force_at_rest``.
+
+    Args:
+        force_body: as measured, m/s^2, (3,).
+        sigma: of each axis, m/s^2.
+    """
+    nothing, row = np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
+    noise = sigma * np.eye(3)[None]
+    return Triples(row + _GRAVITY, row + NO_LEG, force_body[None], noise, nothing, nothing, nothing)
 
 
 @inlined
 def _images(
-    rotation: Array, vector: Array, factor: Array, table: Triples, legs: int, speed: float, width_squared: float
+    rotation: Array, vector: Array, factor: Array, table: Triples, world_stop: int, speed: float, width_squared: float
 ) -> Array:
     """Measurements (9, M) predicted at centre and curved points: +, then -."""
     length, width = len(vector), math.sqrt(width_squared)
-    images = np.empty((1 + 2 * CURVED_COLUMNS, 3 * len(table.kind)))
+    images = np.empty((1 + 2 * CURVED, 3 * len(table.kind)))
     R, point, error = np.empty((3, 3)), np.empty(length), np.zeros(length)
     for index in range(len(images)):
         if index > 0:
-            column = (index - 1) % CURVED_COLUMNS
-            sign = width if index <= CURVED_COLUMNS else -width
+            column = (index - 1) % CURVED
+            sign = width if index <= CURVED else -width
             for i in range(length):
                 error[i] = sign * factor[i, column]
-        set_spread(R, point, rotation, vector, error, legs)
+        set_spread(R, point, rotation, vector, error, world_stop)
         scale = point[_LEG_SCALE]
         _set_linear(images[index], point, R, scale, table, speed)
         for row in range(len(table.kind)):
             for i in range(3):
                 images[index, 3 * row + i] += table.added[row, i] + scale * table.scaled[row, i]
+                if table.kind[row] == _GRAVITY:
+                    images[index, 3 * row + i] += GRAVITY_MPS2 * R[2, i]
     return images
 
 
-@compiled
-def rejected_legs(rows: Array, innovation: Array, table: Triples, limits: tuple[float, float], legs: int) -> BoolArray:
+@inlined
+def _rejected_legs(rows: Array, innovation: Array, table: Triples, limits: tuple[float, float], legs: int) -> BoolArray:
     """Legs (n,) whose innovation is larger than its covariance allows, by chi-square limits of 3 and of 6 rows."""
     rejected = np.zeros(legs, dtype=np.bool_)
     own = np.empty(len(limits), dtype=np.int64)

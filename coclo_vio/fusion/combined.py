@@ -354,7 +354,7 @@ def combined_odometry(
     stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
     return CombinedOdometry(
         leg_filter,
-        SlidingWindowSmoother(rig, smoother, uses_imu=False),
+        SlidingWindowSmoother(rig, smoother),
         stages,
         config,
         time_offset_s=stereo.time_offset_s,

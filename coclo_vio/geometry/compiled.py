@@ -39,7 +39,7 @@ def _compiled(kernel: _Kernel, *, releases_gil: bool) -> _Kernel:
     if not IS_COMPILED:
         return kernel
     try:
-        return cast(_Kernel, _njit(cache=True, error_model="numpy", nogil=releases_gil)(kernel))
+        return cast(_Kernel, _njit(cache=True, error_model="numpy", nogil=releases_gil, no_cfunc_wrapper=True)(kernel))
     except RuntimeError:  # there is no folder to which the cache could be written
         return cast(_Kernel, _njit(error_model="numpy", nogil=releases_gil)(kernel))
 

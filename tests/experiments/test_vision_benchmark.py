@@ -2,6 +2,7 @@
 """The benchmark of vision times the real stages, on frames in which they track points."""
 
 import numpy as np
+import pytest
 
 from coclo_vio.experiments import vision_benchmark
 from coclo_vio.values.measurements import CameraImuSample
@@ -46,6 +47,7 @@ def test_backwards_the_body_turns_the_other_way_and_weighs_the_same() -> None:
         np.testing.assert_array_equal(sample.specific_force, readings[number].specific_force)
 
 
+@pytest.mark.slow
 def test_memory_is_flat() -> None:
     held = vision_benchmark.vision_resident_mb(frames=120, samples=3)
     assert len(held) == 4

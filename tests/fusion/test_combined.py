@@ -25,8 +25,7 @@ from walk_among_points import (
     without_tracks,
 )
 
-from coclo_vio.filter.config import FilterConfig, RobustConfig
-from coclo_vio.filter.evidence_gate import GateConfig
+from coclo_vio.filter.config import FilterConfig, GateConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.fusion.combined import CombinedOdometry
 from coclo_vio.fusion.config import BridgeConfig

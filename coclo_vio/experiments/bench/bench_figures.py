@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Costs over sizes as plots, with their exponents."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from coclo_vio.evaluation.figure_style import empty_figure, save_png
+from coclo_vio.experiments.bench.bench_record import Endurance, Sweep
+
+_COLUMNS = 3
+
+
+def plot_scaling(sweeps: Mapping[str, Sweep], endurance: Mapping[str, Endurance], path: Path) -> None:
+    """Draw every sweep with logarithmic axes, and every long input over its minutes.
+
+    Raises:
+        EvaluationError: matplotlib is missing.
+    """
+    panels = len(sweeps) + len(endurance)
+    rows = -(-panels // _COLUMNS)
+    figure = empty_figure(4.0 * _COLUMNS, 3.0 * rows)
+    axes = [figure.add_subplot(rows, _COLUMNS, number + 1) for number in range(panels)]
+    for axis, sweep in zip(axes, sweeps.values(), strict=False):
+        axis.loglog(sweep.sizes, sweep.ms, "o-", color="tab:blue")
+        sizes = np.array(sweep.sizes)
+        fitted = np.exp(np.mean(np.log(sweep.ms)) + sweep.exponent * (np.log(sizes) - np.mean(np.log(sizes))))
+        axis.loglog(sizes, fitted, "--", color="0.5", label=f"exponent {sweep.exponent:.2f}")
+        axis.set_xticks(sweep.sizes, [f"{size:g}" for size in sweep.sizes])
+        axis.minorticks_off()
+        axis.set(xlabel=sweep.size, ylabel=sweep.what)
+        axis.legend()
+    for axis, long in zip(axes[len(sweeps) :], endurance.values(), strict=True):
+        axis.plot(long.minutes, long.ms, "o-", color="tab:blue")
+        axis.set(xlabel="input, min", ylabel=long.what)
+        axis.set_ylim(bottom=0.0)
+        memory = axis.twinx()
+        memory.plot(long.minutes, long.resident_mb, "s--", color="tab:red")
+        memory.set_ylabel("memory, MiB", color="tab:red")
+        memory.set_ylim(bottom=0.0)
+    save_png(figure, path)
