@@ -98,8 +98,14 @@ def align(
     """
     if not IS_COMPILED or not _PAIRED[0] <= len(window[1]) <= _PAIRED[1]:
         return aligned_by_numpy(templates, image, places, parameters, window, iterations)
+    count, pixels = len(parameters), len(window[1])
     arrays = templates.weighted, templates.variances, templates.gradients, templates.inverses, templates.prior
-    return patch_kernels.align(image, window, arrays, places, parameters, iterations.most, iterations.precision_px)
+    correlations, residuals, is_converged = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
+    results = parameters, correlations, residuals, is_converged
+    memory = np.empty((5, pixels), dtype=np.float32), np.empty(pixels, dtype=np.uint64)
+    limits = iterations.most, iterations.precision_px
+    patch_kernels.align(image, window, arrays, places, results, memory, limits)
+    return correlations, residuals, is_converged
 
 
 def aligned_by_numpy(

@@ -38,19 +38,20 @@ def align(
     window: tuple[FloatImage, FloatImage],
     templates: tuple[FloatImage, FloatImage, FloatImage, Array, Array],
     places: tuple[Array, Array],
-    parameters: Array,
-    most: int,
-    precision_px: float,
-) -> tuple[Array, Array, BoolArray]:
-    """As ``patch_alignment.aligned_by_numpy``, for patches of 8 to 128 pixels."""
+    results: tuple[Array, Array, Array, BoolArray],
+    memory: tuple[FloatImage, _Indices],
+    limits: tuple[int, float],
+) -> None:
+    """As ``patch_alignment.aligned_by_numpy``, for patches of 8 to 128 pixels.
+
+    ``results`` are parameters, correlations, residuals and convergence; memory is (5, P) and (P,).
+    """
     (steps, weights), (weighted, variances, gradients, inverses, prior), (centres, warps) = window, templates, places
-    count, pixels, longest_step = len(centres), steps.shape[1], np.abs(steps).max()
-    correlations, residuals, is_converged = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
+    (parameters, correlations, residuals, is_converged), (lines, first) = results, memory
+    count, longest_step, (most, precision_px) = len(centres), _longest(steps), limits
+    columns, rows, brightness, products, squares = lines[0], lines[1], lines[2], lines[3], lines[4]
     centre, warp = np.empty(2), np.empty((2, 2))
-    columns, rows, brightness = np.empty_like(weights), np.empty_like(weights), np.empty_like(weights)
-    products, squares = np.empty_like(weights), np.empty_like(weights)
-    first, gradient = np.empty(pixels, dtype=np.uint64), np.empty(len(prior), dtype=np.float32)
-    full, step = np.empty(len(prior)), np.empty(len(prior))
+    gradient, full, step = np.empty(len(prior), dtype=np.float32), np.empty(len(prior)), np.empty(len(prior))
     for number in range(most):
         is_done = True
         for n in range(count):
@@ -78,7 +79,15 @@ def align(
             is_done &= is_converged[n]
         if is_done:
             break
-    return correlations, residuals, is_converged
+
+
+@compiled
+def _longest(steps: FloatImage) -> float:
+    """The longest of the steps (2, P) along a column or a row, px."""
+    longest = 0.0
+    for p in range(steps.shape[1]):
+        longest = max(longest, abs(steps[0, p]), abs(steps[1, p]))
+    return longest
 
 
 @compiled
@@ -94,21 +103,23 @@ def _move(centre: Array, warp: Array, parameters: Array, moved_centre: Array, mo
 @compiled_without_gil
 def patches_and_shifts(image: FloatImage, centres: Array, steps: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Brightness (N, P) at ``centres + steps`` and its derivatives (N, 2, P) by column and row; arguments as above."""
-    count, longest, identity = steps.shape[1], np.abs(steps).max() + 1.0, np.eye(2)
+    count, longest, identity = steps.shape[1], _longest(steps) + 1.0, np.eye(2)
     brightness = np.empty((len(centres), count), dtype=np.float32)
     shifts = np.empty((len(centres), 2, count), dtype=np.float32)
     first, samples = np.empty(count, dtype=np.uint64), np.empty((5, count), dtype=np.float32)
+    columns, rows = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
     for n in range(len(centres)):
         is_inside = _is_inside(image, centres[n], identity, longest)
         for number, (column, row) in enumerate(((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))):
-            columns = np.float32(centres[n, 0]) + steps[0] + np.float32(column)
-            rows = np.float32(centres[n, 1]) + steps[1] + np.float32(row)
+            for p in range(count):
+                columns[p] = np.float32(centres[n, 0]) + steps[0, p] + np.float32(column)
+                rows[p] = np.float32(centres[n, 1]) + steps[1, p] + np.float32(row)
             if is_inside:
                 _interpolate(image, columns, rows, first, samples[number])
             else:
                 _interpolate_anywhere(image, columns, rows, samples[number])
-        brightness[n] = samples[0]
         for p in range(count):
+            brightness[n, p] = samples[0, p]
             shifts[n, 0, p] = np.float32(0.5) * (samples[1, p] - samples[2, p])
             shifts[n, 1, p] = np.float32(0.5) * (samples[3, p] - samples[4, p])
     return brightness, shifts

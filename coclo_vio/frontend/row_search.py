@@ -15,6 +15,7 @@ from coclo_vio.values.arrays import Array, ByteImage, FloatImage, IntArray
 
 BLOCK_ROWS = 1  # rows above and below that a block is also searched in
 _MIDDLE = np.float32(128.0)  # subtracted from grey levels, so that sums are small
+_LINES = 10  # of memory: one of the image; products, sums and squares of three rows
 _NEIGHBOURS = 2  # columns on either side of the best one that are no other place
 
 
@@ -47,8 +48,12 @@ class RowSearch:
         pixels = np.rint(points).astype(np.int64)
         if not IS_COMPILED:
             return np.array([found_by_opencv(self, left, right, *pixel) for pixel in pixels.tolist()])
-        limits = self.min_correlation, self.uniqueness_ratio
-        return _found(left, right, pixels, self.half_px, self.max_disparity, limits)
+        side, reach = 2 * self.half_px + 1, self.max_disparity
+        found, correlations = np.full(len(pixels), np.nan), np.empty(reach + side + 1)
+        block, lines = np.empty((side, side), np.float32), np.empty((_LINES, reach + side + 1), np.float32)
+        limits = np.array([self.min_correlation, self.uniqueness_ratio])
+        _search(left, right, pixels, limits, (block, lines), correlations, found)
+        return found
 
 
 def found_by_opencv(search: RowSearch, left: ByteImage, right: ByteImage, column: int, row: int) -> float:
@@ -71,21 +76,25 @@ def found_by_opencv(search: RowSearch, left: ByteImage, right: ByteImage, column
 
 
 @compiled_without_gil
-def _found(
-    left: ByteImage, right: ByteImage, pixels: IntArray, half: int, reach: int, limits: tuple[float, float]
-) -> Array:
-    """Disparities (N,) of blocks about pixels (N, 2); the limits of correlation and of its ratio to another's."""
-    height, width = left.shape
-    found, correlations = np.full(len(pixels), np.nan), np.empty(reach + half + 2)
-    block = np.empty((2 * half + 1, 2 * half + 1), dtype=np.float32)
-    memory = np.empty((10, reach + 2 * half + 2), dtype=np.float32)
+def _search(
+    left: ByteImage,
+    right: ByteImage,
+    pixels: IntArray,
+    limits: Array,
+    memory: tuple[FloatImage, FloatImage],
+    correlations: Array,
+    found: Array,
+) -> None:
+    """Disparities (N,) of blocks about pixels (N, 2), where found, by the limits of correlation and uniqueness."""
+    (height, width), (block, lines) = left.shape, memory
+    half, reach = len(block) // 2, lines.shape[1] - len(block) - 1
     for n in range(len(pixels)):
         column, row = pixels[n, 0], pixels[n, 1]
         if not (half + BLOCK_ROWS <= row < height - half - BLOCK_ROWS and half <= column < width - half):
             continue
         first = max(column - reach - half, 0)
         places = min(column + half + 2, width) - first - 2 * half
-        _correlate(left, right, (column, row, first, places), block, memory, correlations)
+        _correlate(left, right, (column, row, first, places), block, lines, correlations)
         best = 0
         for place in range(places):
             if correlations[place] > correlations[best]:
@@ -96,7 +105,6 @@ def _found(
                 is_match = False
         if is_match:
             found[n] = column - half - first - best
-    return found
 
 
 @compiled
@@ -128,7 +136,9 @@ def _correlate(
             sum_left += float(value)
             squares_left += float(value * value)
     variance_left = pixels * squares_left - sum_left * sum_left
-    memory[:] = np.float32(0.0)
+    for r in range(len(memory)):
+        for c in range(places + side - 1):
+            memory[r, c] = 0.0
     line = memory[0]
     for i in range(side + 2 * BLOCK_ROWS):
         for c in range(places + side - 1):
