@@ -15,8 +15,8 @@ from coclo_vio.filter import (
     process_kernel,
     state_kernels,
 )
-from coclo_vio.filter.measurement_kernel import Measured, Sensed, SensingConstants
 from coclo_vio.filter.measurement_model import LegConstants
+from coclo_vio.filter.measurement_table import Measured, Sensed, SensingConstants, gravity_table
 from coclo_vio.filter.process_kernel import ProcessConstants
 from coclo_vio.filter.robust_models import innovation_squared_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
@@ -123,7 +123,7 @@ class CompiledModels:
     def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "CompiledExpectation":
         """By ``measurement_kernel``."""
         mean, layout = core.mean, core.mean.layout
-        table = measurement_kernel.gravity_table(force_body, sigma)
+        table = gravity_table(force_body, sigma)
         predicted, rows, observed = measurement_kernel.expected(
             mean.rotation,
             mean.vector[: layout.active],

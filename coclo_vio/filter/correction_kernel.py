@@ -6,7 +6,7 @@ The readable form is ``unscented_transform.correct``.
 
 import numpy as np
 
-from coclo_vio.filter.measurement_kernel import Triples
+from coclo_vio.filter.measurement_table import Triples
 from coclo_vio.filter.triangle_kernels import lower_of, reflect
 from coclo_vio.geometry.array_types import Array, BoolArray
 from coclo_vio.geometry.compiled import compiled, inlined

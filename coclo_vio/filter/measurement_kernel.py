@@ -5,11 +5,22 @@ A triple is three rows of measurement with one noise factor: of the gyroscope, o
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from coclo_vio.filter.measurement_model import NO_LEG
+from coclo_vio.filter.measurement_table import (
+    FOOT_POSITION,
+    GRAVITY,
+    GYROSCOPE,
+    LEG_VELOCITY,
+    REST_RATE,
+    REST_VELOCITY,
+    Measured,
+    Sensed,
+    SensingConstants,
+    Triples,
+)
 from coclo_vio.filter.process_kernel import slip_velocity, speed_of
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
@@ -37,94 +48,6 @@ from coclo_vio.values.units import GRAVITY_MPS2
 _LEG_SCALE, _RATE, _GYROSCOPE_BIAS = LEG_SCALE.start, RATE.start, GYROSCOPE_BIAS.start
 _ACCELEROMETER_BIAS = ACCELEROMETER_BIAS.start
 _LEG_COMPLIANCE, _VELOCITY, _POSITION = LEG_COMPLIANCE.start, VELOCITY.start, POSITION.start
-_GYROSCOPE, _REST_VELOCITY, _REST_RATE, _LEG_VELOCITY, _FOOT_POSITION, _GRAVITY = range(6)
-
-
-class SensingConstants(NamedTuple):
-    """What the measurement model knows of the robot and of the noise, as in ``LegConstants``, and of gate and state.
-
-    Attributes:
-        gate: limits of the normalised innovation squared of 3 and of 6 rows.
-        world_stop: end of the vectors of the world, see ``StateLayout.world``.
-    """
-
-    radii_m: Array
-    hips_body: Array
-    joint_velocity_noise_radps: float
-    standstill_velocity_noise_mps: float
-    standstill_rate_noise_radps: float
-    gate: tuple[float, float]
-    world_stop: int
-
-
-class Sensed(NamedTuple):
-    """The measured values of one joint sample.
-
-    Attributes:
-        position_body: foot centres, m, body frame, (n, 3).
-        velocity_body: of the foot centres relative to the body, m/s, body axes, (n, 3).
-        angular_velocity_body: of the foot links relative to the body, rad/s, body axes, (n, 3).
-        jacobian: of the feet, (n, 6, J).
-        is_used: legs that give rows, (n,).
-        foot_velocity_noise_mps: of each used foot, one sigma.
-        angular_velocity: gyroscope, rad/s, (3,).
-        gyroscope_noise_radps: its sigma; 0 where there is no gyroscope sample.
-        is_stationary: whether the robot stands still.
-    """
-
-    position_body: Array
-    velocity_body: Array
-    angular_velocity_body: Array
-    jacobian: Array
-    is_used: BoolArray
-    foot_velocity_noise_mps: float
-    angular_velocity: Array
-    gyroscope_noise_radps: float
-    is_stationary: bool
-
-
-class Triples(NamedTuple):
-    """A table of measurements, three rows each, in the order of ``measurement_model.blocks``.
-
-    A predicted triple is a linear function of the state given rotation and leg scale, plus ``added``, plus ``scaled``
-    times the leg scale.
-
-    Attributes:
-        kind: what is measured, (k,).
-        leg: by which leg, (k,); ``NO_LEG`` where by none.
-        measured: (k, 3).
-        noise: lower factors, (k, 3, 3).
-        lever: of a leg's velocity: from the body origin to the contact; of a foot's position: upward direction times
-            load ratio; body frame, (k, 3).
-        added: (k, 3).
-        scaled: (k, 3).
-    """
-
-    kind: IntArray
-    leg: IntArray
-    measured: Array
-    noise: Array
-    lever: Array
-    added: Array
-    scaled: Array
-
-
-class Measured(NamedTuple):
-    """Measurements against what the filter expects of them.
-
-    Attributes:
-        table: the M / 3 triples.
-        rows: square-root rows of the predicted measurement, (L + extra, M).
-        observed: its covariance with the passive errors, (M, p).
-        innovation: measured less predicted, (M,).
-        rejected: legs whose innovation is larger than its covariance allows, (n,).
-    """
-
-    table: Triples
-    rows: Array
-    observed: Array
-    innovation: Array
-    rejected: BoolArray
 
 
 @compiled
@@ -185,10 +108,10 @@ def _triples_of(
     if has_rate:
         for i in range(3):
             table.measured[at, i] = sensed.angular_velocity[i]
-        at = _set_imu(table, at, _GYROSCOPE, sensed.gyroscope_noise_radps)
+        at = _set_imu(table, at, GYROSCOPE, sensed.gyroscope_noise_radps)
     if sensed.is_stationary:
-        at = _set_imu(table, at, _REST_VELOCITY, sensing.standstill_velocity_noise_mps)
-        at = _set_imu(table, at, _REST_RATE, sensing.standstill_rate_noise_radps)
+        at = _set_imu(table, at, REST_VELOCITY, sensing.standstill_velocity_noise_mps)
+        at = _set_imu(table, at, REST_RATE, sensing.standstill_rate_noise_radps)
     at = _set_velocities(table, at, sensed, motion, rotation[2], compliance_m, sensing)
     _set_positions(table, at, sensed, motion, rotation[2], foot_noise, sensing.hips_body)
     return table
@@ -223,7 +146,7 @@ def _set_velocities(
         set_noise_factor(table.noise[at], sensed.jacobian[leg], arm, sigmas[0], sigmas[1])
         turn = sensed.angular_velocity_body[leg]
         rolling = cross(turn[0], turn[1], turn[2], arm[0], arm[1], arm[2])
-        table.kind[at], table.leg[at] = _LEG_VELOCITY, leg
+        table.kind[at], table.leg[at] = LEG_VELOCITY, leg
         for i in range(3):
             table.measured[at, i] = rolling[i] - sensed.velocity_body[leg, i]
             table.lever[at, i] = sensed.position_body[leg, i] - arm[i]
@@ -241,7 +164,7 @@ def _set_positions(
     for leg in range(len(sensed.is_used)):
         if not (sensed.is_used[leg] and motion.holds[leg]):
             continue
-        table.kind[at], table.leg[at] = _FOOT_POSITION, leg
+        table.kind[at], table.leg[at] = FOOT_POSITION, leg
         for i in range(3):
             for j in range(3):
                 table.noise[at, i, j] = foot_noise[leg, i, j]
@@ -260,16 +183,16 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
     bx, by, bz = rotated_back(R, vx, vy, vz)
     for row in range(len(table.kind)):
         kind, lever = table.kind[row], table.lever[row]
-        if kind == _GYROSCOPE:
+        if kind == GYROSCOPE:
             x, y, z = wx + vector[_GYROSCOPE_BIAS], wy + vector[_GYROSCOPE_BIAS + 1], wz + vector[_GYROSCOPE_BIAS + 2]
-        elif kind == _REST_VELOCITY:
+        elif kind == REST_VELOCITY:
             x, y, z = vx, vy, vz
-        elif kind == _REST_RATE:
+        elif kind == REST_RATE:
             x, y, z = wx, wy, wz
-        elif kind == _GRAVITY:
+        elif kind == GRAVITY:
             at = _ACCELEROMETER_BIAS
             x, y, z = vector[at], vector[at + 1], vector[at + 2]
-        elif kind == _LEG_VELOCITY:
+        elif kind == LEG_VELOCITY:
             x, y, z = cross(wx, wy, wz, lever[0], lever[1], lever[2])
             sx, sy, sz = slip_velocity(vector, lever, speed)
             x, y, z = (1.0 - scale) * (x + bx - sx), (1.0 - scale) * (y + by - sy), z + bz - sz
@@ -330,18 +253,6 @@ def expected(
     return mean, rows, observed
 
 
-def gravity_table(force_body: Array, sigma: float) -> Triples:
-    """The one triple of gravity: ``measurement_model.specific_force_at_rest``.
-
-    Args:
-        force_body: as measured, m/s^2, (3,).
-        sigma: of each axis, m/s^2.
-    """
-    nothing, row = np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
-    noise = sigma * np.eye(3)[None]
-    return Triples(row + _GRAVITY, row + NO_LEG, force_body[None], noise, nothing, nothing, nothing)
-
-
 @inlined
 def _images(
     rotation: Array, vector: Array, factor: Array, table: Triples, world_stop: int, speed: float, width_squared: float
@@ -362,7 +273,7 @@ def _images(
         for row in range(len(table.kind)):
             for i in range(3):
                 images[index, 3 * row + i] += table.added[row, i] + scale * table.scaled[row, i]
-                if table.kind[row] == _GRAVITY:
+                if table.kind[row] == GRAVITY:
                     images[index, 3 * row + i] += GRAVITY_MPS2 * R[2, i]
     return images
 
