@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from coclo_vio.experiments.results.blocks import BLOCKS, ResultFiles
+from coclo_vio.experiments.results.blocks import BLOCKS
 from coclo_vio.experiments.results.pages import PAGES, rendered
 from coclo_vio.experiments.results.provenance import Provenance, Provenances
+from coclo_vio.experiments.results.result_files import ResultFiles
 from coclo_vio.values.errors import DatasetError
 
 _ROOT = Path(__file__).resolve().parents[2]
