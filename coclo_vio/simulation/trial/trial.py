@@ -178,7 +178,8 @@ def simulate(
         SimulationError: the robot fell or stuck.
     """
     generators = _generators(seed)
-    model, terrain = RobotModel(robot), make_terrain(name)
+    model = RobotModel(robot, is_compiled=False)  # contacts make much of rounding: the same bytes without numba
+    terrain = make_terrain(name)
     imperfection = draw_imperfection(
         config.imperfection, len(robot.legs), len(robot.joint_names), generators["imperfection"]
     )
