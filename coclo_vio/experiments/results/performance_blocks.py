@@ -27,7 +27,8 @@ def _second_core(speed: CommitSpeed) -> str:
         return ""
     same = "the same bytes" if second.is_same else "not the same bytes"
     return (
-        f"`combined` on the bundled sample takes {second.one_s:.1f} s on one core and {second.two_s:.1f} s on two: "
+        f"`combined` on the bundled sample takes {second.one_s:.1f} s on one core, and {second.two_s:.1f} s on two "
+        f"with `bridge.frame_threads` and `dataset.reading_threads` 1: "
         f"{second.one_s / second.two_s:.2f} times as fast, with {same} in every trajectory.\n\n"
     )
 

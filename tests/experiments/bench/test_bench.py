@@ -112,6 +112,6 @@ def test_two_checkouts_are_compared_by_processor_time(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are bound to cores, which Linux can")
 def test_a_second_core_has_to_give_the_same_bytes(tmp_path: Path) -> None:
-    second = second_core(checkout(tmp_path / "one", 10), TimedCommand("counting", ("run",)), rounds=1)
+    second = second_core(checkout(tmp_path / "one", 10), TimedCommand("counting", ("run",)), ("--threads",), rounds=1)
     assert second.is_same
     assert second.one_s > 0.0
