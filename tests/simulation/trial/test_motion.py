@@ -67,6 +67,28 @@ def test_a_motion_from_its_file_makes_the_same_trial(tmp_path) -> None:
         assert other.truth.ground_contacts == direct.truth.ground_contacts
 
 
+def test_the_trials_are_those_of_before_there_were_conditions() -> None:
+    """Sums of what the sensors measured in a trial of commit b61df84: no option that is off may change a recording."""
+    config = simulation_config("ramp", SOON).trial
+    trial = simulate("ramp", DAISY, config, 6, until_s=2.0)
+    sums: dict[str, float] = {"vicon": float(np.abs(trial.vicon.trajectory.T_world_body).sum())}
+    for sample in trial.measurements:
+        for name in ("angular_velocity", "specific_force", "position", "velocity", "effort"):
+            key = f"{type(sample).__name__}.{name}"
+            sums[key] = sums.get(key, 0.0) + float(np.abs(getattr(sample, name, 0.0)).sum())
+    expected = {
+        "vicon": 1197.1150219651026,
+        "ImuSample.angular_velocity": 9.993217,
+        "ImuSample.specific_force": 2032.2048,
+        "CameraImuSample.angular_velocity": 18.784519,
+        "CameraImuSample.specific_force": 4858.2528,
+        "JointSample.position": 2149.7638977581337,
+        "JointSample.velocity": 438.90466198460496,
+        "JointSample.effort": 13781.861584934619,
+    }
+    assert {key: sums[key] for key in expected} == pytest.approx(expected, rel=1e-6)
+
+
 def test_a_stored_motion_is_used_for_other_sensors_and_not_for_another_walk(tmp_path, monkeypatch) -> None:
     config = simulation_config("flat", SOON).trial
     simulate("flat", DAISY, config, 4, until_s=1.2, motions=tmp_path)
