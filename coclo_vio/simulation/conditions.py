@@ -61,7 +61,14 @@ _LEGS: Mapping[str, Condition] = {
     "legs_slippery": Condition(
         "legs",
         "patches, step edges and touch-downs of low friction",
-        _slip(patches_per_m2=0.6, edge_m=0.12, touch_down_s=0.25),
+        _slip(
+            patches_per_m2=1.2,
+            patch_friction=0.15,
+            edge_m=0.15,
+            edge_friction=0.12,
+            touch_down_s=0.5,
+            touch_down_friction=0.08,
+        ),
     ),
     "encoder_off": Condition(
         "legs", "the zero of one encoder is 5 deg off", {"trial": {"imperfection": {"wrong_zero_rad": 5.0 * _DEG}}}
@@ -94,7 +101,9 @@ _LIGHT: Mapping[str, Condition] = {
     "rolling_shutter": Condition("vision", "rows are read within 30 ms", _camera(imager={"readout_s": 0.03})),
     "exposure_jumps": Condition("vision", "the gain jumps by 50 % every 2 s", _camera(exposure={"jump": 0.5})),
     "shadows": Condition(
-        "vision", "stripes of shade, and the robot's own shadow", _camera(lighting={"bars": 0.6, "own_shadow": 0.6})
+        "vision",
+        "broad stripes of shade, and the robot's own shadow",
+        _camera(lighting={"bars": 0.6, "own_shadow": 0.6}),
     ),
     "lamp": Condition("vision", "a lamp on the robot gives most of the light", _camera(lighting={"lamp": 0.8})),
 }

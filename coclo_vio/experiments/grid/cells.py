@@ -14,7 +14,7 @@ from coclo_vio.values.config import merged
 from coclo_vio.values.errors import ConfigError, listing
 
 _GOOD: Final = ("legs_exact", "vision_exact")
-_FIELD: Final = ("poor_texture", "relief", "shadows", "exposure_jumps", "moving_persons")
+_FIELD: Final = ("poor_texture", "relief", "motion_blur", "shadows", "exposure_jumps", "moving_persons")
 
 
 @dataclass(frozen=True, slots=True)

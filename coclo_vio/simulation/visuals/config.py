@@ -133,7 +133,10 @@ class LightingConfig(StageConfig):
     bars: Annotated[
         float, Field(ge=0, le=1, description="share of the light that bars before a window take away, in stripes")
     ] = 0.0
-    bar_m: Annotated[float, Field(gt=0.02, le=10, description="distance from stripe to stripe, m")] = 0.8
+    bar_m: Annotated[float, Field(gt=0.02, le=10, description="distance from stripe to stripe, m")] = 1.2
+    bar_edge_m: Annotated[
+        float, Field(gt=0, le=5, description="breadth of a stripe's edge, m; soft edges are no landmarks")
+    ] = 0.15
     own_shadow: Annotated[
         float, Field(ge=0, le=1, description="share of the light that the robot's own shadow takes away")
     ] = 0.0

@@ -15,7 +15,7 @@ from coclo_vio.values.arrays import Array
 
 FloatImage = npt.NDArray[np.float32]
 
-_SOFT_M = 0.015  # breadth of a shadow's edge
+_SOFT_M = 0.015  # breadth of the edge of the robot's shadow
 _SHADOW_M = (0.42, 0.30)  # half axes of the robot's shadow along and across its heading
 _LAMP_M = 0.8  # distance at which the lamp is as bright as the room without it
 _LAMP_CONE = 0.5  # tangent of the angle at which the lamp has half of its light
@@ -72,7 +72,7 @@ class Illumination:
         """1 in the shade of a bar, 0 between bars."""
         on_floor = points[..., :2] - points[..., 2:] * self._lean.astype(np.float32)
         along = (on_floor @ self._across.astype(np.float32)) / np.float32(self._config.bar_m)
-        from_edge = (np.abs(along % 1.0 - 0.5) - 0.25) * np.float32(self._config.bar_m / _SOFT_M)
+        from_edge = (np.abs(along % 1.0 - 0.5) - 0.25) * np.float32(self._config.bar_m / self._config.bar_edge_m)
         return np.asarray(np.clip(from_edge + 0.5, 0.0, 1.0), dtype=np.float32)
 
     def _shadow(self, points: FloatImage, T_world_body: Array) -> FloatImage:
