@@ -10,8 +10,8 @@ import pytest
 from coclo_vio.evaluation.evaluation_record import EvaluationRecord, GapsRecord
 from coclo_vio.experiments.grid.__main__ import main
 from coclo_vio.experiments.grid.cells import CELLS, Cell, chosen_cells
-from coclo_vio.experiments.grid.plan import GridPlan, commit_of_code
-from coclo_vio.experiments.grid.summary import cell_summary, shares
+from coclo_vio.experiments.grid.grid_plan import GridPlan, commit_of_code
+from coclo_vio.experiments.grid.grid_summary import cell_summary, shares
 from coclo_vio.experiments.table.build import run_work
 from coclo_vio.experiments.table.table_record import Fingerprint, JobRecord, JobTrajectory
 from coclo_vio.runs.modes.registry import modes

@@ -10,8 +10,8 @@ from math import inf, isfinite
 import numpy as np
 
 from coclo_vio.evaluation.trajectory_roles import fused_pairs, is_fused
+from coclo_vio.experiments.grid.grid_plan import GridPlan
 from coclo_vio.experiments.grid.grid_record import CellSummary, GridRecord, Medians, Ratios, Shares
-from coclo_vio.experiments.grid.plan import GridPlan
 from coclo_vio.experiments.table.table_record import JobRecord, JobTrajectory
 from coclo_vio.values.errors import DatasetError
 
