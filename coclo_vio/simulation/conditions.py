@@ -62,12 +62,12 @@ _LEGS: Mapping[str, Condition] = {
         "legs",
         "patches, step edges and touch-downs of low friction",
         _slip(
-            patches_per_m2=1.2,
-            patch_friction=0.15,
+            patches_per_m2=0.4,
+            patch_friction=0.35,
             edge_m=0.15,
             edge_friction=0.12,
-            touch_down_s=0.5,
-            touch_down_friction=0.08,
+            touch_down_s=0.2,
+            touch_down_friction=0.3,
         ),
     ),
     "encoder_off": Condition(
@@ -84,7 +84,7 @@ _MOUNTING: Mapping[str, Condition] = {
     "images_late": Condition("vision", "stamps of images are 30 ms late", {"trial": {"frame_delay_s": 0.03}}),
 }
 _SURFACES: Mapping[str, Condition] = {
-    "poor_texture": Condition("vision", "little texture", _scene(texture="poor")),
+    "poor_texture": Condition("vision", "little texture", _scene(texture="poor", contrast=1.0)),
     "weak_texture": Condition("vision", "hardly any texture", _scene(texture="poor", contrast=0.4)),
     "textureless_end": Condition("vision", "no texture on the last third of the way", _scene(bare_from=2.0 / 3.0)),
     "tiles": Condition("vision", "ground and walls of tiles that look the same", _scene(pattern="tiles")),

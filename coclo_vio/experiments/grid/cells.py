@@ -14,7 +14,7 @@ from coclo_vio.values.config import merged
 from coclo_vio.values.errors import ConfigError, listing
 
 _GOOD: Final = ("legs_exact", "vision_exact")
-_FIELD: Final = ("poor_texture", "relief", "motion_blur", "shadows", "exposure_jumps", "moving_persons")
+_FIELD: Final = ("weak_texture", "relief", "motion_blur", "shadows", "exposure_jumps", "moving_persons")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def _around(group: str, base: tuple[str, ...], left_out: Mapping[str, str]) -> I
 
 
 _CORNERS: Final[Mapping[str, tuple[str, ...]]] = {
-    "slippery_weak": ("legs_slippery", "weak_texture", "relief"),
+    "slippery_weak": ("legs_slippery", "weak_texture"),
     "slippery_textureless_end": ("legs_slippery", "textureless_end", "cheap_body_imu"),
     "slippery_lamp_blur": ("legs_slippery", "lamp", "motion_blur", "cheap_body_imu"),
     "slippery_late": ("legs_slippery", "images_late", "poor_texture"),
