@@ -42,7 +42,7 @@ class Cell:
 
 def _around(group: str, base: tuple[str, ...], left_out: Mapping[str, str]) -> Iterator[Cell]:
     """A base, what is left out of it one by one, and each further condition by itself."""
-    yield Cell(group, group, base)
+    yield Cell(group, f"{group}-base", base)
     for name, condition in left_out.items():
         yield Cell(group, f"{group}-{name}", tuple(each for each in base if each != condition))
     for condition in CONDITIONS:
