@@ -44,7 +44,7 @@ def test_every_condition_is_in_both_groups_by_itself_and_the_names_are_unique() 
 
 def test_cells_are_chosen_by_name_or_by_group() -> None:
     assert chosen_cells([]) == CELLS
-    assert chosen_cells(["good"])[0].name == "good"
+    assert chosen_cells(["good"])[0].name == "good-base"
     assert {cell.group for cell in chosen_cells(["corners", "good-lamp"])} == {"corners", "good"}
     with pytest.raises(ConfigError, match="no cell 'fog'"):
         chosen_cells(["fog"])
