@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from coclo_vio.experiments.grid.grid_record import GridRecord
+from coclo_vio.experiments.grid.grid_text import SHARE_HEAD, cell_head, cell_rows, share_rows
 from coclo_vio.experiments.results.provenance import Provenances
 from coclo_vio.experiments.table.table_record import FigureSpreads, TableRecord, TableSummary
 from coclo_vio.runs.modes.registry import modes
@@ -198,6 +200,14 @@ def _speed(files: ResultFiles) -> str:
     return f"{_table(('one core', ''), rows)}\n\n{files.origin('speed.json')}"
 
 
+def _grid(files: ResultFiles) -> str:
+    """The grid of conditions, a cell a line."""
+    modes()  # registers the kinds
+    record = GridRecord.read(files.folder / "grid.json")
+    shares, cells = _table(SHARE_HEAD, share_rows(record)), _table(cell_head(record), cell_rows(record))
+    return f"{shares}\n\n{cells}\n\n{files.origin('grid.json')}"
+
+
 BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "demo": _demo,
     "trials": _trials,
@@ -206,5 +216,6 @@ BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "legs": _legs,
     "vision": _vision,
     "speed": _speed,
+    "grid": _grid,
 }
 """What pages can show, by name."""
