@@ -28,7 +28,7 @@ _REPLACED_WORDS = re.compile(
 # Who may import what; everybody else goes through them.
 _IMPORTERS = {
     "gtsam": ("backend/",),
-    "pinocchio": ("geometry/se3.py", "robot/model.py"),
+    "pinocchio": ("geometry/se3.py", "robot/pinocchio_legs.py"),
     "matplotlib": ("evaluation/figure_style.py", "experiments/studies/"),
     "rosbags": ("datasets/rosbag/storage/", "datasets/rosbag/writing/new_bag.py"),
     "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),

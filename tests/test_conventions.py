@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from state_layouts import layout_of, state_of
 
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.measurement_model import specific_force_at_rest
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.remembered_poses import frame_pair, frame_pose
 from coclo_vio.filter.square_root_filter import SquareRootFilter
-from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
+from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
+from coclo_vio.filter.state_blocks import KEYFRAME
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot, robot_names
 from coclo_vio.robot.model import RobotModel
@@ -27,15 +29,12 @@ _ROOT = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 _LEFT = {"FL", "RL", "LF", "LH", "leg1", "leg3", "leg5"}
 _FRONT = {"FL", "FR", "LF", "RF", "leg1", "leg2"}
-_LAYOUT = StateLayout(legs=2, has_contacts=False)
+_LAYOUT = layout_of(2)
 _SMALL = 1e-6
 
 
 def _state(seed: int) -> State:
-    rng = np.random.default_rng(seed)
-    vector = rng.normal(size=_LAYOUT.dimension)
-    vector[ROTATION] = vector[_LAYOUT.keyframe_rotation] = 0.0
-    return State(_LAYOUT, so3.exp(rng.normal(size=3)), vector, so3.exp(rng.normal(size=3)))
+    return state_of(_LAYOUT, np.random.default_rng(seed))
 
 
 def _pose(state: State) -> Array:
@@ -43,7 +42,7 @@ def _pose(state: State) -> Array:
 
 
 def _keyframe_pose(state: State) -> Array:
-    return se3.transform(state.keyframe_rotation, state.vector[state.layout.keyframe_position])
+    return state.remembered_pose(KEYFRAME)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +88,7 @@ def test_body_frame_is_x_forward_y_left_z_up(name: str) -> None:
 def test_gravity_points_down_and_an_accelerometer_at_rest_reads_up(turning_walk: AnalyticTrial) -> None:
     at_rest = next(m for m in turning_walk.measurements if isinstance(m, ImuSample))
     np.testing.assert_allclose(at_rest.specific_force, [0.0, 0.0, 9.81], atol=1e-9)
-    level = State(_LAYOUT, np.eye(3)[None], np.zeros((1, _LAYOUT.dimension)), np.eye(3))
+    level = State(_LAYOUT, np.eye(3)[None], np.zeros((1, _LAYOUT.dimension)))
     np.testing.assert_array_equal(specific_force_at_rest(level), [[0.0, 0.0, 9.81]])
 
 
@@ -158,17 +157,18 @@ def test_a_turned_world_changes_nothing_that_legs_or_imu_see() -> None:
 
 def test_covariance_of_a_delta_is_of_its_right_local_error() -> None:
     """T_start_end = T_mean exp([rotation, translation]), from the keyframe to the frame."""
-    layout = StateLayout(legs=2, has_contacts=False, has_frame=True)
+    layout = layout_of(2, has_frame=True)
     rng = np.random.default_rng(15)
     vector = rng.normal(size=layout.dimension)
-    vector[layout.camera] = 0.0
-    mean = State(layout, np.eye(3), vector, *(so3.exp(rng.normal(size=3)) for _ in range(3)))
+    vector[layout.at("camera")] = 0.0
+    mean = State(layout, np.eye(3), vector, so3.exp(rng.normal(size=(3, 3))))
     core = SquareRootFilter(mean, np.ones(layout.dimension), is_wide=False)
     for seed in range(5):
         error = _SMALL * np.random.default_rng(seed).normal(size=layout.dimension)
-        error[layout.camera] = 0.0
-        core.factor = np.zeros((layout.dimension, layout.dimension))
-        core.factor[:, 0] = error  # a covariance of this one error
+        error[layout.at("camera")] = 0.0
+        factor = np.zeros((layout.dimension, layout.dimension))
+        factor[:, 0] = error  # a covariance of this one error
+        core.factor = factor
         delta = relative_motion(frame_pair(core, 3, 8), floor_m=0.0)
         np.testing.assert_allclose(delta.T_start_end, se3.inverse(_keyframe_pose(mean)) @ frame_pose(mean), atol=1e-13)
         moved = mean.corrected(error)

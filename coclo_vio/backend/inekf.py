@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The baseline ``inekf``: an IMU-centric, contact-aided filter on the same feet, contacts and IMU as the filter.
 
-Sorts measurements, decides contact and detects rest; the filtering is GTSAM's, see ``foothold_filter``.
+The filtering is GTSAM's, see ``foothold_filter``.
 """
 
 from collections import Counter
@@ -12,14 +12,12 @@ import numpy as np
 from coclo_vio.backend.config import InvariantConfig
 from coclo_vio.backend.foothold_filter import FootholdFilter
 from coclo_vio.geometry import so3
-from coclo_vio.robot.contact import ContactDetector, ContactState
-from coclo_vio.robot.foot_load import FootLoad
+from coclo_vio.robot.leg_sensing import LegSensing, Reading
 from coclo_vio.robot.model import FeetKinematics, RobotModel
-from coclo_vio.robot.standstill import Rest, StandstillDetector
+from coclo_vio.robot.standstill import ImuMeans, StartRule
 from coclo_vio.values.arrays import Array, BoolArray
-from coclo_vio.values.errors import SmootherError
 from coclo_vio.values.estimates import FootState, StateEstimate
-from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.measurements import JointSample, Measurement
 from coclo_vio.values.units import NS_PER_S
 
 _MOST_RESTS = 100  # windows of one standstill whose mean is the gyroscope bias
@@ -35,17 +33,14 @@ class InvariantLegOdometry:
     def __init__(self, robot: RobotModel, config: InvariantConfig | None = None) -> None:
         self.config = config or InvariantConfig()
         self._robot, self._legs = robot, len(robot.leg_names)
-        self._contact = ContactDetector(robot.description.contact, self._legs)
-        self._standstill = StandstillDetector(self.config.standstill)
+        contact, timeout_s = robot.description.contact, self.config.force_timeout_s
+        self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
+        self._start_rule = StartRule(self.config.rest_timeout_s)
         self._counts: Counter[str] = Counter()
         self._T_body_imu = robot.description.imu.T_body_imu
         self._filter: FootholdFilter | None = None
-        self._rests: list[Rest] = []  # windows of the present standstill, one after another
+        self._rests: list[ImuMeans] = []  # windows of the present standstill, one after another
         self._stamp_ns = 0  # of the filter's state
-        self._first_ns: int | None = None
-        self._imu: ImuSample | None = None
-        self._load = FootLoad(robot, robot.description.contact, self.config.force_timeout_s)
-        self._joints: JointSample | None = None
         self._feet_body: Array = np.zeros((self._legs, 3))  # last known
         self._rolled: Array = np.zeros((self._legs, 3))  # since touchdown, m, world
         self._R_world_foot: Array = np.tile(np.eye(3), (self._legs, 1, 1))
@@ -53,102 +48,72 @@ class InvariantLegOdometry:
     @property
     def counts(self) -> Mapping[str, int]:
         """Samples refused for their stamp, unknown legs, gaps, standstills and missing loads."""
-        return self._counts + Counter(self._contact.counts) + Counter(self._standstill.counts)
+        counts = {**self._counts, **self._sensing.counts}
+        return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample gives the new estimate once the filter has started.
 
         Raises:
-            SmootherError: the sample is not of this robot, or GTSAM failed.
+            RobotModelError: the sample is not of this robot.
+            SmootherError: GTSAM failed.
         """
-        match measurement:
-            case ImuSample():
-                self._take_imu(measurement)
-            case FootForceSample():
-                self._take_force(measurement)
-            case JointSample():
-                return self._take_joints(measurement)
-        return None
+        before = self._sensing.imu
+        reading = self._sensing.push(measurement, self._up_body() if isinstance(measurement, JointSample) else None)
+        imu = self._sensing.imu
+        if self._filter is not None and imu is not None and imu is measurement:
+            earlier = before or imu
+            rate = 0.5 * (earlier.angular_velocity + imu.angular_velocity)
+            self._advance(self._filter, imu.stamp_ns, rate, 0.5 * (earlier.specific_force + imu.specific_force))
+        return None if reading is None else self._take_reading(reading)
 
-    def _take_imu(self, sample: ImuSample) -> None:
-        if self._imu is not None and sample.stamp_ns <= self._imu.stamp_ns:
-            self._counts["imu_stamp_refused"] += 1
-            return
-        before, self._imu = self._imu or sample, sample
-        self._standstill.push(sample)
-        if self._filter is not None:
-            rate = 0.5 * (before.angular_velocity + sample.angular_velocity)
-            self._advance(self._filter, sample.stamp_ns, rate, 0.5 * (before.specific_force + sample.specific_force))
-
-    def _take_force(self, sample: FootForceSample) -> None:
-        self._counts["foot_force_stamp_refused"] += not self._load.push(sample)
-
-    def _take_joints(self, sample: JointSample) -> StateEstimate | None:
-        self._check_length("joint", len(sample.position), len(self._robot.joint_names))
-        if self._joints is not None and sample.stamp_ns <= self._joints.stamp_ns:
-            self._counts["joint_stamp_refused"] += 1
-            return None
-        self._standstill.push(sample)
-        rate = None if self._imu is None else self._T_body_imu[:3, :3] @ self._imu.angular_velocity
-        contact = self._contact.update(sample.stamp_ns, self._load.loads_at(sample, self._up_body(), rate))
-        self._joints = sample
-        rest, imu = self._standstill.rest, self._imu
-        self._filter = self._filter or self._started(sample.stamp_ns, rest)
+    def _take_reading(self, reading: Reading) -> StateEstimate | None:
+        rest, imu = self._sensing.rest, self._sensing.imu
+        self._filter = self._filter or self._started(reading.stamp_ns, rest)
         if self._filter is None or imu is None:
             return None
-        self._advance(self._filter, sample.stamp_ns, imu.angular_velocity, imu.specific_force)
+        self._advance(self._filter, reading.stamp_ns, imu.angular_velocity, imu.specific_force)
         self._take_rest(self._filter, rest)
-        feet = self._robot.feet(sample.position, sample.velocity)
-        self._correct(self._filter, feet, contact, is_stationary=rest is not None)
+        self._correct(self._filter, reading)
         nav, covariance = self._filter.state_at(imu.angular_velocity)
         feet_world = nav.T_world_body[:3, 3] + self._feet_body @ nav.T_world_body[:3, :3].T
-        standing = FootState(feet_world, contact.probability, self._filter.is_stance)
-        return StateEstimate(sample.stamp_ns, nav, covariance, standing)
+        standing = FootState(feet_world, reading.contact.probability, self._filter.is_stance)
+        return StateEstimate(reading.stamp_ns, nav, covariance, standing)
 
-    def _check_length(self, kind: str, got: int, expected: int) -> None:
-        if got != expected:
-            raise SmootherError(
-                f"a {kind} sample has {got} entries, robot {self._robot.description.name!r} has {expected}; give them "
-                "in the order of its legs"
-            )
+    def _up_body(self) -> Array | None:
+        """Upward direction in the body frame, (3,); None before the start."""
+        return None if self._filter is None else np.asarray(self._filter.T_world_body[2, :3])
 
-    def _up_body(self) -> Array:
-        """Upward direction in the body frame, (3,): from the state, before the start from the accelerometer."""
-        if self._filter is not None:
-            return np.asarray(self._filter.T_world_body[2, :3])
-        force = np.array([0.0, 0.0, 1.0]) if self._imu is None else self._imu.specific_force
-        return np.asarray(self._T_body_imu[:3, :3] @ force) / max(float(np.linalg.norm(force)), 1e-6)
-
-    def _started(self, stamp_ns: int, rest: Rest | None) -> FootholdFilter | None:
+    def _started(self, stamp_ns: int, rest: ImuMeans | None) -> FootholdFilter | None:
         """The filter at its start, levelled by gravity; None as long as it waits for rest."""
-        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
-        has_waited = stamp_ns - self._first_ns >= self.config.rest_timeout_s * NS_PER_S
-        if self._imu is None or (rest is None and not has_waited):
+        imu = self._sensing.imu
+        if not self._start_rule.is_met(stamp_ns, rest) or imu is None:
             return None
         self._counts["started_moving"] += rest is None
-        force = self._imu.specific_force if rest is None else rest.specific_force
+        turn = self._T_body_imu[:3, :3]
+        force = turn @ imu.specific_force if rest is None else rest.specific_force
         config, self._stamp_ns = self.config, stamp_ns
         return FootholdFilter(
             config.noise,
             self._T_body_imu,
             self._robot.leg_names,
-            rotation_world_body=so3.from_gravity(self._T_body_imu[:3, :3] @ force),
-            gyroscope_bias=np.zeros(3) if rest is None else rest.angular_velocity,
+            rotation_world_body=so3.from_gravity(force),
+            gyroscope_bias=np.zeros(3) if rest is None else turn.T @ rest.angular_velocity,
             tilt_rad=config.moving_tilt_rad if rest is None else config.initial_tilt_rad,
             velocity_mps=config.moving_velocity_mps if rest is None else config.initial_velocity_mps,
         )
 
-    def _take_rest(self, core: FootholdFilter, rest: Rest | None) -> None:
+    def _take_rest(self, core: FootholdFilter, rest: ImuMeans | None) -> None:
         """Set the gyroscope bias to the mean over the standstill, once a window."""
         if rest is None:
             self._rests = []
             return
-        self._counts["standstill"] += 1
         window_ns = self.config.standstill.window_s * NS_PER_S
         if self._rests and rest.stamp_ns - self._rests[-1].stamp_ns < window_ns:
             return
         self._rests = [*self._rests[1 - _MOST_RESTS :], rest]
-        core.set_gyroscope_bias(np.mean([each.angular_velocity for each in self._rests], axis=0))
+        bias_body = np.mean([each.angular_velocity for each in self._rests], axis=0)
+        core.set_gyroscope_bias(self._T_body_imu[:3, :3].T @ bias_body)
 
     def _advance(self, core: FootholdFilter, stamp_ns: int, angular_velocity: Array, specific_force: Array) -> None:
         """Predict to ``stamp_ns`` with readings in the imu frame; a long gap inflates the covariance."""
@@ -162,14 +127,12 @@ class InvariantLegOdometry:
             turn, push = self.config.gap_rate_radps * dt_s, self.config.gap_acceleration_mps2 * dt_s
             core.inflate(np.repeat(np.square([turn, 0.5 * push * dt_s, push]), 3))
 
-    def _correct(
-        self, core: FootholdFilter, feet: FeetKinematics, contact: ContactState, *, is_stationary: bool
-    ) -> None:
+    def _correct(self, core: FootholdFilter, reading: Reading) -> None:
         """Correct the body by the feet in stance whose joints are known."""
-        is_known: BoolArray = ~np.isnan(feet.position_body[:, 0])
-        self._counts["leg_unknown"] += int(np.count_nonzero(~is_known))
+        feet = reading.feet
+        is_known: BoolArray = ~np.isnan(feet.position_body[:, 0])  # a velocity is not needed
         self._feet_body = np.where(is_known[:, None], feet.position_body, self._feet_body)
-        is_held = (contact.is_stance | is_stationary) & is_known
+        is_held = (reading.contact.is_stance | reading.is_stationary) & is_known
         points = feet.position_body
         if self.config.rolling_feet:
             points = self._unrolled(core.T_world_body[:3, :3], feet, is_held & core.is_stance)

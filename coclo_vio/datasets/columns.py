@@ -102,8 +102,11 @@ class OptionalColumns:
 
     def read(self, row: CsvRow) -> Array:
         """The entries, (entries,), NaN where there is no column or no number."""
+        if len(self.indices) == len(self.is_present):
+            return np.array(row.numbers(self.indices))
         values = np.full(len(self.is_present), np.nan)
-        values[self.is_present] = row.numbers(self.indices)
+        if self.indices:
+            values[self.is_present] = row.numbers(self.indices)
         return values
 
 

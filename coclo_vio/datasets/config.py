@@ -32,6 +32,9 @@ class DatasetConfig(StageConfig):
     frame_rate_hz: Annotated[
         float, Field(gt=0, le=1e6, description="rate of image pairs in a recording without stamps, Hz")
     ] = 10.0
+    reading_threads: Annotated[
+        int, Field(ge=0, le=1, description="threads beside the estimator's that read and decode ahead of it")
+    ] = 0
     gap_s: Annotated[
         float, Field(gt=0, description="a pause counts as a gap if it is longer than this and than 2.5 median steps, s")
     ] = 0.1

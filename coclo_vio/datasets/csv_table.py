@@ -113,6 +113,14 @@ class CsvRow:
             DatasetError: a cell that is neither empty nor a number.
         """
         cells = self.cells
+        try:
+            values = [float(cells[column]) for column in columns]
+        except ValueError:
+            return self._numbers_or_nan(columns)
+        return values if math.isfinite(sum(values)) else self._numbers_or_nan(columns)
+
+    def _numbers_or_nan(self, columns: Sequence[int]) -> list[float]:
+        cells = self.cells
         values = []
         for column in columns:
             value = _number(cells[column])
@@ -147,7 +155,7 @@ class CsvRow:
         if not text or text.lower().lstrip("+-") == "nan":
             return None
         try:
-            stamp_ns = seconds_to_ns(text) if in_seconds else int(Decimal(text))
+            stamp_ns = seconds_to_ns(text) if in_seconds else int(text if text.isdecimal() else Decimal(text))
         except (ValueError, InvalidOperation, OverflowError) as error:
             raise self._not_a_number(column) from error
         if abs(stamp_ns) >= _STAMP_LIMIT_NS:

@@ -30,15 +30,19 @@ default, a line over three samples at 400 Hz. No ground truth was used.
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from itertools import compress
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, has_nan
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import JointSample, Measurement
 from coclo_vio.values.units import NS_PER_S
+
+_PATTERNS = 256  # of stamps in a window, whose weights are kept
 
 
 class JointVelocityConfig(StageConfig):
@@ -89,24 +93,29 @@ class JointVelocityEstimator:
 
     def _slope(self, now_ns: int) -> Array:
         # Scaled to the window: a parabola's columns then stay comparable in size.
-        ages = np.array([(stamp_ns - now_ns) / self._window_ns for stamp_ns, _ in self._held])
-        angles = np.stack([position for _, position in self._held])
-        is_known = ~np.isnan(angles)
-        if is_known.all():
+        ages = tuple((stamp_ns - now_ns) / self._window_ns for stamp_ns, _ in self._held)
+        angles = np.array([position for _, position in self._held])
+        if not has_nan(angles):
             return self._fitted(ages, angles)
+        is_known = ~np.isnan(angles)
         velocity = np.full(angles.shape[1], np.nan)
         for joint in np.flatnonzero(is_known[-1]):
             rows = is_known[:, joint]
-            velocity[joint] = self._fitted(ages[rows], angles[rows, joint][:, None])[0]
+            known_ages = tuple(compress(ages, rows))
+            velocity[joint] = self._fitted(known_ages, angles[rows, joint][:, None])[0]
         return velocity
 
-    def _fitted(self, ages: Array, angles: Array) -> Array:
+    def _fitted(self, ages: tuple[float, ...], angles: Array) -> Array:
         """Slope at age 0 of the least-squares polynomial through ``angles`` (n, joints); NaN for too few angles."""
         if len(ages) <= self._config.degree:
             return np.full(angles.shape[1], np.nan)
-        powers = np.vander(ages, self._config.degree + 1, increasing=True)
-        weights = np.linalg.pinv(powers)[1] / self._config.window_s
-        return np.asarray(weights @ angles)
+        return np.asarray(_slope_weights(ages, self._config.degree) / self._config.window_s @ angles)
+
+
+@lru_cache(maxsize=_PATTERNS)
+def _slope_weights(ages: tuple[float, ...], degree: int) -> Array:
+    """Weights (n,) of angles at these ages in the slope at age 0; logs repeat few patterns of stamps."""
+    return np.asarray(np.linalg.pinv(np.vander(ages, degree + 1, increasing=True))[1])
 
 
 def fill_velocities(
@@ -117,7 +126,6 @@ def fill_velocities(
     for sample in measurements:
         if isinstance(sample, JointSample):
             estimated = estimator.push(sample.stamp_ns, sample.position)
-            velocity = np.where(is_absent, estimated, sample.velocity)
-            yield JointSample(sample.stamp_ns, sample.position, velocity, sample.effort)
+            yield sample.with_velocity(np.where(is_absent, estimated, sample.velocity))
         else:
             yield sample

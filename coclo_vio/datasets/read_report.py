@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
+from coclo_vio.values.arrays import has_nan
 from coclo_vio.values.measurements import (
     BodyTwistSample,
     CameraImuSample,
@@ -219,8 +218,8 @@ class ReadTally:
 def _has_nan(sample: Measurement) -> bool:
     match sample:
         case JointSample():
-            return bool(np.isnan(sample.position).any())
+            return has_nan(sample.position)
         case FootForceSample():
-            return bool(np.isnan(sample.force).any())
+            return has_nan(sample.force)
         case _:
             return False

@@ -9,6 +9,7 @@ import numpy as np
 from coclo_vio.datasets.columns import Header, JointColumns, OptionalColumns, StampColumn
 from coclo_vio.datasets.csv_table import CsvRow, CsvTable
 from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.values.arrays import has_nan
 from coclo_vio.values.errors import listing
 from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, Measurement
 
@@ -59,7 +60,7 @@ class SampleTable:
 
     def _imu_sample(self, row: CsvRow, stamp_ns: int, tally: ReadTally) -> Iterator[ImuSample | CameraImuSample]:
         values = np.array(row.numbers(self.imu or ()))
-        if np.isnan(values).any():
+        if has_nan(values):
             tally.dropped[f"{self.label}: IMU reading empty or NaN"] += 1
         else:
             yield self.imu_kind(stamp_ns, values[:3], values[3:])

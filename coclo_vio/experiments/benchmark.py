@@ -22,11 +22,11 @@ from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.paper_profile import PaperProfile
-from coclo_vio.filter.reading_builder import ReadingBuilder
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.robot.description import load_robot
+from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
@@ -80,9 +80,11 @@ def benchmark_trial(robot: RobotModel, walk_s: float, seed: int = 1) -> Analytic
 
 def moving_readings(robot: RobotModel, measurements: Iterable[Measurement]) -> list[Reading]:
     """The filter's readings at the joint samples, from the last one at rest on."""
-    builder = ReadingBuilder(robot, FilterConfig(), robot.description.contact, Counter())
+    config = FilterConfig()
+    timeout_s = config.force_timeout_s
+    sensing = LegSensing(robot, robot.description.contact, config.standstill, force_timeout_s=timeout_s)
     up_body = np.array([0.0, 0.0, 1.0])
-    pushed = (builder.push(measurement, up_body) for measurement in measurements)
+    pushed = (sensing.push(measurement, up_body) for measurement in measurements)
     readings = [reading for reading in pushed if reading is not None]
     at_rest = [number for number, reading in enumerate(readings) if reading.is_stationary]
     return readings[at_rest[-1] if at_rest else 0 :]

@@ -205,7 +205,6 @@ class FilterpyRival:
             radii_m=self._radii_m,
             foot_noise=inputs.foot_noise,
             config=self._config,
-            imu=self._robot.description.imu,
         )
         rows = _plain(mean, rows)
         return np.asarray(rows.T @ rows)

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.datasets.dataset import Dataset, open_dataset
 from coclo_vio.datasets.sample import sample_path
@@ -22,7 +23,14 @@ from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.keyframes import FrameResult, OdometryDelta, PoseEvidence, PoseMarginal
-from coclo_vio.values.measurements import CameraImuSample, InertialReading, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import (
+    BodyTwistSample,
+    CameraImuSample,
+    InertialReading,
+    Measurement,
+    StereoFrame,
+    StereoTracks,
+)
 from coclo_vio.values.outputs import KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
 
@@ -99,6 +107,10 @@ class TimedSmoother:
         """Take a reading."""
         self.watch.time(lambda: self._smoother.push_imu(sample))
 
+    def push_twist(self, sample: BodyTwistSample) -> None:
+        """Take a twist."""
+        self.watch.time(lambda: self._smoother.push_twist(sample))
+
     def predicted_pose(self, stamp_ns: int) -> Array | None:
         """``T_world_body`` expected at a stamp."""
         return self.watch.time(lambda: self._smoother.predicted_pose(stamp_ns))
@@ -159,7 +171,8 @@ def _stages() -> tuple[Dataset, VisualOdometry, TimedFrontend, TimedSmoother]:
     equipment = Equipment.of(dataset, config, _SENSORS)
     _, imu = equipment.require_vision_imu()
     frontend = TimedFrontend(StereoFrontend(equipment.require_cameras(), config.frontend))
-    smoother = TimedSmoother(SlidingWindowSmoother(frontend.rig, config.smoother, imu, uses_imu=True))
+    sources = [InertialSource(imu, config.smoother)]
+    smoother = TimedSmoother(SlidingWindowSmoother(frontend.rig, config.smoother, imu, sources))
     return dataset, VisualOdometry("vins", smoother, frontend, imu_kind=CameraImuSample), frontend, smoother
 
 

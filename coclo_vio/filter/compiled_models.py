@@ -12,34 +12,32 @@ from scipy.linalg import lapack
 from coclo_vio.filter import (
     correction_kernel,
     measurement_kernel,
-    measurement_model,
     process_kernel,
-    process_model,
     state_kernels,
 )
-from coclo_vio.filter.measurement_kernel import Sensed, SensingConstants, Triples
-from coclo_vio.filter.measurement_model import LegSensing
+from coclo_vio.filter.measurement_model import LegConstants
+from coclo_vio.filter.measurement_table import Measured, Sensed, SensingConstants, gravity_table
 from coclo_vio.filter.process_kernel import ProcessConstants
+from coclo_vio.filter.robust_models import innovation_squared_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import LEG_COMPLIANCE, SLIP, State
-from coclo_vio.filter.triangle_kernels import foot_noises, lower_of
+from coclo_vio.filter.state import SLIP, State, StateLayout
+from coclo_vio.filter.triangle_kernels import foot_noises
 from coclo_vio.values.arrays import Array, BoolArray
-from coclo_vio.values.calibration import ImuCalibration
 
 _BLOCK = 32  # columns that LAPACK reflects together
+_CONSIDERED = (SLIP.start, SLIP.stop)
 _NO_RATE = np.zeros(3)
 
 
 class CompiledModels:
-    """The models by kernels; arguments as in ``DirectModels``."""
+    """The models by kernels; arguments as in ``DirectModels``, and the layout of the state."""
 
     def __init__(
-        self, sensing: LegSensing, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
+        self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float], layout: StateLayout
     ) -> None:
         self._config = config = sensing.config
         self._encoder_noise_rad = float(encoder_noise_rad)
-        self._limits = (gate[3], gate[6])
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
         self._sensing = SensingConstants(
             radii_m,
@@ -47,20 +45,20 @@ class CompiledModels:
             float(sensing.joint_velocity_noise_radps),
             float(config.standstill_velocity_noise_mps),
             float(config.standstill_rate_noise_radps),
+            (gate[3], gate[6]),
+            layout.world.stop,
         )
         self._process = ProcessConstants(
             radii_m,
             hips_body,
             float(config.angular_acceleration_density),
             float(config.acceleration_density),
-            float(imu.gyroscope_bias_walk),
-            float(imu.accelerometer_bias_walk),
-            float(config.leg_scale_walk * config.estimates_leg_scale),
-            float(config.leg_compliance_walk_m * config.estimates_leg_compliance),
-            float(config.slip_turn_per_m),
-            float(config.slip_share),
             float(config.foothold_creep),
-            float(config.slip_memory_s),
+            layout.walks,
+            layout.walking,
+            layout.memories_s,
+            layout.world.stop,
+            layout.active,
         )
 
     def foot_noise(self, reading: Reading) -> Array:
@@ -69,18 +67,23 @@ class CompiledModels:
 
     def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         """By ``process_kernel``."""
-        mean = core.mean
-        width_squared = core.spread(process_model.CURVED_COLUMNS).width_squared
-        rotation, vector, rows = process_kernel.predicted(
-            mean.rotation, mean.vector, core.factor, motion, foot_noise, self._process, dt_s, width_squared
+        mean, factor = core.mean, core.active_factor
+        layout, length = mean.layout, len(factor)
+        rotation, active, rows, core.passive.cross = process_kernel.predicted(
+            mean.rotation,
+            mean.vector[:length],
+            (factor, core.passive.cross),
+            motion,
+            foot_noise,
+            self._process,
+            dt_s,
+            core.spread(layout.curved_in_process).width_squared,
         )
-        length = len(vector)
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)
-        core.factor = lower_of(triangle, 0, length)
-        state_kernels.bound_rotations(core.factor, MAX_ROTATION_SIGMA_RAD, mean.layout.legs)
-        core.mean = State(
-            mean.layout, rotation, vector, mean.keyframe_rotation, mean.frame_rotation, mean.anchor_rotation
-        )
+        factor, scales = state_kernels.bounded_factor(triangle, MAX_ROTATION_SIGMA_RAD)
+        core.replace_active(factor)
+        core.follow_bound(scales)
+        core.mean = State(layout, rotation, np.concatenate((active, mean.vector[length:])), mean.remembered)
 
     def expect(
         self,
@@ -106,17 +109,32 @@ class CompiledModels:
             0.0 if rate is None else gyroscope_noise_radps,
             reading.is_stationary,
         )
-        compliance_m = float(mean.vector[LEG_COMPLIANCE.start])
-        table = measurement_kernel.triples_of(sensed, motion, foot_noise, mean.rotation, compliance_m, self._sensing)
-        if not len(table.leg):
-            return None
-        legs, width_squared = mean.layout.legs, core.spread(measurement_model.CURVED_COLUMNS).width_squared
-        predicted, rows = measurement_kernel.expected(
-            mean.rotation, mean.vector, core.factor, table, legs, width_squared
+        measured = measurement_kernel.measured_of(
+            sensed,
+            motion,
+            foot_noise,
+            (mean.rotation, mean.vector[: mean.layout.active]),
+            (core.active_factor, core.passive.cross),
+            core.spread(mean.layout.curved_in_measurement).width_squared,
+            self._sensing,
         )
-        innovation = table.measured.ravel() - predicted
-        rejected = measurement_kernel.rejected_legs(rows, innovation, table, self._limits, legs)
-        return CompiledExpectation(rows, table, innovation, rejected)
+        return CompiledExpectation(measured, _CONSIDERED) if len(measured.innovation) else None
+
+    def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "CompiledExpectation":
+        """By ``measurement_kernel``."""
+        mean, layout = core.mean, core.mean.layout
+        table = gravity_table(force_body, sigma)
+        predicted, rows, observed = measurement_kernel.expected(
+            mean.rotation,
+            mean.vector[: layout.active],
+            core.active_factor,
+            core.passive.cross,
+            table,
+            layout.world.stop,
+            core.spread(layout.curved_in_measurement).width_squared,
+        )
+        rejected = np.zeros(layout.legs, dtype=np.bool_)
+        return CompiledExpectation(Measured(table, rows, observed, force_body - predicted, rejected), (0, 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,30 +142,39 @@ class CompiledExpectation:
     """``Expectation`` of ``CompiledModels``.
 
     Attributes:
-        rows: square-root rows of the predicted measurement, (L + extra, M).
-        table: the M / 3 triples.
-        innovation: measured less predicted, (M,).
-        rejected: as in ``Expectation``.
+        measured: the measurements.
+        considered: first error that is only considered, and the one after the last.
     """
 
-    rows: Array
-    table: Triples
-    innovation: Array
-    rejected: BoolArray
+    measured: Measured
+    considered: tuple[int, int]
+
+    @property
+    def rejected(self) -> BoolArray:
+        """As in ``Expectation``."""
+        return self.measured.rejected
+
+    @property
+    def innovation_squared(self) -> float:
+        """As in ``Expectation``."""
+        rows, noise = self.measured.rows, noise_rows_of(self.measured.table.noise)
+        return innovation_squared_of(rows, noise, self.measured.innovation)
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
-        """One update by the rows that are left; the slip is only considered."""
-        mean = core.mean
+        """One update by the rows that are left."""
+        mean, measured = core.mean, self.measured
         layout = mean.layout
-        stacked, innovation = correction_kernel.stacked(self.rows, core.factor, self.table, self.innovation, rejected)
+        stacked, innovation, observed = correction_kernel.stacked(
+            measured.rows, core.active_factor, measured.table, measured.innovation, rejected, measured.observed
+        )
         if not len(innovation):
             return
         triangle, _, _, _ = lapack.dgeqrf(stacked, lwork=_BLOCK * stacked.shape[1], overwrite_a=1)
-        step, core.factor = correction_kernel.solved(triangle, innovation, SLIP.start, SLIP.stop)
-        remembered = mean.keyframe_rotation[None]
-        if layout.has_frame:
-            remembered = np.stack((mean.keyframe_rotation, mean.frame_rotation, mean.anchor_rotation))
-        rotation, vector, remembered = state_kernels.corrected(
-            mean.rotation, mean.vector, remembered, step, layout.legs
+        step, factor = correction_kernel.solved(
+            triangle, innovation, self.considered, observed, core.passive.cross, core.passive.own
         )
-        core.mean = State(layout, rotation, vector, *remembered)
+        core.replace_active(factor)
+        moved = state_kernels.corrected(
+            mean.rotation, mean.vector, mean.remembered, step, layout.world.stop, layout.active
+        )
+        core.mean = State(layout, *moved)

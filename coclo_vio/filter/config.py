@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
-from coclo_vio.filter.evidence_gate import GateConfig
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.standstill import StandstillConfig
 from coclo_vio.values.config import StageConfig, merged
@@ -136,6 +135,18 @@ class PaperConfig(StageConfig):
     rate_noise_radps: Annotated[float, Field(gt=0, description="R of the angular velocity rows, rad/s")] = 0.05
     foot_noise_m: Annotated[float, Field(gt=0, description="R of the relative foot positions, m")] = 0.002
     contact_noise: Annotated[float, Field(gt=0, description="R of the contact probabilities")] = 0.1
+
+
+class GateConfig(StageConfig):
+    """The innovation gate of evidence from outside."""
+
+    probability: Annotated[
+        float, Field(gt=0.5, lt=1, description="share of correct evidence that passes the innovation gate")
+    ] = 0.9999
+    max_rejections: Annotated[
+        int,
+        Field(ge=1, description="after so many rejections in a row the covariance is inflated and evidence accepted"),
+    ] = 3
 
 
 class FilterConfig(StageConfig):

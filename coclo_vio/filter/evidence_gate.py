@@ -9,28 +9,14 @@ rejections in a row its covariance is inflated until the evidence fits, and the 
 from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated
 
-from pydantic import Field
 from scipy.stats import chi2
 
+from coclo_vio.filter.config import GateConfig
 from coclo_vio.filter.remembered_poses import Innovation, correction_by
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.unscented_transform import Correction
-from coclo_vio.values.config import StageConfig
 from coclo_vio.values.keyframes import PoseEvidence
-
-
-class GateConfig(StageConfig):
-    """The innovation gate of evidence from outside."""
-
-    probability: Annotated[
-        float, Field(gt=0.5, lt=1, description="share of correct evidence that passes the innovation gate")
-    ] = 0.9999
-    max_rejections: Annotated[
-        int,
-        Field(ge=1, description="after so many rejections in a row the covariance is inflated and evidence accepted"),
-    ] = 3
 
 
 class GateOutcome(Enum):

@@ -10,46 +10,29 @@ from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
-    ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
     LEG_COMPLIANCE,
-    LEG_SCALE,
-    POSITION,
-    RATE,
-    ROTATION,
-    SLIP,
-    SLIP_TURN,
-    VELOCITY,
     State,
     StateLayout,
 )
 from coclo_vio.geometry import so3
-from coclo_vio.robot.standstill import Rest
+from coclo_vio.robot.standstill import ImuMeans
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
 
 _MIN_FORCE_MPS2 = 1.0  # a smaller mean specific force has no usable direction: the body is taken as level
-_ZERO_SIGMA = 1e-9  # sigma of what is zero by definition: position and yaw at the start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootPrior:
-    """Uncertainty of the feet at the start; a sigma is 0 where its error is not estimated.
+    """Uncertainty of the feet at the start.
 
     Attributes:
         noise_m: one sigma of a foot position in the body frame by itself, m.
-        scale: one sigma of the relative error of the effective leg length.
-        compliance_m: one sigma of the compression of a leg under the load from which it stands, m.
-        slip: one sigma of the common slip of all feet, as a share of the speed.
-        slip_turn: one sigma of the rotation of the body by that slip, for each metre walked, rad/m.
         load_ratio: load on each foot as a multiple of the load from which a foot stands, (n,).
     """
 
     noise_m: float
-    scale: float
-    compliance_m: float
-    slip: float
-    slip_turn: float
     load_ratio: Array
 
 
@@ -57,7 +40,7 @@ def initial_filter(
     layout: StateLayout,
     config: InitialConfig,
     reading: Reading,
-    rest: Rest | None,
+    rest: ImuMeans | None,
     *,
     moving_force: Array | None,
     foot_prior: FootPrior,
@@ -80,36 +63,17 @@ def initial_filter(
     vector = np.zeros(layout.dimension)
     vector[layout.feet] = (np.nan_to_num(reading.feet.position_body) @ rotation.T).ravel()
     if layout.has_contacts:
-        vector[layout.contacts] = reading.contact.probability
+        vector[layout.at("contacts")] = reading.contact.probability
     if rest is not None:
         vector[GYROSCOPE_BIAS] = rest.angular_velocity
-    mean = State(layout, rotation, vector, np.eye(3))
-    core = SquareRootFilter(mean, _sigmas(layout, config, foot_prior, is_moving=rest is None), is_wide=is_wide)
+    mean = State(layout, rotation, vector, np.tile(np.eye(3), (len(layout.poses), 1, 1)))
+    sigmas = layout.sigmas(is_moving=rest is None)
+    sigmas[layout.feet] = foot_prior.noise_m
+    core = SquareRootFilter(mean, sigmas, is_wide=is_wide)
     _correlate_feet(core, foot_prior)
     if rest is not None:
         _update_at_rest(core, config, rest)
     return core
-
-
-def _sigmas(layout: StateLayout, config: InitialConfig, foot_prior: FootPrior, *, is_moving: bool) -> Array:
-    """Sigmas (L,) of the errors; tilt and yaw are errors about world axes, as all rotation errors are."""
-    tilt = config.moving_tilt_rad if is_moving else config.tilt_rad
-    sigmas = np.full(layout.dimension, _ZERO_SIGMA)
-    sigmas[ROTATION] = (tilt, tilt, _ZERO_SIGMA)
-    sigmas[LEG_SCALE] = foot_prior.scale
-    sigmas[LEG_COMPLIANCE] = foot_prior.compliance_m
-    sigmas[SLIP_TURN] = foot_prior.slip_turn
-    sigmas[SLIP] = foot_prior.slip
-    sigmas[RATE] = 1.0 if is_moving else config.rest_rate_noise_radps
-    sigmas[GYROSCOPE_BIAS] = config.gyroscope_bias_radps
-    sigmas[ACCELEROMETER_BIAS] = config.accelerometer_bias_mps2
-    sigmas[VELOCITY] = config.moving_velocity_mps if is_moving else config.velocity_mps
-    sigmas[POSITION] = _ZERO_SIGMA
-    sigmas[layout.feet] = foot_prior.noise_m
-    sigmas[layout.contacts] = 0.5
-    if layout.has_frame:
-        sigmas[layout.camera] = (*[config.camera_rotation_sigma_rad] * 3, config.stereo_scale_sigma)
-    return sigmas
 
 
 def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
@@ -118,12 +82,11 @@ def _correlate_feet(core: SquareRootFilter, foot_prior: FootPrior) -> None:
     Without it the first footholds, measured by the same joint angles, would determine the compliance to be zero.
     """
     feet = core.mean.layout.feet
-    core.factor[feet.start + 2 : feet.stop : 3, LEG_COMPLIANCE] = (
-        foot_prior.compliance_m * foot_prior.load_ratio[:, None]
-    )
+    compliance_m = core.active_factor[LEG_COMPLIANCE, LEG_COMPLIANCE].item()
+    core.active_factor[feet.start + 2 : feet.stop : 3, LEG_COMPLIANCE] = compliance_m * foot_prior.load_ratio[:, None]
 
 
-def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -> None:
+def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: ImuMeans) -> None:
     """One update with gravity (tilt and accelerometer bias become correlated) and with the rate at rest."""
 
     def model(stack: State) -> Array:
@@ -131,7 +94,7 @@ def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: Rest) -
             (measurement_model.specific_force_at_rest(stack), measurement_model.gyroscope(stack)), axis=1
         )
 
-    predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
+    predicted, rows = core.observe(model)
     measured = np.concatenate((rest.specific_force, rest.angular_velocity))
     measured[:3] *= GRAVITY_MPS2 / max(float(np.linalg.norm(rest.specific_force)), 1e-6)
     noise = np.repeat((config.rest_force_noise_mps2, config.rest_rate_noise_radps), 3)

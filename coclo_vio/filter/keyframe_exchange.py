@@ -8,10 +8,13 @@ an object that a later call replaced is void, and its methods raise FilterError.
 """
 
 from collections.abc import Callable
+from copy import deepcopy
+from functools import partial
 
 from coclo_vio.filter import remembered_poses
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateResult
 from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.keyframes import PoseEvidence, PosePair
@@ -52,7 +55,7 @@ class KeyframeExchange:
 
     def keep_frame(self, stamp_ns: int) -> "Keyframe":
         """The frame becomes the keyframe; the objects of the frame and of the earlier keyframe are void."""
-        self.core.keep_frame()
+        self.core.copy_pose(FRAME, KEYFRAME)
         self._frame = None
         self._keyframe = keyframe = Keyframe(self, stamp_ns)
         return keyframe
@@ -103,7 +106,7 @@ class MarkedFrame:
         Raises:
             FilterError: the object is void.
         """
-        self._exchange.core_of(self).anchor_frame()
+        self._exchange.core_of(self).copy_pose(FRAME, ANCHOR)
         return self._exchange.keep_frame(self.stamp_ns)
 
 
@@ -143,6 +146,14 @@ class Keyframe:
             FilterError: the object is void.
         """
         return remembered_poses.in_world(self._exchange.core_of(self), T_anchor_body, covariance)
+
+    def in_world_of_now(self) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """``in_world`` as it is now, for a pose that is known later.
+
+        Raises:
+            FilterError: the object is void.
+        """
+        return partial(remembered_poses.in_world, deepcopy(self._exchange.core_of(self)))
 
 
 class FramePair:

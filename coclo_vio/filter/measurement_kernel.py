@@ -5,89 +5,84 @@ A triple is three rows of measurement with one noise factor: of the gyroscope, o
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from coclo_vio.filter.measurement_model import CURVED_COLUMNS, NO_LEG
+from coclo_vio.filter.measurement_model import NO_LEG
+from coclo_vio.filter.measurement_table import (
+    FOOT_POSITION,
+    GRAVITY,
+    GYROSCOPE,
+    LEG_VELOCITY,
+    REST_RATE,
+    REST_VELOCITY,
+    Measured,
+    Sensed,
+    SensingConstants,
+    Triples,
+)
 from coclo_vio.filter.process_kernel import slip_velocity, speed_of
 from coclo_vio.filter.stance import FootMotion
-from coclo_vio.filter.state import GYROSCOPE_BIAS, LEG_COMPLIANCE, LEG_SCALE, POSITION, RATE, VELOCITY
-from coclo_vio.filter.state_kernels import BODY, set_spread
+from coclo_vio.filter.state import (
+    ACCELEROMETER_BIAS,
+    GYROSCOPE_BIAS,
+    LEG_COMPLIANCE,
+    LEG_SCALE,
+    POSITION,
+    RATE,
+    VELOCITY,
+)
+from coclo_vio.filter.state import (
+    BODY_ERRORS as BODY,
+)
+from coclo_vio.filter.state import (
+    CURVED_IN_MEASUREMENT as CURVED,
+)
+from coclo_vio.filter.state_kernels import set_rest_and_shares, set_spread
 from coclo_vio.filter.triangle_kernels import cholesky_in_place, set_noise_factor, squared_norm
 from coclo_vio.geometry.array_types import Array, BoolArray, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated_back
+from coclo_vio.values.units import GRAVITY_MPS2
 
 _LEG_SCALE, _RATE, _GYROSCOPE_BIAS = LEG_SCALE.start, RATE.start, GYROSCOPE_BIAS.start
+_ACCELEROMETER_BIAS = ACCELEROMETER_BIAS.start
 _LEG_COMPLIANCE, _VELOCITY, _POSITION = LEG_COMPLIANCE.start, VELOCITY.start, POSITION.start
-_GYROSCOPE, _REST_VELOCITY, _REST_RATE, _LEG_VELOCITY, _FOOT_POSITION = range(5)
-
-
-class SensingConstants(NamedTuple):
-    """What the measurement model knows of the robot and of the noise; as in ``LegSensing``."""
-
-    radii_m: Array
-    hips_body: Array
-    joint_velocity_noise_radps: float
-    standstill_velocity_noise_mps: float
-    standstill_rate_noise_radps: float
-
-
-class Sensed(NamedTuple):
-    """The measured values of one joint sample.
-
-    Attributes:
-        position_body: foot centres, m, body frame, (n, 3).
-        velocity_body: of the foot centres relative to the body, m/s, body axes, (n, 3).
-        angular_velocity_body: of the foot links relative to the body, rad/s, body axes, (n, 3).
-        jacobian: of the feet, (n, 6, J).
-        is_used: legs that give rows, (n,).
-        foot_velocity_noise_mps: of each used foot, one sigma.
-        angular_velocity: gyroscope, rad/s, (3,).
-        gyroscope_noise_radps: its sigma; 0 where there is no gyroscope sample.
-        is_stationary: whether the robot stands still.
-    """
-
-    position_body: Array
-    velocity_body: Array
-    angular_velocity_body: Array
-    jacobian: Array
-    is_used: BoolArray
-    foot_velocity_noise_mps: float
-    angular_velocity: Array
-    gyroscope_noise_radps: float
-    is_stationary: bool
-
-
-class Triples(NamedTuple):
-    """A table of measurements, three rows each, in the order of ``measurement_model.blocks``.
-
-    A predicted triple is a linear function of the state given rotation and leg scale, plus ``added``, plus ``scaled``
-    times the leg scale.
-
-    Attributes:
-        kind: what is measured, (k,).
-        leg: by which leg, (k,); ``NO_LEG`` where by none.
-        measured: (k, 3).
-        noise: lower factors, (k, 3, 3).
-        lever: of a leg's velocity: from the body origin to the contact; of a foot's position: upward direction times
-            load ratio; body frame, (k, 3).
-        added: (k, 3).
-        scaled: (k, 3).
-    """
-
-    kind: IntArray
-    leg: IntArray
-    measured: Array
-    noise: Array
-    lever: Array
-    added: Array
-    scaled: Array
 
 
 @compiled
-def triples_of(
+def measured_of(
+    sensed: Sensed,
+    motion: FootMotion,
+    foot_noise: Array,
+    mean: tuple[Array, Array],
+    covariance: tuple[Array, Array],
+    width_squared: float,
+    sensing: SensingConstants,
+) -> Measured:
+    """The measurements of one joint sample: ``DirectModels.expect``.
+
+    Args:
+        sensed: the measured values.
+        motion: of the feet.
+        foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
+        mean: its rotation, (3, 3), and vector, (L,).
+        covariance: its lower factor, (L, L), and the covariance with the passive errors, (L, p).
+        width_squared: of the sigma points, see ``SigmaSpread``.
+        sensing: of robot and noise.
+    """
+    rotation, vector = mean
+    factor, cross = covariance
+    table = _triples_of(sensed, motion, foot_noise, rotation, vector[_LEG_COMPLIANCE], sensing)
+    predicted, rows, observed = expected(rotation, vector, factor, cross, table, sensing.world_stop, width_squared)
+    for i in range(len(predicted)):
+        predicted[i] = table.measured[i // 3, i % 3] - predicted[i]
+    rejected = _rejected_legs(rows, predicted, table, sensing.gate, len(sensed.is_used))
+    return Measured(table, rows, observed, predicted, rejected)
+
+
+@inlined
+def _triples_of(
     sensed: Sensed,
     motion: FootMotion,
     foot_noise: Array,
@@ -95,16 +90,7 @@ def triples_of(
     compliance_m: float,
     sensing: SensingConstants,
 ) -> Triples:
-    """The measurements of one joint sample: ``measurement_model.blocks``.
-
-    Args:
-        sensed: the measured values.
-        motion: of the feet.
-        foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
-        rotation: of the predicted mean, (3, 3).
-        compliance_m: leg compliance of the predicted mean, m.
-        sensing: of robot and noise.
-    """
+    """The measurements of one joint sample: ``measurement_model.blocks``."""
     has_rate = sensed.gyroscope_noise_radps > 0.0
     count = int(has_rate) + 2 * int(sensed.is_stationary)
     for leg in range(len(sensed.is_used)):
@@ -122,10 +108,10 @@ def triples_of(
     if has_rate:
         for i in range(3):
             table.measured[at, i] = sensed.angular_velocity[i]
-        at = _set_imu(table, at, _GYROSCOPE, sensed.gyroscope_noise_radps)
+        at = _set_imu(table, at, GYROSCOPE, sensed.gyroscope_noise_radps)
     if sensed.is_stationary:
-        at = _set_imu(table, at, _REST_VELOCITY, sensing.standstill_velocity_noise_mps)
-        at = _set_imu(table, at, _REST_RATE, sensing.standstill_rate_noise_radps)
+        at = _set_imu(table, at, REST_VELOCITY, sensing.standstill_velocity_noise_mps)
+        at = _set_imu(table, at, REST_RATE, sensing.standstill_rate_noise_radps)
     at = _set_velocities(table, at, sensed, motion, rotation[2], compliance_m, sensing)
     _set_positions(table, at, sensed, motion, rotation[2], foot_noise, sensing.hips_body)
     return table
@@ -160,7 +146,7 @@ def _set_velocities(
         set_noise_factor(table.noise[at], sensed.jacobian[leg], arm, sigmas[0], sigmas[1])
         turn = sensed.angular_velocity_body[leg]
         rolling = cross(turn[0], turn[1], turn[2], arm[0], arm[1], arm[2])
-        table.kind[at], table.leg[at] = _LEG_VELOCITY, leg
+        table.kind[at], table.leg[at] = LEG_VELOCITY, leg
         for i in range(3):
             table.measured[at, i] = rolling[i] - sensed.velocity_body[leg, i]
             table.lever[at, i] = sensed.position_body[leg, i] - arm[i]
@@ -178,7 +164,7 @@ def _set_positions(
     for leg in range(len(sensed.is_used)):
         if not (sensed.is_used[leg] and motion.holds[leg]):
             continue
-        table.kind[at], table.leg[at] = _FOOT_POSITION, leg
+        table.kind[at], table.leg[at] = FOOT_POSITION, leg
         for i in range(3):
             for j in range(3):
                 table.noise[at, i, j] = foot_noise[leg, i, j]
@@ -197,13 +183,16 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
     bx, by, bz = rotated_back(R, vx, vy, vz)
     for row in range(len(table.kind)):
         kind, lever = table.kind[row], table.lever[row]
-        if kind == _GYROSCOPE:
+        if kind == GYROSCOPE:
             x, y, z = wx + vector[_GYROSCOPE_BIAS], wy + vector[_GYROSCOPE_BIAS + 1], wz + vector[_GYROSCOPE_BIAS + 2]
-        elif kind == _REST_VELOCITY:
+        elif kind == REST_VELOCITY:
             x, y, z = vx, vy, vz
-        elif kind == _REST_RATE:
+        elif kind == REST_RATE:
             x, y, z = wx, wy, wz
-        elif kind == _LEG_VELOCITY:
+        elif kind == GRAVITY:
+            at = _ACCELEROMETER_BIAS
+            x, y, z = vector[at], vector[at + 1], vector[at + 2]
+        elif kind == LEG_VELOCITY:
             x, y, z = cross(wx, wy, wz, lever[0], lever[1], lever[2])
             sx, sy, sz = slip_velocity(vector, lever, speed)
             x, y, z = (1.0 - scale) * (x + bx - sx), (1.0 - scale) * (y + by - sy), z + bz - sz
@@ -217,67 +206,80 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
 
 @compiled
 def expected(
-    rotation: Array, vector: Array, factor: Array, table: Triples, legs: int, width_squared: float
-) -> tuple[Array, Array]:
-    """Mean (M,) and square-root rows (L + curved + 1, M) of the predicted measurement: ``SquareRootFilter.observe``.
+    rotation: Array, vector: Array, factor: Array, cross: Array, table: Triples, world_stop: int, width_squared: float
+) -> tuple[Array, Array, Array]:
+    """Predicted measurement: mean (M,), square-root rows (L + curved + 1, M), covariance with passive errors (M, p).
+
+    ``SquareRootFilter.observe`` and ``PassiveStates.observed``.
 
     Args:
         rotation: of the mean, (3, 3).
         vector: of the mean, (L,).
         factor: lower factor, (L, L).
+        cross: covariance with the passive errors, (L, p).
         table: the M / 3 triples.
-        legs: number of legs.
+        world_stop: end of the vectors of the world, see ``StateLayout.world``.
         width_squared: of the sigma points, see ``SigmaSpread``.
     """
     length, size = len(vector), 3 * len(table.kind)
     speed = speed_of(vector)
-    images = _images(rotation, vector, factor, table, legs, speed, width_squared)
-    mean, rows = np.empty(size), np.empty((length + CURVED_COLUMNS + 1, size))
-    scale, centre_scale = 0.5 / math.sqrt(width_squared), math.sqrt(1.0 - CURVED_COLUMNS / width_squared)
+    images = _images(rotation, vector, factor, table, world_stop, speed, width_squared)
+    mean, rows = np.empty(size), np.empty((length + CURVED + 1, size))
+    scale, centre_scale = 0.5 / math.sqrt(width_squared), math.sqrt(1.0 - CURVED / width_squared)
     for i in range(size):
         shift = 0.0
         for index in range(1, len(images)):
             shift += images[index, i] - images[0, i]
         mean[i] = images[0, i] + shift / (2.0 * width_squared)
-        for column in range(CURVED_COLUMNS):
-            plus, minus = images[1 + column, i], images[1 + CURVED_COLUMNS + column, i]
+        for column in range(CURVED):
+            plus, minus = images[1 + column, i], images[1 + CURVED + column, i]
             rows[column, i] = scale * (plus - minus)
             rows[length + column, i] = scale * ((plus - mean[i]) + (minus - mean[i]))
-        rows[length + CURVED_COLUMNS, i] = centre_scale * (images[0, i] - mean[i])
+        rows[length + CURVED, i] = centre_scale * (images[0, i] - mean[i])
     column_of = np.zeros(length)
-    for j in range(CURVED_COLUMNS, length):
+    for j in range(CURVED, length):
         column_of[j - 1] = 0.0
         for i in range(j, length):
             column_of[i] = factor[i, j]
         _set_linear(rows[j], column_of, rotation, vector[_LEG_SCALE], table, speed)
-    return mean, rows
+    observed, image, shares = np.empty((size, cross.shape[1])), np.empty(size), np.empty(CURVED)
+    for passive in range(cross.shape[1]):
+        set_rest_and_shares(column_of, shares, cross[:, passive], factor)
+        _set_linear(image, column_of, rotation, vector[_LEG_SCALE], table, speed)
+        for i in range(size):
+            for k in range(CURVED):
+                image[i] += shares[k] * rows[k, i]
+            observed[i, passive] = image[i]
+    return mean, rows, observed
 
 
 @inlined
 def _images(
-    rotation: Array, vector: Array, factor: Array, table: Triples, legs: int, speed: float, width_squared: float
+    rotation: Array, vector: Array, factor: Array, table: Triples, world_stop: int, speed: float, width_squared: float
 ) -> Array:
     """Measurements (9, M) predicted at centre and curved points: +, then -."""
     length, width = len(vector), math.sqrt(width_squared)
-    images = np.empty((1 + 2 * CURVED_COLUMNS, 3 * len(table.kind)))
+    images = np.empty((1 + 2 * CURVED, 3 * len(table.kind)))
     R, point, error = np.empty((3, 3)), np.empty(length), np.zeros(length)
     for index in range(len(images)):
         if index > 0:
-            column = (index - 1) % CURVED_COLUMNS
-            sign = width if index <= CURVED_COLUMNS else -width
+            column = (index - 1) % CURVED
+            sign = width if index <= CURVED else -width
             for i in range(length):
                 error[i] = sign * factor[i, column]
-        set_spread(R, point, rotation, vector, error, legs)
+        set_spread(R, point, rotation, vector, error, world_stop)
         scale = point[_LEG_SCALE]
         _set_linear(images[index], point, R, scale, table, speed)
         for row in range(len(table.kind)):
             for i in range(3):
                 images[index, 3 * row + i] += table.added[row, i] + scale * table.scaled[row, i]
+                if table.kind[row] == GRAVITY:
+                    images[index, 3 * row + i] += GRAVITY_MPS2 * R[2, i]
     return images
 
 
-@compiled
-def rejected_legs(rows: Array, innovation: Array, table: Triples, limits: tuple[float, float], legs: int) -> BoolArray:
+@inlined
+def _rejected_legs(rows: Array, innovation: Array, table: Triples, limits: tuple[float, float], legs: int) -> BoolArray:
     """Legs (n,) whose innovation is larger than its covariance allows, by chi-square limits of 3 and of 6 rows."""
     rejected = np.zeros(legs, dtype=np.bool_)
     own = np.empty(len(limits), dtype=np.int64)

@@ -31,7 +31,6 @@ from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 
 NO_LEG = -1
-CURVED_COLUMNS = 4  # the models are nonlinear in rotation and leg scale, and linear in all else given them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +113,7 @@ def _position_of(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LegSensing:
+class LegConstants:
     """What the measurement model knows of the robot and its parameters; the same at every sample.
 
     Attributes:
@@ -131,7 +130,7 @@ class LegSensing:
 
 
 def blocks(
-    sensing: LegSensing,
+    sensing: LegConstants,
     reading: Reading,
     motion: FootMotion,
     mean: State,
@@ -176,7 +175,7 @@ def blocks(
 
 
 def _velocity_block(
-    sensing: LegSensing, reading: Reading, motion: FootMotion, mean: State, legs: IntArray, sigma_mps: float
+    sensing: LegConstants, reading: Reading, motion: FootMotion, mean: State, legs: IntArray, sigma_mps: float
 ) -> Block:
     """Velocity of the body over the contact point of each of the ``legs`` (k,), eq. (6), 3 k rows.
 

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.reading_builder import ReadingBuilder
-from coclo_vio.filter.stance import Reading
 from coclo_vio.geometry import se3, so3
+from coclo_vio.robot.leg_sensing import LegSensing, Reading
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.robot.standstill import StartRule
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -35,11 +35,11 @@ class NaiveLegOdometry:
 
     def __init__(self, robot: RobotModel, config: FilterConfig, *, rolls_feet: bool, weighs_load: bool) -> None:
         self._counts: Counter[str] = Counter()
-        self._readings = ReadingBuilder(robot, config, robot.description.contact, self._counts)
-        self._rest_timeout_ns = round(config.rest_timeout_s * NS_PER_S)
+        contact = robot.description.contact
+        self._sensing = LegSensing(robot, contact, config.standstill, force_timeout_s=config.force_timeout_s)
+        self._start_rule = StartRule(config.rest_timeout_s)
         self._radii_m = robot.foot_radii_m * rolls_feet
         self._weighs_load = weighs_load
-        self._first_ns: int | None = None
         self._stamp_ns: int | None = None
         self._rotation: Array = np.eye(3)
         self._bias: Array = np.zeros(3)
@@ -51,26 +51,25 @@ class NaiveLegOdometry:
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened."""
-        counts = {**self._counts, **self._readings.counts}
+        counts = {**self._counts, **self._sensing.counts}
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate after the start."""
-        reading = self._readings.push(measurement, None if self._stamp_ns is None else self._rotation[2])
+        reading = self._sensing.push(measurement, None if self._stamp_ns is None else self._rotation[2])
         if reading is None or not self._has_started(reading):
             return None
         self._advance(reading)
         return self._estimate(reading)
 
     def _has_started(self, reading: Reading) -> bool:
-        rest = self._readings.rest
+        rest = self._sensing.rest
         if rest is not None:
             self._bias = rest.angular_velocity
         if self._stamp_ns is not None:
             return True
-        self._first_ns = reading.stamp_ns if self._first_ns is None else self._first_ns
         force = reading.specific_force if rest is None else rest.specific_force
-        if force is None or (rest is None and reading.stamp_ns - self._first_ns < self._rest_timeout_ns):
+        if not self._start_rule.is_met(reading.stamp_ns, rest) or force is None:
             return False
         self._rotation = so3.from_gravity(force)
         self._stamp_ns = reading.stamp_ns

@@ -2,7 +2,7 @@
 """The leg odometry COCLO: measurements in, one at a time; an estimate out at every joint sample."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,16 +12,19 @@ from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
 from coclo_vio.filter.paper_profile import PaperProfile
-from coclo_vio.filter.reading_builder import ReadingBuilder
+from coclo_vio.filter.profile import Profile
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
+from coclo_vio.filter.state_blocks import StateBlock
 from coclo_vio.filter.state_kernels import plain_covariance
 from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
+from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.values.arrays import BoolArray
+from coclo_vio.robot.standstill import StartRule
+from coclo_vio.values.arrays import Array, BoolArray, is_finite
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -47,7 +50,12 @@ class LegOdometryFilter:
     """
 
     def __init__(
-        self, robot: RobotModel, config: FilterConfig | None = None, *, remembers_frames: bool = False
+        self,
+        robot: RobotModel,
+        config: FilterConfig | None = None,
+        *,
+        remembers_frames: bool = False,
+        extra_blocks: Sequence[StateBlock] = (),
     ) -> None:
         """Take a robot and a configuration.
 
@@ -56,39 +64,51 @@ class LegOdometryFilter:
             config: of the filter; the robot's own if None.
             remembers_frames: keep the poses of a camera frame and of the anchor keyframe in the state, and the errors
                 of the cameras' calibration, for ``mark_frame``.
+            extra_blocks: further blocks of the state of the robust profile.
         """
         self.config = config or FilterConfig.of_robot(robot.description)
         self._counts: Counter[str] = Counter()
         self._robot = robot
         contact = robot.description.contact
-        self._profile: RobustProfile | PaperProfile
+        self._profile: Profile
+        initial = self.config.initial
         if self.config.profile == "paper":
             contact = contact.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
-            self._profile = PaperProfile(robot, self.config.paper, self._counts, has_frame=remembers_frames)
+            self._profile = PaperProfile(
+                robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
+            )
         else:
-            self._profile = RobustProfile(robot, self.config.robust, self._counts, has_frame=remembers_frames)
-        self._readings = ReadingBuilder(robot, self.config, contact, self._counts)
+            self._profile = RobustProfile(
+                robot,
+                self.config.robust,
+                self._counts,
+                initial=initial,
+                has_frame=remembers_frames,
+                extra_blocks=extra_blocks,
+            )
+        timeout_s = self.config.force_timeout_s
+        self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
+        self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
-        self._first_ns: int | None = None
         self._stamp_ns = 0
         self._exchange: KeyframeExchange | None = None
         self._gate = EvidenceGate(self.config.feedback_gate)
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """How often each unusual thing happened, by name; see ``ReadingBuilder`` and the profiles."""
-        counts = {**self._counts, **self._readings.counts, **self._gate.counts}
+        """How often each unusual thing happened, by name; see ``LegSensing`` and the profiles."""
+        counts = {**self._counts, **self._sensing.counts, **self._gate.counts}
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate once the filter has started.
 
         Raises:
-            FilterError: another number of joints than the robot's, or the state is no longer finite.
-            RobotModelError: another number of legs than the robot's.
+            FilterError: the state is no longer finite.
+            RobotModelError: another number of joints or legs than the robot's.
         """
         up_body = None if self._core is None else self._core.mean.rotation[2]
-        reading = self._readings.push(measurement, up_body)
+        reading = self._sensing.push(measurement, up_body)
         if reading is None:
             return None
         if self._core is None:
@@ -137,10 +157,15 @@ class LegOdometryFilter:
         Raises:
             FilterError: the filter has not started yet, or does not remember frames.
         """
-        core = self._remembering()
-        camera = core.mean.layout.camera
-        value, sigma = core.mean.vector[camera], np.sqrt(core.variance(camera))
+        value, sigma = self._remembering().report("camera")
         return Calibration(stamp_ns, value[:3], sigma[:3], float(1.0 + value[3]), float(sigma[3]))
+
+    def reports(self) -> dict[str, tuple[Array, Array]]:
+        """Value and one sigma of each block of the state that is declared as reported; empty before the start."""
+        core = self._core
+        if core is None:
+            return {}
+        return {block.name: core.report(block.name) for block in core.mean.layout.blocks if block.is_reported}
 
     def _extrapolation(self, stamp_ns: int) -> Extrapolation:
         """From the last sample to a frame; motion beyond constant velocity counts only across a gap."""
@@ -156,7 +181,7 @@ class LegOdometryFilter:
         The paper's profile takes the whole gap in one step, as printed.
         """
         remaining = reading
-        if isinstance(self._profile, RobustProfile):
+        if self._profile.can_coast:
             for stamp_ns, rate in reading.gyroscope:
                 if stamp_ns <= self._stamp_ns or stamp_ns >= reading.stamp_ns:
                     continue
@@ -173,11 +198,8 @@ class LegOdometryFilter:
         return float(self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s))
 
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
-        rest = self._readings.rest
-        if self._first_ns is None:
-            self._first_ns = reading.stamp_ns
-        waited_s = (reading.stamp_ns - self._first_ns) / NS_PER_S
-        if rest is None and waited_s < self.config.rest_timeout_s:
+        rest = self._sensing.rest
+        if not self._start_rule.is_met(reading.stamp_ns, rest):
             return None
         self._counts["started_moving"] += rest is None
         profile = self._profile
@@ -186,7 +208,7 @@ class LegOdometryFilter:
             self.config.initial,
             reading,
             rest,
-            moving_force=self._readings.mean_force,
+            moving_force=self._sensing.mean_force,
             foot_prior=profile.foot_prior(reading),
             is_wide=profile.is_wide,
         )
@@ -198,11 +220,11 @@ class LegOdometryFilter:
         mean = core.mean
         vector = mean.vector
         if IS_COMPILED:
-            covariance = plain_covariance(mean.rotation, vector, core.factor)
+            covariance = plain_covariance(mean.rotation, vector, core.active_factor)
         else:
-            rows = mean.plain_jacobian() @ core.factor
+            rows = mean.plain_jacobian()[:, : mean.layout.active] @ core.active_factor
             covariance = rows @ rows.T
-        if not np.isfinite(vector).all() or not np.isfinite(covariance).all():
+        if not is_finite(vector) or not is_finite(covariance):
             raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")
         nav = NavState(
             se3.transform(mean.rotation, vector[POSITION]),
@@ -212,7 +234,9 @@ class LegOdometryFilter:
             vector[ACCELEROMETER_BIAS],
         )
         layout = mean.layout
-        probability = np.clip(vector[layout.contacts], 0.0, 1.0) if layout.has_contacts else reading.contact.probability
+        probability = reading.contact.probability
+        if layout.has_contacts:
+            probability = np.clip(vector[layout.at("contacts")], 0.0, 1.0)
         return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
 
     def _remembering(self) -> SquareRootFilter:

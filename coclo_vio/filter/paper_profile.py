@@ -19,13 +19,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.filter.config import PaperConfig
+from coclo_vio.filter.config import InitialConfig, PaperConfig
 from coclo_vio.filter.initialisation import FootPrior
 from coclo_vio.filter.measurement_model import specific_force_at_rest
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import (
-    ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
     POSITION,
     RATE,
@@ -34,61 +33,68 @@ from coclo_vio.filter.state import (
     State,
     StateLayout,
 )
+from coclo_vio.filter.state_blocks import paper_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
-
-CURVED_COLUMNS = 10  # the prediction is nonlinear in rotation, (leg scale,) rate and gyroscope bias
+from coclo_vio.values.errors import FilterError
 
 
 class PaperProfile:
     """The steps of the filter as printed in the paper."""
 
     def __init__(
-        self, robot: RobotModel, config: PaperConfig, counts: Counter[str], *, has_frame: bool = False
+        self,
+        robot: RobotModel,
+        config: PaperConfig,
+        counts: Counter[str],
+        *,
+        initial: InitialConfig | None = None,
+        has_frame: bool = False,
     ) -> None:
-        self.layout = StateLayout(len(robot.leg_names), has_contacts=True, has_frame=has_frame)
+        """Take a robot and parameters; arguments as in ``RobustProfile``."""
+        imu, initial = robot.description.imu, initial or InitialConfig()
+        self.layout = StateLayout(paper_blocks(len(robot.leg_names), config, initial, imu, has_frame=has_frame))
+        self._contacts = self.layout.at("contacts")
         self.is_wide = True
+        self.can_coast = False
         self._config = config
         self._counts = counts
-        self._imu = robot.description.imu
 
     def start(self, reading: Reading) -> None:
         """Do nothing: this profile has no memory outside the state."""
 
     def foot_prior(self, reading: Reading) -> FootPrior:
         """Uncertainty of the feet at the start."""
-        no_load = np.zeros(self.layout.legs)
-        return FootPrior(
-            self._config.foot_noise_m, scale=0.0, compliance_m=0.0, slip=0.0, slip_turn=0.0, load_ratio=no_load
-        )
+        return FootPrior(self._config.foot_noise_m, load_ratio=np.zeros(self.layout.legs))
 
     def step(
         self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool
     ) -> BoolArray:
         """Predict to the reading and update by it; returns the legs that count as stance, (n,)."""
-        config, layout = self._config, self.layout
-        swings = core.mean.vector[layout.contacts] < config.swing_probability
+        config = self._config
+        swings = core.mean.vector[self._contacts] < config.swing_probability
         velocity = np.where(reading.is_known[:, None], reading.feet.velocity_body, 0.0) * swings[:, None]
-        core.predict(
-            lambda stack: _predict(stack, dt_s, velocity), lambda mean: self._noise_rows(mean, dt_s), CURVED_COLUMNS
-        )
-        stance = (core.mean.vector[layout.contacts] >= config.swing_probability) & reading.is_known
+        core.predict(lambda stack: _predict(stack, dt_s, velocity), lambda mean: self._noise_rows(mean, dt_s))
+        stance = (core.mean.vector[self._contacts] >= config.swing_probability) & reading.is_known
         self._update(core, reading, stance)
         return np.asarray(stance)
 
+    def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
+        """Not there: this profile takes a whole gap in one step, as printed.
+
+        Raises:
+            FilterError: always.
+        """
+        raise FilterError("the paper's profile takes a gap in one step; see can_coast")
+
     def _noise_rows(self, mean: State, dt_s: float) -> Array:
         """Diagonal Q, smaller for feet in certain stance (section III-E), in the errors of ``State``."""
-        config, layout, imu = self._config, self.layout, self._imu
-        sigmas = np.zeros(layout.keyframe_rotation.start)
-        sigmas[ROTATION], sigmas[RATE] = config.rotation_walk, config.rate_walk
-        sigmas[GYROSCOPE_BIAS] = imu.gyroscope_bias_walk
-        sigmas[ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk
-        sigmas[VELOCITY], sigmas[POSITION] = config.velocity_walk, config.position_walk
-        is_certain = mean.vector[layout.contacts] >= config.certain_stance_probability
+        config, layout = self._config, self.layout
+        sigmas = layout.walks[: layout.active].copy()
+        is_certain = mean.vector[self._contacts] >= config.certain_stance_probability
         shrink = np.sqrt(np.where(is_certain, config.certain_stance_ratio, 1.0))
-        sigmas[layout.feet] = config.foot_walk * np.repeat(shrink, 3)
-        sigmas[layout.contacts] = config.contact_walk
+        sigmas[layout.feet] *= np.repeat(shrink, 3)
         rows = np.zeros((len(sigmas), layout.dimension))
         rows[:, : len(sigmas)] = np.diag(sigmas * np.sqrt(dt_s))
         world = mean.vector[layout.world].reshape(-1, 3)
@@ -97,14 +103,14 @@ class PaperProfile:
         return rows
 
     def _update(self, core: SquareRootFilter, reading: Reading, stance: BoolArray) -> None:
-        config, layout = self._config, self.layout
+        config = self._config
         known = np.flatnonzero(reading.is_known)
         body = _body_velocity(reading, stance, core.mean.rotation)
 
         def model(stack: State) -> Array:
             relative = stack.vector[:, None, POSITION] - stack.feet[:, known]
             feet = (relative @ stack.rotation).reshape(len(stack.vector), -1)
-            columns = [feet, stack.vector[:, layout.contacts][:, known]]
+            columns = [feet, stack.vector[:, self._contacts][:, known]]
             if reading.specific_force is not None:
                 columns.append(specific_force_at_rest(stack))
             if body is not None:
@@ -112,7 +118,7 @@ class PaperProfile:
                 columns.append(stack.vector[:, RATE])
             return np.concatenate(columns, axis=1)
 
-        predicted, rows = core.observe(model, 3)
+        predicted, rows = core.observe(model)
         measured = [-reading.feet.position_body[known].ravel(), reading.contact.probability[known]]
         sigmas = [np.full(3 * len(known), config.foot_noise_m), np.full(len(known), config.contact_noise)]
         if reading.specific_force is not None:

@@ -10,11 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coclo_vio.filter.process_model import CURVED_COLUMNS, UNKNOWN_LEG_NOISE_M
+from coclo_vio.filter.process_model import UNKNOWN_LEG_NOISE_M
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
-    ACCELEROMETER_BIAS,
-    GYROSCOPE_BIAS,
+    BODY_ERRORS as BODY,
+)
+from coclo_vio.filter.state import (
+    CURVED_IN_PROCESS as CURVED,
+)
+from coclo_vio.filter.state import (
     LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
@@ -23,40 +27,37 @@ from coclo_vio.filter.state import (
     SLIP_TURN,
     VELOCITY,
 )
-from coclo_vio.filter.state_kernels import BODY, set_errors, set_spread
-from coclo_vio.geometry.array_types import Array
+from coclo_vio.filter.state_kernels import set_errors, set_rest_and_shares, set_spread
+from coclo_vio.geometry.array_types import Array, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated, rotated_back, set_exp, set_product, set_product_transposed
 
 _LEG_SCALE, _RATE, _LEG_COMPLIANCE, _SLIP_TURN = LEG_SCALE.start, RATE.start, LEG_COMPLIANCE.start, SLIP_TURN.start
 _SLIP, _VELOCITY, _POSITION = SLIP.start, VELOCITY.start, POSITION.start
-_BIASES = (GYROSCOPE_BIAS.start, ACCELEROMETER_BIAS.start)
-_BODY_NOISES = 20  # rows of noise before those of the feet
+_ACCELERATIONS = 6  # rows of noise of the body: angular and linear acceleration
 
 
 class ProcessConstants(NamedTuple):
-    """What the prediction knows of the robot and of the process; densities as in ``RobustConfig``, 0 where not used."""
+    """What the prediction knows of the robot, of the process (``RobustConfig``) and of the state (``StateLayout``)."""
 
     radii_m: Array
     hips_body: Array
     angular_acceleration: float
     acceleration: float
-    gyroscope_bias_walk: float
-    accelerometer_bias_walk: float
-    leg_scale_walk: float
-    leg_compliance_walk_m: float
-    slip_turn_per_m: float
-    slip_share: float
     foothold_creep: float
-    slip_memory_s: float
+    walks: Array
+    walking: IntArray
+    memories_s: Array
+    world_stop: int
+    active: int
 
 
 class Step(NamedTuple):
-    """One step: its length, the speed at its begin, m/s, and what is left of a slip at its end."""
+    """One step: its length, the speed at its begin, m/s, and what is left of the mean of each error, (L,)."""
 
     dt_s: float
     speed: float
-    slip_left: float
+    kept: Array
 
 
 @compiled
@@ -84,11 +85,9 @@ def _add(vector: Array, at: int, x: float, y: float, z: float) -> None:
 def _set_flat(moved: Array, vector: Array, R: Array, motion: FootMotion, step: Step) -> None:
     """The part of the process that is linear in a vector (L,) given rotation, leg scale and rate."""
     for i in range(len(vector)):
-        moved[i] = vector[i]
+        moved[i] = vector[i] * step.kept[i]
     for i in range(3):
         moved[_POSITION + i] += vector[_VELOCITY + i] * step.dt_s
-        moved[_SLIP_TURN + i] *= step.slip_left
-        moved[_SLIP + i] *= step.slip_left
     for leg in range(len(motion.holds)):
         at = BODY + 3 * leg
         if motion.holds[leg]:
@@ -128,19 +127,19 @@ def _set_moved(
 def predicted(
     rotation: Array,
     vector: Array,
-    factor: Array,
+    covariance: tuple[Array, Array],
     motion: FootMotion,
     foot_noise: Array,
     constants: ProcessConstants,
     dt_s: float,
     width_squared: float,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Prediction of mean and covariance: ``SquareRootFilter.predict`` up to the triangle.
 
     Args:
         rotation: of the mean, (3, 3).
         vector: of the mean, (L,).
-        factor: lower factor, (L, L).
+        covariance: its lower factor, (L, L), and the covariance with the passive errors, (L, p).
         motion: of the feet, by the joints.
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
         constants: of robot and process.
@@ -148,21 +147,28 @@ def predicted(
         width_squared: of the sigma points, see ``SigmaSpread``.
 
     Returns:
-        Rotation (3, 3) and vector (L,) of the new mean, and rows (m, L) of the new covariance, column by column in
-        memory.
+        Rotation (3, 3) and vector (L,) of the new mean, rows (m, L) of the new covariance, column by column in memory,
+        and the new covariance with the passive errors.
     """
     legs, length = len(motion.holds), len(vector)
-    step = Step(dt_s, speed_of(vector), math.exp(-dt_s / constants.slip_memory_s))
+    kept = np.empty(length)
+    for i in range(length):
+        kept[i] = math.exp(-dt_s / constants.memories_s[i])
+    step = Step(dt_s, speed_of(vector), kept)
+    factor, cross = covariance
     turned, images = _images(rotation, vector, factor, motion, step, constants, width_squared)
-    R, mean = _mean(turned, images, width_squared, legs)
-    rows = np.zeros((length, length + CURVED_COLUMNS + 1 + _BODY_NOISES + 3 * legs)).T
-    _set_spread_rows(rows, turned, images, R, mean, legs, width_squared)
-    _set_flat_rows(rows, factor, rotation, motion, step, _turn(turned[0], R))
-    noise = rows[length + CURVED_COLUMNS + 1 :]
+    R, mean = _mean(turned, images, width_squared, constants)
+    feet_at = length + CURVED + 1 + _ACCELERATIONS + len(constants.walking)
+    rows = np.zeros((length, feet_at + 3 * legs)).T
+    _set_spread_rows(rows, turned, images, R, mean, constants.world_stop, width_squared)
+    turn = _turn(turned[0], R)
+    _set_flat_rows(rows, factor, rotation, motion, step, turn, constants.world_stop)
+    new_cross = _moved_cross(cross, rows, factor, rotation, motion, step, turn, constants.world_stop)
+    noise = rows[length + CURVED + 1 :]
     _set_body_noise(noise, R, dt_s, constants)
-    _set_world_noise(noise, R, mean, motion, constants.radii_m)
-    _set_foot_noise(noise[_BODY_NOISES:], R, motion, foot_noise, constants.foothold_creep * math.sqrt(dt_s))
-    return R, mean, rows
+    _set_world_noise(noise, R, mean, motion, constants)
+    _set_foot_noise(rows[feet_at:], R, motion, foot_noise, constants.foothold_creep * math.sqrt(dt_s))
+    return R, mean, rows, new_cross
 
 
 @inlined
@@ -176,34 +182,34 @@ def _images(
     width_squared: float,
 ) -> tuple[Array, Array]:
     """Rotations (15, 3, 3) and vectors (15, L) of centre and curved points after the step: +, then -."""
-    legs, length, width = len(motion.holds), len(vector), math.sqrt(width_squared)
-    count = 1 + 2 * CURVED_COLUMNS
+    length, width = len(vector), math.sqrt(width_squared)
+    count = 1 + 2 * CURVED
     turned, images = np.empty((count, 3, 3)), np.empty((count, length))
     R, point, error = np.empty((3, 3)), np.empty(length), np.zeros(length)
     for index in range(count):
         if index > 0:
-            column = (index - 1) % CURVED_COLUMNS
-            sign = width if index <= CURVED_COLUMNS else -width
+            column = (index - 1) % CURVED
+            sign = width if index <= CURVED else -width
             for i in range(length):
                 error[i] = sign * factor[i, column]
-        set_spread(R, point, rotation, vector, error, legs)
+        set_spread(R, point, rotation, vector, error, constants.world_stop)
         _set_moved(turned[index], images[index], R, point, motion, step, constants)
     return turned, images
 
 
 @inlined
-def _mean(turned: Array, images: Array, width_squared: float, legs: int) -> tuple[Array, Array]:
+def _mean(turned: Array, images: Array, width_squared: float, constants: ProcessConstants) -> tuple[Array, Array]:
     """Weighted mean of the points, rotation (3, 3) and vector (L,): ``State.mean_and_deviations``."""
     length = images.shape[1]
     centre, shift, error = np.zeros(length), np.zeros(length), np.empty(length)
     for i in range(3, length):
         centre[i] = images[0, i]
     for index in range(1, len(images)):
-        set_errors(error, turned[index], images[index], turned[0], centre, legs)
-        for i in range(BODY + 3 * legs):  # what is remembered does not move
+        set_errors(error, turned[index], images[index], turned[0], centre, constants.world_stop)
+        for i in range(constants.active):  # what is remembered does not move
             shift[i] += error[i] / (2.0 * width_squared)
     R, mean = np.empty((3, 3)), np.empty(length)
-    set_spread(R, mean, turned[0], centre, shift, legs)
+    set_spread(R, mean, turned[0], centre, shift, constants.world_stop)
     for i in range(3):
         mean[i] = 0.0
     return R, mean
@@ -218,65 +224,98 @@ def _turn(R: Array, rotation: Array) -> Array:
 
 @inlined
 def _set_spread_rows(
-    rows: Array, turned: Array, images: Array, R: Array, mean: Array, legs: int, width_squared: float
+    rows: Array, turned: Array, images: Array, R: Array, mean: Array, world_stop: int, width_squared: float
 ) -> None:
     """Rows of curved points and centre: odd halves first, even halves and centre behind the flat rows."""
     length, scale = len(mean), 1.0 / math.sqrt(width_squared)
     plus, minus = np.empty(length), np.empty(length)
-    for column in range(CURVED_COLUMNS):
-        set_errors(plus, turned[1 + column], images[1 + column], R, mean, legs)
-        at = 1 + CURVED_COLUMNS + column
-        set_errors(minus, turned[at], images[at], R, mean, legs)
+    for column in range(CURVED):
+        set_errors(plus, turned[1 + column], images[1 + column], R, mean, world_stop)
+        at = 1 + CURVED + column
+        set_errors(minus, turned[at], images[at], R, mean, world_stop)
         for i in range(length):
             rows[column, i] = scale * 0.5 * (plus[i] - minus[i])
             rows[length + column, i] = scale * 0.5 * (plus[i] + minus[i])
-    set_errors(plus, turned[0], images[0], R, mean, legs)
+    set_errors(plus, turned[0], images[0], R, mean, world_stop)
     for i in range(length):
-        rows[length + CURVED_COLUMNS, i] = math.sqrt(1.0 - CURVED_COLUMNS / width_squared) * plus[i]
+        rows[length + CURVED, i] = math.sqrt(1.0 - CURVED / width_squared) * plus[i]
+
+
+@compiled
+def _set_flat_error(
+    moved: Array, error: Array, rotation: Array, motion: FootMotion, step: Step, turn: Array, world_stop: int
+) -> None:
+    """An error along flat columns (L,) moved by the linear part, seen from the new mean."""
+    _set_flat(moved, error, rotation, motion, step)
+    for at in range(_VELOCITY, world_stop, 3):
+        moved[at], moved[at + 1], moved[at + 2] = rotated_back(turn, moved[at], moved[at + 1], moved[at + 2])
 
 
 @inlined
-def _set_flat_rows(rows: Array, factor: Array, rotation: Array, motion: FootMotion, step: Step, turn: Array) -> None:
+def _set_flat_rows(
+    rows: Array, factor: Array, rotation: Array, motion: FootMotion, step: Step, turn: Array, world_stop: int
+) -> None:
     """Rows of the flat columns: each column moved by the linear part, seen from the new mean."""
-    legs, length = len(motion.holds), len(factor)
+    length = len(factor)
     column, moved = np.zeros(length), np.empty(length)
-    for j in range(CURVED_COLUMNS, length):
+    for j in range(CURVED, length):
         column[j - 1] = 0.0
         for i in range(j, length):
             column[i] = factor[i, j]
-        _set_flat(moved, column, rotation, motion, step)
-        for at in range(_VELOCITY, BODY + 3 * legs, 3):
-            moved[at], moved[at + 1], moved[at + 2] = rotated_back(turn, moved[at], moved[at + 1], moved[at + 2])
+        _set_flat_error(moved, column, rotation, motion, step, turn, world_stop)
         for i in range(j - 2, length):  # the turn mixes three at a time
             rows[j, i] = moved[i]
 
 
+@compiled
+def _moved_cross(
+    cross: Array,
+    rows: Array,
+    factor: Array,
+    rotation: Array,
+    motion: FootMotion,
+    step: Step,
+    turn: Array,
+    world_stop: int,
+) -> Array:
+    """Covariance of the moved errors with the passive ones, (L, p): ``PassiveStates.predict``.
+
+    A column is an error that is moved: its part along the curved columns of the factor by their odd halves, the rest
+    by the linear part of the process.
+    """
+    length, moved_cross = len(factor), np.empty(cross.shape)
+    rest, moved, shares = np.empty(length), np.empty(length), np.empty(CURVED)
+    for passive in range(cross.shape[1]):
+        set_rest_and_shares(rest, shares, cross[:, passive], factor)
+        _set_flat_error(moved, rest, rotation, motion, step, turn, world_stop)
+        for i in range(length):
+            for k in range(CURVED):
+                moved[i] += shares[k] * rows[k, i]
+            moved_cross[i, passive] = moved[i]
+    return moved_cross
+
+
 @inlined
 def _set_body_noise(rows: Array, R: Array, dt_s: float, constants: ProcessConstants) -> None:
-    """Noise of body, biases, leg scale, leg compliance and slip: ``process_model.noise_rows``, the first 20."""
+    """Noise of the body's accelerations and of random walks: ``process_model.noise_rows`` before the feet."""
     root = math.sqrt(dt_s)
-    slip = root * math.sqrt(2.0 / constants.slip_memory_s)
-    walks = (constants.gyroscope_bias_walk, constants.accelerometer_bias_walk)
     for i in range(3):
-        for j in range(3):
-            rows[i, j] = constants.angular_acceleration * root * 0.5 * dt_s * R[j, i]
         rows[i, _RATE + i] = constants.angular_acceleration * root
         rows[3 + i, _POSITION + i] = constants.acceleration * root * 0.5 * dt_s
         rows[3 + i, _VELOCITY + i] = constants.acceleration * root
-        rows[6 + i, _BIASES[0] + i] = walks[0] * root
-        rows[9 + i, _BIASES[1] + i] = walks[1] * root
-        rows[14 + i, _SLIP_TURN + i] = constants.slip_turn_per_m * slip
-        rows[17 + i, _SLIP + i] = constants.slip_share * slip
-    rows[12, _LEG_SCALE] = constants.leg_scale_walk * root
-    rows[13, _LEG_COMPLIANCE] = constants.leg_compliance_walk_m * root
+        for j in range(3):
+            rows[i, j] = constants.angular_acceleration * root * 0.5 * dt_s * R[j, i]
+    for k in range(len(constants.walking)):
+        at = constants.walking[k]
+        rows[_ACCELERATIONS + k, at] = constants.walks[at] * root
 
 
 @inlined
-def _set_world_noise(rows: Array, R: Array, mean: Array, motion: FootMotion, radii_m: Array) -> None:
+def _set_world_noise(rows: Array, R: Array, mean: Array, motion: FootMotion, constants: ProcessConstants) -> None:
     """Noise of rotation (rows 0 to 2) and motion (3 to 5) on velocity, position and feet."""
     for leg in range(len(motion.holds)):
         at, p = BODY + 3 * leg, motion.position_body[leg]
-        lx, ly, lz = 0.0, 0.0, radii_m[leg]
+        lx, ly, lz = 0.0, 0.0, constants.radii_m[leg]
         if not motion.holds[leg]:
             lx, ly, lz = rotated(R, p[0], p[1], p[2])
             for i in range(3):
@@ -284,7 +323,7 @@ def _set_world_noise(rows: Array, R: Array, mean: Array, motion: FootMotion, rad
         for i in range(3):
             x, y, z = cross(rows[i, 0], rows[i, 1], rows[i, 2], lx, ly, lz)
             rows[i, at], rows[i, at + 1], rows[i, at + 2] = x, y, z
-    for at in range(_VELOCITY, BODY + 3 * len(motion.holds), 3):
+    for at in range(_VELOCITY, constants.world_stop, 3):
         for i in range(3):
             x, y, z = cross(rows[i, 0], rows[i, 1], rows[i, 2], mean[at], mean[at + 1], mean[at + 2])
             _add(rows[i], at, -x, -y, -z)

@@ -15,8 +15,6 @@ import numpy as np
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
-    ACCELEROMETER_BIAS,
-    GYROSCOPE_BIAS,
     LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
@@ -29,11 +27,10 @@ from coclo_vio.filter.state import (
 )
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.calibration import ImuCalibration
 
 UP = np.array([0.0, 0.0, 1.0])
-CURVED_COLUMNS = 7  # the prediction is nonlinear in rotation, leg scale and rate, and linear in all else given them
 UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its last known position
+_ACCELERATIONS = 6  # rows of noise of the body: angular and linear acceleration
 _HAT_UP = so3.hat(UP)
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
@@ -59,9 +56,7 @@ def slip_velocity(stack: State, position_body: Array) -> Array:
     return np.asarray(speed * slip)
 
 
-def predict(
-    stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_body: Array, slip_memory_s: float = np.inf
-) -> State:
+def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_body: Array) -> State:
     """Sigma points one step later.
 
     Args:
@@ -70,18 +65,16 @@ def predict(
         motion: of the feet, by the joints.
         radii_m: radius of each foot, (n,); with 0 the foot centre itself is at rest.
         hips_body: first joint of each leg, body frame, m, (n, 3).
-        slip_memory_s: time constant with which a slip decays, s.
     """
     turn = stack.vector[:, RATE] * dt_s
     rotation = stack.rotation @ so3.exp(turn)
-    vector = stack.vector.copy()
+    vector = stack.vector * stack.layout.kept(dt_s)
     vector[:, POSITION] += vector[:, VELOCITY] * dt_s
     commutator = -0.5 * np.einsum("nij,pj->pni", so3.hat(motion.turn_body), turn)
     foot_turn = turn[:, None, :] + motion.turn_body + commutator
     foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
     rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
     rolled += slip_velocity(stack, motion.position_body) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
-    vector[:, SLIP_TURN.start : SLIP.stop] *= np.exp(-dt_s / slip_memory_s)
     legs = motion.position_body + leg_scale_offset(vector[:, LEG_SCALE], motion.position_body, hips_body)
     carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
     carried[..., 2] += vector[:, LEG_COMPLIANCE] * motion.load_ratio
@@ -98,9 +91,8 @@ def noise_rows(
     radii_m: Array,
     foot_noise: Array,
     config: RobustConfig,
-    imu: ImuCalibration,
 ) -> Array:
-    """Rows ``N``, (20 + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
+    """Rows ``N``, (6 + walks + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
     Rate and velocity change by white accelerations and are linear from one sample to the next: their measurements at
     both ends of a step determine the rotation and the motion in it. A rate that varied between samples (white
@@ -112,12 +104,12 @@ def noise_rows(
         motion: as in ``predict``.
         radii_m: as in ``predict``.
         foot_noise: lower factors of the covariance of each foot position in the body frame, m, (n, 3, 3).
-        config: densities of the process.
-        imu: bias walks.
+        config: densities of the accelerations and of the feet; those of random walks are declared with their blocks.
     """
     layout = mean.layout
-    rows = np.zeros((20 + 3 * layout.legs, layout.dimension))
-    _set_body_rows(rows, mean, dt_s, config, imu)
+    own_rows = slice(_ACCELERATIONS + len(layout.walking), None)
+    rows = np.zeros((own_rows.start + 3 * layout.legs, layout.dimension))
+    _set_body_rows(rows, mean, dt_s, config)
     world_turn, moved = rows[0:3, ROTATION], rows[3:6, POSITION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
@@ -127,7 +119,7 @@ def noise_rows(
     creep = config.foothold_creep * np.sqrt(dt_s) * np.eye(3)
     own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
     each = np.arange(layout.legs)
-    feet[20:].reshape(layout.legs, 3, layout.legs, 3)[each, :, each] = own
+    feet[own_rows].reshape(layout.legs, 3, layout.legs, 3)[each, :, each] = own
     rows[:, layout.feet] = feet.reshape(len(rows), -1)
     world = mean.vector[layout.world].reshape(-1, 3)
     turned = np.einsum("nij,rj->rni", -so3.hat(world), world_turn)
@@ -135,17 +127,12 @@ def noise_rows(
     return rows
 
 
-def _set_body_rows(rows: Array, mean: State, dt_s: float, config: RobustConfig, imu: ImuCalibration) -> None:
-    """Write the noise of body, biases, leg scale, leg compliance and slip into the first 20 of the rows."""
-    root, identity = np.sqrt(dt_s), np.eye(3)
+def _set_body_rows(rows: Array, mean: State, dt_s: float, config: RobustConfig) -> None:
+    """Write the noise of the body's accelerations, and a row for each error that has a random walk."""
+    root, identity, layout = np.sqrt(dt_s), np.eye(3), mean.layout
     rows[0:3, ROTATION] = config.angular_acceleration_density * root * 0.5 * dt_s * mean.rotation.T
     rows[0:3, RATE] = config.angular_acceleration_density * root * identity
     rows[3:6, POSITION] = config.acceleration_density * root * 0.5 * dt_s * identity
     rows[3:6, VELOCITY] = config.acceleration_density * root * identity
-    rows[6:9, GYROSCOPE_BIAS] = imu.gyroscope_bias_walk * root * identity
-    rows[9:12, ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk * root * identity
-    rows[12, LEG_SCALE] = config.leg_scale_walk * root * config.estimates_leg_scale
-    rows[13, LEG_COMPLIANCE] = config.leg_compliance_walk_m * root * config.estimates_leg_compliance
-    slip = root * np.sqrt(2.0 / config.slip_memory_s)
-    rows[14:17, SLIP_TURN] = config.slip_turn_per_m * slip * identity
-    rows[17:20, SLIP] = config.slip_share * slip * identity
+    walking = layout.walking
+    rows[_ACCELERATIONS + np.arange(len(walking)), walking] = layout.walks[walking] * root

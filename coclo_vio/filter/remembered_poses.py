@@ -13,6 +13,7 @@ import numpy as np
 
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import State
+from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
 from coclo_vio.filter.unscented_transform import Correction, correct
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
@@ -21,12 +22,12 @@ from coclo_vio.values.keyframes import PoseEvidence, PosePair
 
 def frame_pose(mean: State) -> Array:
     """``T_world_body`` at the stamp of the frame, (4, 4)."""
-    return se3.transform(mean.frame_rotation, mean.vector[mean.layout.frame_position])
+    return mean.remembered_pose(FRAME)
 
 
 def anchor_pose(mean: State) -> Array:
     """``T_world_anchor``, (4, 4)."""
-    return se3.transform(mean.anchor_rotation, mean.vector[mean.layout.anchor_position])
+    return mean.remembered_pose(ANCHOR)
 
 
 def frame_pair(core: SquareRootFilter, start_ns: int, end_ns: int) -> PosePair:
@@ -48,17 +49,16 @@ def in_world(core: SquareRootFilter, T_anchor_measured: Array, covariance: Array
         ``T_world_body``, (4, 4), and the covariance of its right/local error, (6, 6).
     """
     mean, layout = core.mean, core.mean.layout
-    camera = mean.vector[layout.camera]
+    camera_at = layout.at("camera")
+    camera = mean.vector[camera_at]
     E = se3.exp(np.concatenate((camera[:3], np.zeros(3))))
     T_anchor_body = np.array(T_anchor_measured)
     T_anchor_body[:3, 3] /= 1.0 + camera[3]
     T_anchor_body = se3.inverse(E) @ T_anchor_body @ E
     _, by_pose, by_camera = _as_measured(T_anchor_body, camera)
     back = np.asarray(np.linalg.inv(by_pose), dtype=np.float64)
-    jacobian = se3.adjoint(se3.inverse(T_anchor_body)) @ _local(
-        mean, layout.anchor_rotation, layout.anchor_position, mean.anchor_rotation
-    )
-    jacobian[:, layout.camera] -= back @ by_camera
+    jacobian = se3.adjoint(se3.inverse(T_anchor_body)) @ _local(mean, ANCHOR)
+    jacobian[:, camera_at] -= back @ by_camera
     rows = jacobian @ core.factor
     return anchor_pose(mean) @ T_anchor_body, rows @ rows.T + back @ covariance @ back.T
 
@@ -93,8 +93,10 @@ def correction_by(core: SquareRootFilter, evidence: PoseEvidence) -> tuple[Innov
     return Innovation(correction.innovation_squared, len(rows)), correction
 
 
-def _local(mean: State, rotation_at: slice, position_at: slice, R: Array) -> Array:
+def _local(mean: State, name: str) -> Array:
     """d(right/local error) / d(errors of the filter) of a remembered pose, (6, L)."""
+    rotation_at, position_at = mean.layout.rotation_of(name), mean.layout.position_of(name)
+    R = mean.remembered_rotation(name)
     jacobian = np.zeros((6, mean.layout.dimension))
     jacobian[:3, rotation_at] = jacobian[3:, position_at] = R.T
     jacobian[3:, rotation_at] = -R.T @ so3.hat(mean.vector[position_at])
@@ -103,19 +105,14 @@ def _local(mean: State, rotation_at: slice, position_at: slice, R: Array) -> Arr
 
 def _pair(mean: State) -> tuple[Array, Array, Array]:
     """Poses of keyframe and frame from the anchor, (4, 4) each, and the Jacobian (12, L) of both local errors."""
-    layout = mean.layout
-    T_world_anchor = anchor_pose(mean)
-    of_anchor = _local(mean, layout.anchor_rotation, layout.anchor_position, mean.anchor_rotation)
+    camera_at, T_world_anchor, of_anchor = mean.layout.at("camera"), anchor_pose(mean), _local(mean, ANCHOR)
     poses, jacobians = [], []
-    for rotation_at, position_at, rotation in (
-        (layout.keyframe_rotation, layout.keyframe_position, mean.keyframe_rotation),
-        (layout.frame_rotation, layout.frame_position, mean.frame_rotation),
-    ):
-        T_anchor_pose = se3.inverse(T_world_anchor) @ se3.transform(rotation, mean.vector[position_at])
+    for name in (KEYFRAME, FRAME):
+        T_anchor_pose = se3.inverse(T_world_anchor) @ mean.remembered_pose(name)
         from_anchor = se3.adjoint(se3.inverse(T_anchor_pose)) @ of_anchor
-        T_measured, by_pose, by_camera = _as_measured(T_anchor_pose, mean.vector[layout.camera])
-        jacobian = by_pose @ (_local(mean, rotation_at, position_at, rotation) - from_anchor)
-        jacobian[:, layout.camera] += by_camera
+        T_measured, by_pose, by_camera = _as_measured(T_anchor_pose, mean.vector[camera_at])
+        jacobian = by_pose @ (_local(mean, name) - from_anchor)
+        jacobian[:, camera_at] += by_camera
         poses.append(T_measured)
         jacobians.append(jacobian)
     return poses[0], poses[1], np.concatenate(jacobians)

@@ -7,12 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from coclo_vio.filter import measurement_model, process_model
-from coclo_vio.filter.measurement_model import NO_LEG, Block, LegSensing
+from coclo_vio.filter.measurement_model import NO_LEG, LegConstants
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import SLIP, State
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
-from coclo_vio.values.calibration import ImuCalibration
 
 
 class Expectation(Protocol):
@@ -21,6 +20,10 @@ class Expectation(Protocol):
     @property
     def rejected(self) -> BoolArray:
         """Legs whose innovation is larger than its covariance allows (chi-square gate), (n,)."""
+
+    @property
+    def innovation_squared(self) -> float:
+        """Normalised innovation squared of all rows."""
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
         """Update the filter by all rows but those of the rejected legs (n,)."""
@@ -47,6 +50,9 @@ class RobustModels(Protocol):
     ) -> Expectation | None:
         """The measurements of a joint sample; None where there are none. Arguments as in ``measurement_model``."""
 
+    def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> Expectation:
+        """Gravity as measured, body frame, m/s^2, (3,), with one sigma of each axis."""
+
 
 class DirectModels:
     """The models by NumPy, over stacks of sigma points.
@@ -54,14 +60,11 @@ class DirectModels:
     Args:
         sensing: the legs and the parameters.
         encoder_noise_rad: one sigma of a joint position.
-        imu: bias walks.
         gate: limits of the normalised innovation squared of 3 and of 6 rows.
     """
 
-    def __init__(
-        self, sensing: LegSensing, encoder_noise_rad: float, imu: ImuCalibration, gate: dict[int, float]
-    ) -> None:
-        self._sensing, self._encoder_noise_rad, self._imu, self._gate = sensing, encoder_noise_rad, imu, gate
+    def __init__(self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float]) -> None:
+        self._sensing, self._encoder_noise_rad, self._gate = sensing, encoder_noise_rad, gate
 
     def foot_noise(self, reading: Reading) -> Array:
         """Encoders through the Jacobian, and bending."""
@@ -74,13 +77,10 @@ class DirectModels:
         """By ``process_model``."""
         sensing, config = self._sensing, self._sensing.config
         core.predict(
-            lambda stack: process_model.predict(
-                stack, dt_s, motion, sensing.radii_m, sensing.hips_body, config.slip_memory_s
-            ),
+            lambda stack: process_model.predict(stack, dt_s, motion, sensing.radii_m, sensing.hips_body),
             lambda mean: process_model.noise_rows(
-                mean, dt_s, motion, radii_m=sensing.radii_m, foot_noise=foot_noise, config=config, imu=self._imu
+                mean, dt_s, motion, radii_m=sensing.radii_m, foot_noise=foot_noise, config=config
             ),
-            process_model.CURVED_COLUMNS,
         )
 
     def expect(
@@ -109,12 +109,19 @@ class DirectModels:
         def model(stack: State) -> Array:
             return np.concatenate([block.model(stack) for block in blocks], axis=1)
 
-        predicted, rows = core.observe(model, measurement_model.CURVED_COLUMNS)
+        predicted, rows = core.observe(model)
         innovation = np.concatenate([block.measured for block in blocks]) - predicted
-        noise = _noise_rows(blocks)
+        noise = noise_rows_of(np.concatenate([block.noise for block in blocks]))
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
         rejected = self._rejected(rows.T @ rows + noise.T @ noise, innovation, owner)
-        return DirectExpectation(rows, noise, innovation, owner, rejected)
+        return DirectExpectation(rows, noise, innovation, owner, rejected, SLIP)
+
+    def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "DirectExpectation":
+        """By ``measurement_model``."""
+        predicted, rows = core.observe(measurement_model.specific_force_at_rest)
+        legs = len(self._sensing.radii_m)
+        owner, rejected = np.full(3, NO_LEG), np.zeros(legs, dtype=np.bool_)
+        return DirectExpectation(rows, sigma * np.eye(3), force_body - predicted, owner, rejected, slice(0, 0))
 
     def _rejected(self, covariance: Array, innovation: Array, owner: IntArray) -> BoolArray:
         legs = len(self._sensing.radii_m)
@@ -142,6 +149,7 @@ class DirectExpectation:
         innovation: measured less predicted, (M,).
         owner: the leg of each row, (M,); ``NO_LEG`` where none.
         rejected: as in ``Expectation``.
+        considered: errors whose mean is not corrected.
     """
 
     rows: Array
@@ -149,22 +157,32 @@ class DirectExpectation:
     innovation: Array
     owner: IntArray
     rejected: BoolArray
+    considered: slice
+
+    @property
+    def innovation_squared(self) -> float:
+        """As in ``Expectation``."""
+        return innovation_squared_of(self.rows, self.noise, self.innovation)
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
-        """One update by the rows that are left; the slip is only considered."""
+        """One update by the rows that are left."""
         rows, noise, innovation = self.rows, self.noise, self.innovation
         keep = ~np.isin(self.owner, np.flatnonzero(rejected))
         if not keep.all():
             rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
         if len(innovation):
-            core.update(rows, noise, innovation, considered=SLIP)
+            core.update(rows, noise, innovation, considered=self.considered)
 
 
-def _noise_rows(blocks: list[Block]) -> Array:
-    """Rows ``N``, (m, m), with ``N^T N`` the noise covariance of all blocks."""
-    factors = np.concatenate([block.noise for block in blocks])
+def noise_rows_of(factors: Array) -> Array:
+    """Rows ``N``, (3 k, 3 k), with ``N^T N`` the noise covariance of k blocks with these lower factors, (k, 3, 3)."""
     count = len(factors)
     rows = np.zeros((count, 3, count, 3))
     each = np.arange(count)
     rows[each, :, each, :] = np.swapaxes(factors, 1, 2)
     return rows.reshape(3 * count, 3 * count)
+
+
+def innovation_squared_of(rows: Array, noise: Array, innovation: Array) -> float:
+    """Normalised innovation squared, of rows (m, M) of the predicted measurement and (k, M) of the noise."""
+    return float(innovation @ np.linalg.solve(rows.T @ rows + noise.T @ noise, innovation))

@@ -2,20 +2,22 @@
 """One step of the ``robust`` profile: predict with the feet, reject legs that slip, update with the others."""
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import chi2
 
 from coclo_vio.filter import measurement_model
 from coclo_vio.filter.compiled_models import CompiledModels
-from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.initialisation import FootPrior
-from coclo_vio.filter.measurement_model import LegSensing
+from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
 from coclo_vio.filter.state import RATE, VELOCITY, StateLayout
+from coclo_vio.filter.state_blocks import StateBlock, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
@@ -32,20 +34,41 @@ class RobustProfile:
         config: RobustConfig,
         counts: Counter[str],
         *,
+        initial: InitialConfig | None = None,
         has_frame: bool = False,
+        extra_blocks: Sequence[StateBlock] = (),
         is_compiled: bool = IS_COMPILED,
     ) -> None:
-        self.layout = StateLayout(len(robot.leg_names), has_contacts=False, has_frame=has_frame)
+        """Take a robot and parameters.
+
+        Args:
+            robot: the legs.
+            config: parameters of the profile.
+            counts: where unusual events are counted.
+            initial: sigmas at the start; the defaults if None.
+            has_frame: whether camera frames are remembered.
+            extra_blocks: further blocks of the state.
+            is_compiled: by kernels, or by NumPy.
+        """
+        imu, initial = robot.description.imu, initial or InitialConfig()
+        self.layout = StateLayout(
+            robust_blocks(len(robot.leg_names), config, initial, imu, has_frame=has_frame, extra=extra_blocks)
+        )
         self.is_wide = False
+        self.can_coast = True
         self._robot: RobotDescription = robot.description
         self._config = config
         self._counts = counts
         radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
         description = robot.description
-        sensing = LegSensing(radii_m, robot.hip_position_body, description.joint_velocity_noise_radps, config)
+        sensing = LegConstants(radii_m, robot.hip_position_body, description.joint_velocity_noise_radps, config)
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
-        models: type[CompiledModels | DirectModels] = CompiledModels if is_compiled else DirectModels
-        self._models: RobustModels = models(sensing, description.encoder_noise_rad, description.imu, self._gate)
+        encoder_noise_rad = description.encoder_noise_rad
+        self._models: RobustModels = (
+            CompiledModels(sensing, encoder_noise_rad, self._gate, self.layout)
+            if is_compiled
+            else DirectModels(sensing, encoder_noise_rad, self._gate)
+        )
         self._imu_lever = so3.hat(np.array(description.imu.position_body_m))  # w @ it = w x position
         self._footholds: Footholds | None = None
         self._rejecting_s = 0.0
@@ -58,13 +81,8 @@ class RobustProfile:
 
     def foot_prior(self, reading: Reading) -> FootPrior:
         """Uncertainty of the feet at the start; the noise is the largest of any foot."""
-        config = self._config
         return FootPrior(
             noise_m=float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).max() / np.sqrt(3.0)),
-            scale=config.leg_scale_sigma * config.estimates_leg_scale,
-            compliance_m=config.leg_compliance_sigma_m * config.estimates_leg_compliance,
-            slip=config.slip_share,
-            slip_turn=config.slip_turn_per_m,
             load_ratio=load_ratio_of(reading, self._robot.contact.on_force, before=np.zeros(self.layout.legs)),
         )
 
@@ -94,7 +112,7 @@ class RobustProfile:
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.carried()
         self._models.predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
-        predicted, rows = core.observe(measurement_model.gyroscope, measurement_model.CURVED_COLUMNS)
+        predicted, rows = core.observe(measurement_model.gyroscope)
         core.update(rows, gyroscope_noise_radps * np.eye(3), rate - predicted)
 
     def _rejected(self, expectation: Expectation, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
@@ -128,12 +146,10 @@ class RobustProfile:
             gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
         if gravity is None:
             return
-        predicted, rows = core.observe(measurement_model.specific_force_at_rest, measurement_model.CURVED_COLUMNS)
-        innovation = mean.rotation.T @ gravity.force_world - predicted
         velocity_variance = float(core.variance(VELOCITY).mean())
         sigma = np.hypot(self._config.gravity_noise_mps2, np.sqrt(2.0 * velocity_variance) / gravity.duration_s)
-        covariance = rows.T @ rows + sigma**2 * np.eye(3)
-        if innovation @ np.linalg.solve(covariance, innovation) > self._gate[3]:
+        expectation = self._models.expect_gravity(core, mean.rotation.T @ gravity.force_world, float(sigma))
+        if expectation.innovation_squared > self._gate[3]:
             self._counts["gravity_rejected"] += 1
             return
-        core.update(rows, sigma * np.eye(3), innovation)
+        expectation.update(core, expectation.rejected)

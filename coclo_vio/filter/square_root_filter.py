@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mean and square-root covariance together: predict, update, remember poses. Independent of robot and sensors."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 
+from coclo_vio.filter.passive_states import PassiveStates
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
+from coclo_vio.filter.state_blocks import ANCHOR, FRAME
 from coclo_vio.filter.unscented_transform import Correction, SigmaSpread, correct, lower_factor
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
@@ -19,30 +20,62 @@ class SquareRootFilter:
     """A square-root unscented Kalman filter on the manifold of ``State``.
 
     Invariant: ``factor`` is lower triangular and ``factor @ factor.T`` is the covariance of the errors of ``mean``.
+    Prediction and update run on the active errors, and the passive ones follow (``PassiveStates``).
 
     Attributes:
         mean: the mean.
-        factor: (L, L).
+        active_factor: lower factor of the active errors, (a, a).
+        passive: covariance of the passive errors.
         is_wide: sigma points sqrt(L) standard deviations away, as in the paper, rather than sqrt(curved).
     """
 
     def __init__(self, mean: State, sigmas: Array, *, is_wide: bool) -> None:
+        active = mean.layout.active
         self.mean = mean
-        self.factor: Array = np.diag(sigmas)
+        self.active_factor: Array = np.diag(sigmas[:active])
+        self.passive = PassiveStates(np.zeros((active, len(sigmas) - active)), np.diag(sigmas[active:] ** 2))
         self.is_wide = is_wide
+        self._joint: Array | None = None  # factor of all errors, where it is known
+        self._is_fresh = True  # passive errors were replaced since the last prediction
+
+    @property
+    def factor(self) -> Array:
+        """Lower factor of all errors, (L, L), read only where there are passive ones; a change is assigned."""
+        if not len(self.passive):
+            return self.active_factor
+        if self._joint is None:
+            self._joint = self.passive.joint_factor(self.active_factor)
+            self._joint.flags.writeable = False
+        return self._joint
+
+    @factor.setter
+    def factor(self, factor: Array) -> None:
+        """Replace it; the array is taken over, and read only from then on where there are passive errors."""
+        active = self.mean.layout.active
+        self.active_factor = np.ascontiguousarray(factor[:active, :active])
+        self.passive = PassiveStates.of_factor(factor, active)
+        self._joint, self._is_fresh = factor if len(self.passive) else None, True
+        factor.flags.writeable = not len(self.passive)
 
     def spread(self, curved: int) -> SigmaSpread:
         """The sigma points for a model that is nonlinear in the first ``curved`` errors."""
-        dimension = len(self.factor)
-        return SigmaSpread(dimension, curved, float(dimension if self.is_wide else max(curved, 1)))
+        width_squared = self.mean.layout.dimension if self.is_wide else max(curved, 1)
+        return SigmaSpread(len(self.active_factor), curved, float(width_squared))
 
-    def predict(self, process: Callable[[State], State], noise: Callable[[State], Array], curved: int) -> None:
+    def predict(self, process: Callable[[State], State], noise: Callable[[State], Array]) -> None:
         """Predict: ``process`` maps sigma points, ``noise`` returns the rows of Q at the new mean."""
-        points = self.spread(curved)
-        moved = process(self.mean.spread(points.points(self.factor)))
+        active = len(self.active_factor)
+        points = self.spread(self.mean.layout.curved_in_process)
+        moved = process(self.mean.spread(points.points(self.active_factor)))
         self.mean, deviations = moved.mean_and_deviations(points)
-        self.factor = lower_factor(np.concatenate((points.rows(deviations), noise(self.mean))))
+        rows = points.rows(deviations[:, :active])
+        self.passive.predict(self.active_factor, rows[:active])
+        self.replace_active(lower_factor(np.concatenate((rows, noise(self.mean)[:, :active]))))
         self._bound_rotation()
+
+    def replace_active(self, factor: Array) -> None:
+        """Replace the factor of the active errors, after the passive ones have followed the same step."""
+        self.active_factor, self._joint = factor, None
 
     def _bound_rotation(self) -> None:
         """Keep the rotation sigmas below ``MAX_ROTATION_SIGMA_RAD``, so that no sigma point passes half a turn.
@@ -50,18 +83,27 @@ class SquareRootFilter:
         Yaw is not observable and its uncertainty grows without bound, which a rotation cannot represent. Its errors are
         scaled, here and in the remembered poses, with all their correlations: the mean does not change.
         """
-        layout = self.mean.layout
-        for rows in (ROTATION, layout.keyframe_rotation, layout.frame_rotation, layout.anchor_rotation):
-            if rows.stop == rows.start:
-                continue
-            sigmas = np.sqrt(self.variance(rows))
-            if sigmas.max() > MAX_ROTATION_SIGMA_RAD:
-                self.factor[rows] *= np.minimum(1.0, MAX_ROTATION_SIGMA_RAD / sigmas)[:, None]
+        scales = _bounding_scales(self.variance(ROTATION))
+        self.active_factor[ROTATION] *= scales[:, None]
+        self.follow_bound(scales)
 
-    def observe(self, model: Callable[[State], Array], curved: int) -> tuple[Array, Array]:
+    def follow_bound(self, scales: Array) -> None:
+        """Scale the passive errors where the rotation's have been scaled (3,), and where their own are too large."""
+        if not len(self.passive):
+            return
+        self._joint = None
+        if scales.min() < 1.0:
+            self.passive.scale_active(ROTATION, scales)
+        if self._is_fresh:
+            for at in self.mean.layout.rotations[1:]:
+                errors = slice(at.start - len(self.active_factor), at.stop - len(self.active_factor))
+                self.passive.scale(errors, _bounding_scales(self.variance(at)))
+            self._is_fresh = False
+
+    def observe(self, model: Callable[[State], Array]) -> tuple[Array, Array]:
         """Mean (M,) and square-root rows (L + extra, M) of a predicted measurement."""
-        points = self.spread(curved)
-        images = model(self.mean.spread(points.points(self.factor)))
+        points = self.spread(self.mean.layout.curved_in_measurement)
+        images = model(self.mean.spread(points.points(self.active_factor)))
         mean = points.mean(images)
         return mean, points.rows(images - mean)
 
@@ -70,25 +112,38 @@ class SquareRootFilter:
 
         Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean is not corrected.
         """
-        correction = correct(self.factor, rows, noise_rows, innovation, considered)
-        self.apply(correction)
+        observed = self.passive.observed(self.active_factor, rows[: len(self.active_factor)])
+        correction = correct(self.active_factor, rows, noise_rows, innovation, considered)
+        step = self.passive.correct(observed, correction.triangle, correction.whitened)
+        self.replace_active(correction.factor)
+        self.mean = self.mean.corrected(np.concatenate((correction.step, step)))
         return correction
 
     def apply(self, correction: Correction) -> None:
-        """Apply a correction to mean and factor."""
+        """Apply a correction of all errors to mean and factor."""
         self.factor = correction.factor
         self.mean = self.mean.corrected(correction.step)
 
     def variance(self, errors: slice) -> Array:
-        """Variances of some errors, (k,)."""
-        return np.asarray(np.einsum("ij,ij->i", self.factor[errors], self.factor[errors]))
+        """Variances of some errors, (k,), active or passive."""
+        active = len(self.active_factor)
+        if errors.start >= active:
+            return self.passive.own.diagonal()[errors.start - active : errors.stop - active].copy()
+        return np.asarray(np.einsum("ij,ij->i", self.active_factor[errors], self.active_factor[errors]))
+
+    def report(self, name: str) -> tuple[Array, Array]:
+        """Value and one sigma of each error of a plain block of the state, (k,) each."""
+        at = self.mean.layout.at(name)
+        return self.mean.vector[at], np.sqrt(self.variance(at))
 
     def inflate_poses(self, inflation: float) -> None:
         """Multiply the sigmas of rotation and of all positions but the anchor's, with all their correlations."""
         layout = self.mean.layout
-        for rows in (ROTATION, POSITION, layout.feet, layout.keyframe_rotation, layout.keyframe_position):
-            self.factor[rows] *= inflation
-        self.factor[layout.frame_rotation.start : layout.frame_position.stop] *= inflation
+        remembered = [layout.at(name) for name in layout.poses if name != ANCHOR]
+        factor = self.factor.copy()
+        for rows in (ROTATION, POSITION, layout.feet, *remembered):
+            factor[rows] *= inflation
+        self.factor = factor
 
     def mark_frame(self, dt_s: float, noise: tuple[float, float] = (0.0, 0.0)) -> None:
         """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; it replaces the last one.
@@ -100,50 +155,44 @@ class SquareRootFilter:
             noise: one sigma of the rotation (rad) and motion (m) beyond that, each axis.
         """
         mean, layout = self.mean, self.mean.layout
-        vector = mean.vector.copy()
-        vector[layout.frame_position] = vector[POSITION] + vector[VELOCITY] * dt_s
+        position = mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s
         turning = mean.rotation * dt_s
-        moving = so3.hat(vector[layout.frame_position]) @ turning  # a rotation error turns the place too
-        along = np.zeros((len(vector), 6))
-        along[RATE] = np.concatenate((turning, moving)).T
-        along[VELOCITY, 3:] = np.eye(3) * dt_s
-        self._copy([(layout.frame_rotation, ROTATION), (layout.frame_position, POSITION)], along)
-        self.mean = replace(mean, vector=vector, frame_rotation=mean.rotation @ so3.exp(vector[RATE] * dt_s))
+        along = np.zeros((6, layout.dimension))
+        along[:3, RATE] = turning
+        along[3:, RATE] = so3.hat(position) @ turning  # a rotation error turns the place too
+        along[3:, VELOCITY] = np.eye(3) * dt_s
+        along[:3, ROTATION] = along[3:, POSITION] = np.eye(3)
+        self._replace(FRAME, along)
+        self.mean = mean.remembering(FRAME, mean.rotation @ so3.exp(mean.vector[RATE] * dt_s), position)
         self._add_frame_noise(*noise)
 
     def _add_frame_noise(self, rotation_rad: float, motion_m: float) -> None:
         """Independent noise on the frame's pose; noise of the rotation leaves the position as it is."""
         if rotation_rad == 0.0 and motion_m == 0.0:
             return
-        layout = self.mean.layout
+        rotation, position = self.mean.layout.rotation_of(FRAME), self.mean.layout.position_of(FRAME)
         rows = np.zeros((6, len(self.factor)))
-        rows[:3, layout.frame_rotation] = rotation_rad * np.eye(3)
-        rows[:3, layout.frame_position] = rotation_rad * so3.hat(self.mean.vector[layout.frame_position]).T
-        rows[3:, layout.frame_position] = motion_m * np.eye(3)
+        rows[:3, rotation] = rotation_rad * np.eye(3)
+        rows[:3, position] = rotation_rad * so3.hat(self.mean.vector[position]).T
+        rows[3:, position] = motion_m * np.eye(3)
         self.factor = lower_factor(np.concatenate((self.factor.T, rows)))
 
-    def keep_frame(self) -> None:
-        """The frame's pose becomes the keyframe's."""
+    def copy_pose(self, of: str, to: str) -> None:
+        """One remembered pose becomes another, by name, with all its correlations."""
         layout = self.mean.layout
-        vector = self.mean.vector.copy()
-        vector[layout.keyframe_position] = vector[layout.frame_position]
-        self._copy(
-            [(layout.keyframe_rotation, layout.frame_rotation), (layout.keyframe_position, layout.frame_position)]
-        )
-        self.mean = replace(self.mean, vector=vector, keyframe_rotation=self.mean.frame_rotation)
+        along = np.zeros((6, layout.dimension))
+        along[:, layout.at(of)] = np.eye(6)
+        self._replace(to, along)
+        position = self.mean.vector[layout.position_of(of)]
+        self.mean = self.mean.remembering(to, self.mean.remembered_rotation(of), position)
 
-    def anchor_frame(self) -> None:
-        """The frame's pose becomes the anchor."""
-        layout = self.mean.layout
-        vector = self.mean.vector.copy()
-        vector[layout.anchor_position] = vector[layout.frame_position]
-        self._copy([(layout.anchor_rotation, layout.frame_rotation), (layout.anchor_position, layout.frame_position)])
-        self.mean = replace(self.mean, vector=vector, anchor_rotation=self.mean.frame_rotation)
-
-    def _copy(self, places: Sequence[tuple[slice, slice]], along: Array | None = None) -> None:
-        """Errors at the first slices become those at the second, plus ``along.T`` (6, L) times all errors."""
+    def _replace(self, name: str, along: Array) -> None:
+        """The errors of a block (k,) become ``along`` (k, L) times all errors."""
         rows = self.factor.T.copy()
-        added = np.zeros((len(rows), 6)) if along is None else self.factor.T @ along
-        for part, (to, of) in enumerate(places):
-            rows[:, to] = self.factor.T[:, of] + added[:, 3 * part : 3 * part + 3]
+        rows[:, self.mean.layout.at(name)] = self.factor.T @ along.T
         self.factor = lower_factor(rows)
+
+
+def _bounding_scales(variances: Array) -> Array:
+    """Factors (k,) that bring sigmas of these variances down to ``MAX_ROTATION_SIGMA_RAD``, 1 where they are below."""
+    return np.minimum(1.0, MAX_ROTATION_SIGMA_RAD / np.sqrt(np.maximum(variances, 1e-30)))

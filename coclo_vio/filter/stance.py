@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The reading at one joint sample, and how each foot moved since the last one."""
+"""How each foot moved from one reading to the next."""
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,44 +8,13 @@ import numpy as np
 from coclo_vio.filter import stance_kernel
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
-from coclo_vio.robot.contact import ContactState
-from coclo_vio.robot.model import FeetKinematics
-from coclo_vio.values.arrays import Array, BoolArray, frozen
+from coclo_vio.robot.leg_sensing import Reading
+from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.units import NS_PER_S
 
+__all__ = ["FootMotion", "Footholds", "Reading", "load_ratio_of", "turns_of"]
+
 _MAX_LOAD_RATIO = 20.0  # a larger load is a sensor fault
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reading:
-    """All sensors at one joint sample; missing values are None or NaN.
-
-    Attributes:
-        stamp_ns: time in nanoseconds.
-        feet: foot kinematics; rows of an unknown leg are NaN.
-        contact: probability and decision for each leg.
-        angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
-        gyroscope: each sample of that mean with its stamp in nanoseconds, oldest first.
-        specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
-        is_stationary: whether the robot stands still.
-        is_known: legs whose kinematics are known, (n,).
-        is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
-    """
-
-    stamp_ns: int
-    feet: FeetKinematics
-    contact: ContactState
-    angular_velocity: Array | None
-    gyroscope: tuple[tuple[int, Array], ...]
-    specific_force: Array | None
-    is_stationary: bool
-    is_known: BoolArray = field(init=False)
-    is_stance: BoolArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        is_known = np.isfinite(self.feet.velocity_body[:, 0])
-        frozen(self, "is_known", is_known)
-        frozen(self, "is_stance", is_known & (self.contact.is_stance | self.is_stationary))
 
 
 class FootMotion(NamedTuple):

@@ -88,12 +88,19 @@ class Correction:
     Attributes:
         step: the error-state correction, (L,).
         factor: the new lower factor, (L, L).
-        innovation_squared: normalised innovation squared, chi-square with M degrees of freedom.
+        triangle: ``[S_y^T, (gain S_y)^T]`` of the optimal gain, (M, M + L).
+        whitened: the innovation in units of its factor, ``S_y^-1`` times it, (M,).
     """
 
     step: Array
     factor: Array
-    innovation_squared: float
+    triangle: Array
+    whitened: Array
+
+    @property
+    def innovation_squared(self) -> float:
+        """Normalised innovation squared, chi-square with M degrees of freedom."""
+        return float(self.whitened @ self.whitened)
 
 
 def correct(
@@ -128,4 +135,4 @@ def correct(
         forgone = np.zeros((few, length))
         forgone[:, considered] = gained.T
         new_factor, step[considered] = lower_factor(np.concatenate((new_factor.T, forgone))), 0.0
-    return Correction(step, new_factor, float(whitened @ whitened))
+    return Correction(step, new_factor, triangle[:width], whitened)

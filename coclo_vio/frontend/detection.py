@@ -16,6 +16,7 @@ _BLOCK_PX = 5
 _MARGIN_PX = 6  # around a cell, since corner strength depends on the pixels near by
 _CANDIDATE_RATIO = 2  # candidates per missing point, since some will be too near to each other
 _ROTATION = 7  # of the order of equally filled cells, from frame to frame
+_LEVELS = 2 * 255 + 1  # of a second difference
 _NOISE_STEP = 4  # every n-th row is enough to estimate the noise
 
 
@@ -40,18 +41,18 @@ class CornerDetector:
 
     def is_allowed(self, points: Array) -> BoolArray:
         """Whether points (N, 2), px, are inside the searched part of the image, (N,)."""
-        column, row = np.rint(points).astype(np.int64).T
         rows, columns = self._shape
+        column, row = np.rint(points).astype(np.int64).T
         inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        allowed = self._allowed[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] > 0
-        return np.asarray(inside & allowed)
+        if not inside.all():
+            column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+        return np.asarray(inside & (self._allowed[row, column] > 0))
 
     def find(self, image: ByteImage, existing: Array) -> Array:
         """New points (M, 2), px, that complete the existing ones (N, 2) to the configured number."""
         missing = self._config.tracks - len(existing)
         if missing <= 0 or len(existing) > self._config.refill_share * self._config.tracks:
             return np.zeros((0, 2))
-        mask = self._free_area(existing)
         occupancy = self._occupancy(existing)
         noise, strong = _noise_strength(image), 0
         candidates: list[tuple[bool, int, float, tuple[float, float]]] = []
@@ -60,7 +61,7 @@ class CornerDetector:
                 break
             occupied = int(occupancy.flat[number])
             cell = (number // self._grid[1], number % self._grid[1])
-            for rank, (point, strength) in enumerate(self._corners(image, mask, cell, occupied)):
+            for rank, (point, strength) in enumerate(self._corners(image, existing, cell, occupied)):
                 is_weak = strength < self._config.strong_ratio * noise
                 strong += not is_weak
                 if strength > self._config.noise_ratio * noise:
@@ -75,7 +76,7 @@ class CornerDetector:
         return [int(cell) for cell in cells[np.argsort(occupancy.ravel()[cells], kind="stable")]]
 
     def _corners(
-        self, image: ByteImage, mask: ByteImage, cell: tuple[int, ...], occupied: int
+        self, image: ByteImage, existing: Array, cell: tuple[int, ...], occupied: int
     ) -> list[tuple[tuple[float, float], float]]:
         """The strongest corners of a cell, as (column, row) and strength."""
         capacity = self._config.max_per_cell - occupied
@@ -86,14 +87,14 @@ class CornerDetector:
             for length, index, count in zip(self._shape, cell, self._grid, strict=True)
         )
         first_row, first_column = max(top - _MARGIN_PX, 0), max(left - _MARGIN_PX, 0)
-        area = (slice(first_row, bottom + _MARGIN_PX), slice(first_column, right + _MARGIN_PX))
-        allowed = np.zeros_like(mask[area])
+        area = image[first_row : bottom + _MARGIN_PX, first_column : right + _MARGIN_PX]
+        allowed = np.zeros_like(area)
         inner = (slice(top - first_row, bottom - first_row), slice(left - first_column, right - first_column))
-        allowed[inner] = mask[area][inner]
+        allowed[inner] = self._free_area(existing, slice(top, bottom), slice(left, right))
         if not allowed.any():
             return []
         found, strengths = cv2.goodFeaturesToTrackWithQuality(
-            image[area],
+            area,
             capacity,
             self._config.quality_level,
             self._config.min_distance_px,
@@ -121,13 +122,16 @@ class CornerDetector:
                 count += 1
         return chosen[:count]
 
-    def _free_area(self, existing: Array) -> ByteImage:
-        """Where a new point may be, (rows, columns): 255 outside the discs around the existing ones."""
-        mask = self._allowed.copy()
+    def _free_area(self, existing: Array, rows: slice, columns: slice) -> ByteImage:
+        """Where a new point may be in a part of the image: 255 outside the discs around the existing ones."""
+        free = self._allowed[rows, columns].copy()
         radius = round(self._config.min_distance_px)
-        for column, row in np.rint(existing).astype(np.int64).tolist():
-            cv2.circle(mask, (column, row), radius, 0, -1)
-        return mask
+        first, last = np.array([columns.start, rows.start]), np.array([columns.stop, rows.stop])
+        centres = np.rint(existing).astype(np.int64)
+        is_near = ((centres >= first - radius) & (centres < last + radius)).all(axis=1)
+        for column, row in (centres[is_near] - first).tolist():
+            cv2.circle(free, (column, row), radius, 0, -1)
+        return free
 
     def _occupancy(self, existing: Array) -> IntArray:
         """Number of existing points in each cell, (cells down, cells across)."""
@@ -148,13 +152,14 @@ def _noise_strength(image: ByteImage) -> float:
     """
     sample = image[::_NOISE_STEP].astype(np.int16)
     second = np.abs(sample[:, :-2] - 2 * sample[:, 1:-1] + sample[:, 2:])
-    sigma = _median(second) / (0.6745 * np.sqrt(6.0))
+    sigma = _median(second.astype(np.uint16)) / (0.6745 * np.sqrt(6.0))
     return float(12.0 * (sigma / (4.0 * _BLOCK_PX * 255.0)) ** 2 * _BLOCK_PX**2)
 
 
-def _median(values: npt.NDArray[np.int16]) -> float:
-    """The median of whole numbers from zero on, by counting them."""
-    up_to = np.cumsum(np.bincount(values.ravel()))  # how many are at most 0, 1, ...
+def _median(values: npt.NDArray[np.uint16]) -> float:
+    """The median of whole numbers (rows, columns) up to twice a grey level, by counting them."""
+    counts = cv2.calcHist([values], [0], None, [_LEVELS], [0, _LEVELS])
+    up_to = np.cumsum(counts.ravel().astype(np.int64))  # how many are at most 0, 1, ...
     last = int(up_to[-1])
     low, high = np.searchsorted(up_to, ((last - 1) // 2, last // 2), side="right")
     return 0.5 * float(low + high)

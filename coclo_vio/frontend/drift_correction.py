@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from coclo_vio.frontend.config import DriftConfig, SimilarityConfig
+from coclo_vio.frontend.patch_alignment import Templates
 from coclo_vio.frontend.patches import FREE_PX, PatchAligner, are_similar
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.values.arrays import Array, BoolArray, FloatImage
@@ -25,6 +26,10 @@ class DriftCorrector:
         self._similarity = similarity
         self._sigmas = np.array([FREE_PX, FREE_PX, *[config.warp_sigma] * 4])
 
+    def templates(self, smooth_left: FloatImage, left_px: Array) -> Templates:
+        """Reference templates of points (N, 2), px, in the smoothed left image (rows, columns)."""
+        return self._aligner.templates(smooth_left, left_px, self._sigmas)
+
     def correct(
         self, smooth_left: FloatImage, tracks: ActiveTracks, is_certain: BoolArray
     ) -> tuple[ActiveTracks, BoolArray]:
@@ -35,7 +40,7 @@ class DriftCorrector:
             tracks: points at their positions from Lucas-Kanade, with the warps that the motion predicts.
             is_certain: points whose positions are kept even if most points are dissimilar, as in a blurred frame, (N,).
         """
-        found = self._aligner.align(tracks.templates, smooth_left, tracks.left_px, tracks.warps, self._sigmas)
+        found = self._aligner.align(tracks.templates, smooth_left, tracks.left_px, tracks.warps)
         is_near = np.abs(found.centres - tracks.left_px).max(axis=1) < self._config.max_correction_px
         is_similar = are_similar(found, self._similarity) & is_near
         if is_certain.any() and is_similar.mean() < 1.0 - self._config.dissimilar_share:
@@ -60,6 +65,6 @@ class DriftCorrector:
         """The tracks; the chosen ones get their reference templates from this image."""
         if not chosen.any():
             return tracks
-        templates = self._aligner.templates(smooth_left, tracks.left_px[chosen])
+        templates = self.templates(smooth_left, tracks.left_px[chosen])
         warps = np.where(chosen[:, None, None], np.eye(2), tracks.warps)
         return replace(tracks, templates=tracks.templates.replaced(chosen, templates), warps=warps)

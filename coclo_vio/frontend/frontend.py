@@ -8,6 +8,7 @@ import numpy as np
 
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.detection import CornerDetector
+from coclo_vio.frontend.drift_correction import DriftCorrector
 from coclo_vio.frontend.expected_motion import ExpectedMotion
 from coclo_vio.frontend.overlay import draw
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair
@@ -46,9 +47,12 @@ class StereoFrontend:
             self.rig, self._rectifier.valid_right, self._aligner, self._config.stereo, self._config.similarity
         )
         self._counts: Counter[str] = Counter()
-        self._tracker = PointTracker(self.rig, self._aligner, self._detector.is_allowed, self._config, self._counts)
+        self._drift_corrector = DriftCorrector(self._aligner, self._config.drift, self._config.similarity)
+        self._tracker = PointTracker(
+            self.rig, self._drift_corrector, self._detector.is_allowed, self._config, self._counts
+        )
         self._no_tracks = ActiveTracks.new(
-            0, np.zeros((0, 2)), self._aligner.templates(np.zeros((1, 1), np.float32), np.zeros((0, 2)))
+            0, np.zeros((0, 2)), self._drift_corrector.templates(np.zeros((1, 1), np.float32), np.zeros((0, 2)))
         )
         shape = self._rectifier.valid_left.shape
         self._smooth = SmoothPair(np.zeros(shape, np.float32), np.zeros(shape, np.float32))  # of the current frame
@@ -128,7 +132,7 @@ class StereoFrontend:
         left_px = self._detector.find(pair.left, tracked.left_px)
         if not len(left_px):
             return self._no_tracks
-        detected = ActiveTracks.new(self._next_id, left_px, self._aligner.templates(smooth.left, left_px))
+        detected = ActiveTracks.new(self._next_id, left_px, self._drift_corrector.templates(smooth.left, left_px))
         self._next_id += len(detected)
         self._counts["detected"] += len(detected)
         return detected

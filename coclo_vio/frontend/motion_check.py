@@ -43,26 +43,26 @@ class MotionCheck:
         self._config = config
 
     def check(
-        self, left_px: Array, disparity: Array, current_left_px: Array, *, is_aligned: bool = False
+        self, points: Array, is_known: BoolArray, current_left_px: Array, *, is_aligned: bool = False
     ) -> MotionEstimate:
         """Estimate the motion and find the tracks that contradict it.
 
         Args:
-            left_px: columns and rows of the points in the last left image, px, (N, 2).
-            disparity: of the points in the last frame, px, (N,); those where it is NaN are not checked.
+            points: in the last left camera's frame, m, (N, 3).
+            is_known: whether their depths are known, (N,); the others are not checked.
             current_left_px: their columns and rows in this frame's left image, px, (N, 2).
             is_aligned: whether their patches have been aligned; selects the threshold.
         """
         limit_px = self._config.max_aligned_error_px if is_aligned else self._config.max_error_px
         everyone = np.ones(len(current_left_px), dtype=np.bool_)
-        known = np.flatnonzero(np.isfinite(disparity))
+        known = np.flatnonzero(is_known)
         if len(known) < self._config.min_points:
             return MotionEstimate(None, everyone, 0, 0)
-        points = self._rig.points(left_px[known], disparity[known])
-        T_current_previous = self._motion(points, current_left_px[known], limit_px)
+        points, pixels = points[known], current_left_px[known]
+        T_current_previous = self._motion(points, pixels, limit_px)
         if T_current_previous is None:
             return MotionEstimate(None, everyone, len(known), 0)
-        is_outlier = self._errors(T_current_previous, points, current_left_px[known]) > limit_px
+        is_outlier = self._errors(T_current_previous, points, pixels) > limit_px
         inliers = len(known) - int(is_outlier.sum())
         if inliers < max(self._config.min_points, self._config.min_inlier_share * len(known)):
             return MotionEstimate(None, everyone, len(known), inliers)

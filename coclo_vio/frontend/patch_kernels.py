@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled bilinear interpolation of patches; ``patch_sampling`` has the readable form, to the bit.
+"""Compiled sampling and alignment of patches; ``patch_sampling`` and ``patch_alignment`` have the readable forms.
 
 A patch is a list of P steps about its centre. Products are added as fused operations, as OpenCV 5 and NumPy's linear
-algebra do where the processor has them, in the same order. Arrays of pixels are float32.
+algebra do where the processor has them, in the same order: both forms then agree to the bit. Arrays of pixels are
+float32.
 """
 
 from typing import Any
@@ -10,11 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coclo_vio.geometry.compiled import IS_COMPILED, compiled
-from coclo_vio.values.arrays import Array, FloatImage
+from coclo_vio.geometry.compiled import IS_COMPILED, compiled, compiled_without_gil
+from coclo_vio.values.arrays import Array, BoolArray, FloatImage
 
 GAIN_LIMITS = (0.3, 3.0)  # of the brightness of a patch to that of its template
 MIN_VARIANCE = 1e-3  # of the brightness of a patch, so that none is divided by zero
+MAX_STEP_PX = 1.5
+ITERATIONS_OF_ALL = 3  # then only the patches that have not converged are iterated
 
 _Indices = npt.NDArray[np.uint64]
 _fused: Any = None  # a b + c, rounded once
@@ -29,48 +32,94 @@ if IS_COMPILED:
     _fused = _fused_product
 
 
-@compiled
-def warped_patches(image: FloatImage, centres: Array, warps: Array, steps: FloatImage) -> FloatImage:
-    """Brightness (N, P) under patches: at ``centres + warps steps``.
+@compiled_without_gil
+def align(
+    image: FloatImage,
+    window: tuple[FloatImage, FloatImage],
+    templates: tuple[FloatImage, FloatImage, FloatImage, Array, Array],
+    places: tuple[Array, Array],
+    results: tuple[Array, Array, Array, BoolArray],
+    memory: tuple[FloatImage, _Indices],
+    limits: tuple[int, float],
+) -> None:
+    """As ``patch_alignment.aligned_by_numpy``, for patches of 8 to 128 pixels.
 
-    Args:
-        image: (rows, columns).
-        centres: columns and rows, px, (N, 2), float64.
-        warps: (N, 2, 2), float64.
-        steps: columns and rows from the centre, px, (2, P).
+    ``results`` are parameters, correlations, residuals and convergence; memory is (5, P) and (P,).
     """
-    count, longest = steps.shape[1], np.abs(steps).max()
-    brightness = np.empty((len(centres), count), dtype=np.float32)
-    columns, rows = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
-    first = np.empty(count, dtype=np.uint64)
-    for n in range(len(centres)):
-        _warp(np.float32(centres[n, 0]), warps[n, 0], steps, columns)
-        _warp(np.float32(centres[n, 1]), warps[n, 1], steps, rows)
-        if _is_inside(image, centres[n], warps[n], longest):
-            _interpolate(image, columns, rows, first, brightness[n])
-        else:
-            _interpolate_anywhere(image, columns, rows, brightness[n])
-    return brightness
+    (steps, weights), (weighted, variances, gradients, inverses, prior), (centres, warps) = window, templates, places
+    (parameters, correlations, residuals, is_converged), (lines, first) = results, memory
+    count, longest_step, (most, precision_px) = len(centres), _longest(steps), limits
+    columns, rows, brightness, products, squares = lines[0], lines[1], lines[2], lines[3], lines[4]
+    centre, warp = np.empty(2), np.empty((2, 2))
+    gradient, full, step = np.empty(len(prior), dtype=np.float32), np.empty(len(prior)), np.empty(len(prior))
+    for number in range(most):
+        is_done = True
+        for n in range(count):
+            if is_converged[n] and number >= ITERATIONS_OF_ALL:
+                continue
+            _move(centres[n], warps[n], parameters[n], centre, warp)
+            _warp(np.float32(centre[0]), warp[0], steps, columns)
+            _warp(np.float32(centre[1]), warp[1], steps, rows)
+            if _is_inside(image, centre, warp, longest_step):
+                _interpolate(image, columns, rows, first, brightness)
+            else:
+                _interpolate_anywhere(image, columns, rows, brightness)
+            gain, correlations[n], residuals[n] = _compare(
+                brightness, weights, weighted[n], variances[n], products, squares
+            )
+            np.dot(gradients[n], brightness, gradient)
+            for i in range(len(prior)):
+                full[i] = gradient[i] / gain + prior[i] * parameters[n, i]
+            np.dot(inverses[n], full, step)
+            longest = max(abs(step[0]), abs(step[1]))
+            share = min(1.0, MAX_STEP_PX / (longest + 1e-9))
+            for i in range(len(prior)):
+                parameters[n, i] -= step[i] * share
+            is_converged[n] = longest < precision_px
+            is_done &= is_converged[n]
+        if is_done:
+            break
 
 
 @compiled
+def _longest(steps: FloatImage) -> float:
+    """The longest of the steps (2, P) along a column or a row, px."""
+    longest = 0.0
+    for p in range(steps.shape[1]):
+        longest = max(longest, abs(steps[0, p]), abs(steps[1, p]))
+    return longest
+
+
+@compiled
+def _move(centre: Array, warp: Array, parameters: Array, moved_centre: Array, moved_warp: Array) -> None:
+    """Centre (2,) and warp (2, 2) of a patch at parameters (6,) from the nominal."""
+    for i in range(2):
+        moved_centre[i] = centre[i] + _fused(warp[i, 0], parameters[0], warp[i, 1] * parameters[1])
+        left, right = warp[i, 0], warp[i, 1]
+        moved_warp[i, 0] = _fused(right, parameters[4], left * (1.0 + parameters[2]))
+        moved_warp[i, 1] = _fused(right, 1.0 + parameters[5], left * parameters[3])
+
+
+@compiled_without_gil
 def patches_and_shifts(image: FloatImage, centres: Array, steps: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Brightness (N, P) at ``centres + steps`` and its derivatives (N, 2, P) by column and row; arguments as above."""
-    count, longest, identity = steps.shape[1], np.abs(steps).max() + 1.0, np.eye(2)
+    count, longest, identity = steps.shape[1], _longest(steps) + 1.0, np.eye(2)
     brightness = np.empty((len(centres), count), dtype=np.float32)
     shifts = np.empty((len(centres), 2, count), dtype=np.float32)
     first, samples = np.empty(count, dtype=np.uint64), np.empty((5, count), dtype=np.float32)
+    columns, rows = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
     for n in range(len(centres)):
         is_inside = _is_inside(image, centres[n], identity, longest)
         for number, (column, row) in enumerate(((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))):
-            columns = np.float32(centres[n, 0]) + steps[0] + np.float32(column)
-            rows = np.float32(centres[n, 1]) + steps[1] + np.float32(row)
+            for p in range(count):
+                columns[p] = np.float32(centres[n, 0]) + steps[0, p] + np.float32(column)
+                rows[p] = np.float32(centres[n, 1]) + steps[1, p] + np.float32(row)
             if is_inside:
                 _interpolate(image, columns, rows, first, samples[number])
             else:
                 _interpolate_anywhere(image, columns, rows, samples[number])
-        brightness[n] = samples[0]
         for p in range(count):
+            brightness[n, p] = samples[0, p]
             shifts[n, 0, p] = np.float32(0.5) * (samples[1, p] - samples[2, p])
             shifts[n, 1, p] = np.float32(0.5) * (samples[3, p] - samples[4, p])
     return brightness, shifts
@@ -127,26 +176,28 @@ def _interpolate_anywhere(image: FloatImage, columns: FloatImage, rows: FloatIma
 
 
 @compiled
-def compared(
-    brightness: FloatImage, weights: FloatImage, weighted: FloatImage, variances: FloatImage
-) -> tuple[FloatImage, FloatImage, Array, Array]:
-    """As ``patch_sampling.compared``, for patches of 8 to 128 pixels."""
-    count, pixels = brightness.shape
-    lowest, highest = np.float32(GAIN_LIMITS[0]), np.float32(GAIN_LIMITS[1])
-    weighted_brightness, gains = np.empty_like(brightness), np.empty(count, dtype=np.float32)
-    correlations, residuals = np.empty(count), np.empty(count)
-    products, squares = np.empty(pixels, dtype=np.float32), np.empty(pixels, dtype=np.float32)
-    for n in range(count):
-        for p in range(pixels):
-            weighted_brightness[n, p] = brightness[n, p] * weights[p]
-            products[p] = brightness[n, p] * weighted[n, p]
-            squares[p] = brightness[n, p] * weighted_brightness[n, p]
-        product, mean = _paired_sum(products), _paired_sum(weighted_brightness[n])
-        variance = max(_paired_sum(squares) - mean * mean, np.float32(MIN_VARIANCE))
-        gains[n] = min(max(product / variances[n], lowest), highest)
-        correlations[n] = product / np.sqrt(variances[n] * variance)
-        residuals[n] = np.sqrt(variance * max(1.0 - correlations[n] * correlations[n], 0.0))
-    return weighted_brightness, gains, correlations, residuals
+def _compare(
+    brightness: FloatImage,
+    weights: FloatImage,
+    weighted: FloatImage,
+    variance: np.float32,
+    products: FloatImage,
+    squares: FloatImage,
+) -> tuple[np.float32, float, float]:
+    """Gain, correlation and residual of a patch (P,), as ``patch_sampling.compared``; the others (P,) are memory.
+
+    ``brightness`` becomes the brightness times the weights.
+    """
+    for p in range(len(brightness)):
+        value = brightness[p]
+        brightness[p] = value * weights[p]
+        products[p] = value * weighted[p]
+        squares[p] = value * brightness[p]
+    product, mean = _paired_sum(products), _paired_sum(brightness)
+    own = max(_paired_sum(squares) - mean * mean, np.float32(MIN_VARIANCE))
+    gain = min(max(product / variance, np.float32(GAIN_LIMITS[0])), np.float32(GAIN_LIMITS[1]))
+    correlation = np.float64(product / np.sqrt(variance * own))
+    return gain, correlation, np.sqrt(own * max(1.0 - correlation * correlation, 0.0))
 
 
 @compiled

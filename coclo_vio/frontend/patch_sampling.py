@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Brightness of a smoothed image under patches, by bilinear interpolation; the border is replicated outside.
 
-The forms that OpenCV and NumPy compute are below; where numba is there, ``patch_kernels`` gives the same, faster.
+The forms that OpenCV and NumPy compute; where numba is there, ``patch_kernels`` gives the same, faster.
 """
 
 import cv2
@@ -11,22 +11,6 @@ from coclo_vio.frontend import patch_kernels
 from coclo_vio.frontend.patch_kernels import GAIN_LIMITS, MIN_VARIANCE
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.values.arrays import Array, FloatImage
-
-_PAIRED = (8, 128)  # numbers that NumPy adds in one block
-
-
-def warped_patches(image: FloatImage, centres: Array, warps: Array, steps: FloatImage) -> FloatImage:
-    """Brightness (N, P) under patches: at ``centres + warps steps``, rounded to float32.
-
-    Args:
-        image: (rows, columns).
-        centres: columns and rows, px, (N, 2).
-        warps: from a step in the patch to one in the image, (N, 2, 2).
-        steps: columns and rows from the centre, px, (2, P).
-    """
-    if IS_COMPILED:
-        return patch_kernels.warped_patches(image, centres, warps, steps)
-    return warped_patches_by_opencv(image, centres, warps, steps)
 
 
 def patches_and_shifts(image: FloatImage, centres: Array, steps: FloatImage) -> tuple[FloatImage, FloatImage]:
@@ -57,15 +41,6 @@ def compared(
         The brightness times the weights, (N, P); the gain from template to patch, within limits, (N,); the correlation
         of the two, (N,); the root mean square of what gain and offset do not explain, grey levels, (N,).
     """
-    if IS_COMPILED and _PAIRED[0] <= len(weights) <= _PAIRED[1]:
-        return patch_kernels.compared(brightness, weights, weighted, variances)
-    return compared_by_numpy(brightness, weights, weighted, variances)
-
-
-def compared_by_numpy(
-    brightness: FloatImage, weights: FloatImage, weighted: FloatImage, variances: FloatImage
-) -> tuple[FloatImage, FloatImage, Array, Array]:
-    """The readable form of ``compared``."""
     weighted_brightness = brightness * weights
     product = (brightness * weighted).sum(axis=1)
     gains = np.clip(product / variances, *GAIN_LIMITS)
@@ -76,8 +51,15 @@ def compared_by_numpy(
     return weighted_brightness, gains, correlations, residuals
 
 
-def warped_patches_by_opencv(image: FloatImage, centres: Array, warps: Array, steps: FloatImage) -> FloatImage:
-    """The readable form of ``warped_patches``."""
+def warped_patches(image: FloatImage, centres: Array, warps: Array, steps: FloatImage) -> FloatImage:
+    """Brightness (N, P) under patches: at ``centres + warps steps``, rounded to float32.
+
+    Args:
+        image: (rows, columns).
+        centres: columns and rows, px, (N, 2).
+        warps: from a step in the patch to one in the image, (N, 2, 2).
+        steps: columns and rows from the centre, px, (2, P).
+    """
     pixels = np.matmul(warps.astype(np.float32), steps) + centres[:, :, None].astype(np.float32)
     return _sampled(image, pixels[:, 0], pixels[:, 1])
 

@@ -3,9 +3,10 @@
 
 import numpy as np
 
+from coclo_vio.frontend.patches import median_of
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
-from coclo_vio.values.arrays import Array
+from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
 
 _MIN_DEPTH_M = 0.05
@@ -13,29 +14,33 @@ _MIN_DISPARITY_PX = 0.1
 _MIN_DEPTH_RATIO = 0.1  # of a point's depth after the motion to its depth before
 
 
-def predicted_pixels(
-    rig: RectifiedStereo,
-    tracks: ActiveTracks,
-    T_previous_current: Array,
-) -> tuple[Array, Array]:
-    """Predicted left pixels (N, 2) and disparities (N,), px, after a motion.
+class PointPredictor:
+    """Predicts where the points of the last frame are in this one, for one motion or several.
 
     A point of unknown disparity gets the median one of the others for its left pixel; its own disparity stays unknown
     (NaN). A point that would be behind the camera keeps its pixel.
 
-    Args:
-        rig: the cameras.
-        tracks: the points in the last frame.
-        T_previous_current: maps current camera coordinates to previous, (4, 4).
+    Attributes:
+        is_known: whether the disparity of each point is known, (N,).
+        points: in the last left camera's frame, m, (N, 3).
     """
-    disparity = tracks.disparity
-    is_known = np.isfinite(disparity)
-    median = float(np.median(disparity[is_known])) if is_known.any() else _MIN_DISPARITY_PX
-    points = rig.points(tracks.left_px, np.maximum(np.where(is_known, disparity, median), _MIN_DISPARITY_PX))
-    moved = se3.apply(se3.inverse(T_previous_current), points)
-    is_ahead = moved[:, 2] > _MIN_DEPTH_M
-    pixels, predicted = rig.pixels(np.where(is_ahead[:, None], moved, points))
-    return pixels, np.where(is_known, predicted, np.nan)
+
+    def __init__(self, rig: RectifiedStereo, tracks: ActiveTracks) -> None:
+        """Take the points in the last frame."""
+        self._rig = rig
+        disparity = tracks.disparity
+        self.is_known: BoolArray = np.isfinite(disparity)
+        if not self.is_known.all():
+            known = disparity[self.is_known]
+            disparity = np.where(self.is_known, disparity, median_of(known) if len(known) else 0.0)
+        self.points: Array = rig.points(tracks.left_px, np.maximum(disparity, _MIN_DISPARITY_PX))
+
+    def pixels(self, T_previous_current: Array) -> tuple[Array, Array]:
+        """Predicted left pixels (N, 2) and disparities (N,), px, after a motion (4, 4), current camera to previous."""
+        moved = se3.apply(se3.inverse(T_previous_current), self.points)
+        is_ahead = moved[:, 2] > _MIN_DEPTH_M
+        pixels, predicted = self._rig.pixels(np.where(is_ahead[:, None], moved, self.points))
+        return pixels, np.where(self.is_known, predicted, np.nan)
 
 
 def predicted_warps(

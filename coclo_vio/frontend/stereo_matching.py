@@ -8,17 +8,15 @@ slant of the surface, and gates reject it by its row, its disparity or its simil
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from coclo_vio.frontend.config import SimilarityConfig, StereoConfig
 from coclo_vio.frontend.patches import FREE_PX, PatchAligner, SmoothPair, are_similar
 from coclo_vio.frontend.rectification import RectifiedPair
+from coclo_vio.frontend.row_search import RowSearch
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.values.arrays import Array, BoolArray, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
-
-_BLOCK_ROWS = 1  # rows above and below that a block is also searched in
 
 
 class StereoMatcher:
@@ -38,6 +36,9 @@ class StereoMatcher:
         self._valid_right = valid_right
         columns = valid_right.shape[1]
         self._max_disparity = min(rig.focal_px[0] * rig.baseline_m / config.min_depth_m, 0.5 * columns)
+        self._search = RowSearch(
+            config.block_px // 2, int(self._max_disparity), config.min_block_correlation, config.uniqueness_ratio
+        )
         self._sigmas = np.array([FREE_PX, config.row_sigma_px, config.slant_sigma, config.slant_sigma])
 
     def match(self, pair: RectifiedPair, smooth: SmoothPair, tracks: ActiveTracks) -> ActiveTracks:
@@ -50,16 +51,16 @@ class StereoMatcher:
         """
         disparity = tracks.disparity
         is_due = (tracks.ages == 1) | ((tracks.ids + tracks.ages) % self._config.retry_frames == 0)
-        for index in np.flatnonzero(np.isnan(disparity) & is_due):
-            disparity[index] = self._search_row(pair, tracks.left_px[index])
+        searched = np.flatnonzero(np.isnan(disparity) & is_due)
+        disparity[searched] = self._search.disparities(pair.left, pair.right, tracks.left_px[searched])
         right_px, slants = np.full((len(tracks), 2), np.nan), np.zeros((len(tracks), 2))
         known = np.flatnonzero(np.isfinite(disparity))
         points, count = tracks.left_px[known], len(known)
         start = np.zeros((count, 6))
         start[:, 0], start[:, 2:4] = -disparity[known], -tracks.slants[known]
         identity = np.tile(np.eye(2), (count, 1, 1))
-        templates = self._aligner.templates(smooth.left, points, len(self._sigmas))
-        found = self._aligner.align(templates, smooth.right, points, identity, self._sigmas, start)
+        templates = self._aligner.templates(smooth.left, points, self._sigmas)
+        found = self._aligner.align(templates, smooth.right, points, identity, start)
         kept = are_similar(found, self._similarity) & self._passes_gates(points, found.centres)
         kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.max_correction_px
         right_px[known[kept]] = found.centres[kept]
@@ -80,24 +81,3 @@ class StereoMatcher:
             & (right_px[:, 0] > 0.0)
             & (self._valid_right[row, column] > 0)
         )
-
-    def _search_row(self, pair: RectifiedPair, point: Array) -> float:
-        """Disparity (whole pixels) of the block with the highest correlation; NaN if too low or ambiguous."""
-        half, rows = self._config.block_px // 2, _BLOCK_ROWS
-        height, width = pair.left.shape
-        column, row = (int(value) for value in np.rint(point))
-        if not (half + rows <= row < height - half - rows and half <= column < width - half):
-            return np.nan
-        block = pair.left[row - half : row + half + 1, column - half : column + half + 1]
-        first = max(column - int(self._max_disparity) - half, 0)
-        strip = pair.right[row - half - rows : row + half + rows + 1, first : min(column + half + 2, width)]
-        if strip.shape[1] < block.shape[1]:
-            return np.nan
-        correlations = np.asarray(cv2.matchTemplate(strip, block, cv2.TM_CCOEFF_NORMED)).max(axis=0)
-        correlations = np.where(np.isfinite(correlations), correlations, 0.0)
-        best = int(correlations.argmax())
-        others = np.concatenate((correlations[: max(best - 2, 0)], correlations[best + 3 :]))
-        highest = float(correlations[best])
-        is_unique = not len(others) or float(others.max()) < self._config.uniqueness_ratio * highest
-        is_match = highest > self._config.min_block_correlation and is_unique
-        return float(column - half - first - best) if is_match else np.nan

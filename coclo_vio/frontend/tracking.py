@@ -15,8 +15,7 @@ from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.frontend.drift_correction import DriftCorrector
 from coclo_vio.frontend.motion_check import MotionCheck, MotionEstimate
 from coclo_vio.frontend.optical_flow import LucasKanade, equalised
-from coclo_vio.frontend.patches import PatchAligner
-from coclo_vio.frontend.prediction import predicted_pixels, predicted_warps
+from coclo_vio.frontend.prediction import PointPredictor, predicted_warps
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.values.arrays import Array, BoolArray, ByteImage, FloatImage
 from coclo_vio.values.calibration import RectifiedStereo
@@ -28,7 +27,7 @@ class PointTracker:
     def __init__(
         self,
         rig: RectifiedStereo,
-        aligner: PatchAligner,
+        drift_corrector: DriftCorrector,
         is_allowed: Callable[[Array], BoolArray],
         config: FrontendConfig,
         counts: Counter[str],
@@ -37,7 +36,7 @@ class PointTracker:
 
         Args:
             rig: the rectified cameras.
-            aligner: of patches.
+            drift_corrector: aligns points with their reference templates.
             is_allowed: whether a point may be at each of the pixels (N, 2), (N,).
             config: the front end's parameters.
             counts: of what happened to points; the tracker adds to them.
@@ -48,7 +47,7 @@ class PointTracker:
         self._flow = LucasKanade(flow.window_px, flow.iterations, flow.precision_px, flow.forward_backward_px)
         self._motion_check = MotionCheck(rig, config.motion)
         self._confident_share = config.motion.confident_share
-        self._drift_corrector = DriftCorrector(aligner, config.drift, config.similarity)
+        self._drift_corrector = drift_corrector
         self._is_allowed = is_allowed
         self._counts = counts
 
@@ -73,13 +72,15 @@ class PointTracker:
         """
         if not len(previous):
             return previous, MotionEstimate(None, np.zeros(0, dtype=np.bool_), 0, 0)
-        left_px, is_found = self._flow_of(previous, previous_image, image, T_previous_current)
-        before_px, disparity = previous.left_px, previous.disparity
-        coarse = self._motion_check.check(before_px[is_found], disparity[is_found], left_px[is_found])
+        predictor = PointPredictor(self._rig, previous)
+        expected_px = None if T_previous_current is None else predictor.pixels(T_previous_current)[0]
+        left_px, is_found = self._flow_of(previous, previous_image, image, expected_px)
+        points, is_known = predictor.points, predictor.is_known
+        coarse = self._motion_check.check(points[is_found], is_known[is_found], left_px[is_found])
         is_found[np.flatnonzero(is_found)] = coarse.is_inlier
-        is_confident = coarse.inliers >= self._confident_share * previous.has_right.sum()
+        is_confident = coarse.inliers >= self._confident_share * is_known.sum()
         motion = coarse.T_previous_current if is_confident else None
-        chosen, moved = self._predicted(previous, left_px, is_found, motion)
+        chosen, moved = self._predicted(previous, predictor, left_px, is_found, motion)
         is_certain = is_found[chosen] if motion is not None else np.zeros(len(moved), dtype=np.bool_)
         corrected, is_similar = self._drift_corrector.correct(smooth, moved, is_certain)
         is_similar &= self._is_allowed(corrected.left_px)
@@ -87,22 +88,20 @@ class PointTracker:
         if motion is None:
             return corrected.select(is_similar), replace(coarse, T_previous_current=None)
         kept = np.flatnonzero(chosen)[is_similar]
-        fine = self._motion_check.check(
-            before_px[kept], disparity[kept], corrected.left_px[is_similar], is_aligned=True
-        )
+        fine = self._motion_check.check(points[kept], is_known[kept], corrected.left_px[is_similar], is_aligned=True)
         self._counts["motion_outliers"] += int((~fine.is_inlier).sum())
         is_similar[is_similar] = fine.is_inlier
         return corrected.select(is_similar), fine if fine.T_previous_current is not None else coarse
 
     def _flow_of(
-        self, previous: ActiveTracks, previous_image: ByteImage, image: ByteImage, motion: Array | None
+        self, previous: ActiveTracks, previous_image: ByteImage, image: ByteImage, expected_px: Array | None
     ) -> tuple[Array, BoolArray]:
         """Positions from Lucas-Kanade, (N, 2), and whether each point was found, (N,)."""
         config = self._config
-        if motion is None:
+        if expected_px is None:
             seeds, levels = previous.left_px, config.search_levels
         else:
-            (seeds, _), levels = predicted_pixels(self._rig, previous, motion), config.levels
+            seeds, levels = expected_px, config.levels
         left_px, is_found = self._flow.track(previous_image, image, previous.left_px, seeds, levels)
         if is_found.mean() < config.retry_share:  # a jerk, or a change of illumination
             self._counts["flow_retries"] += 1
@@ -114,15 +113,20 @@ class PointTracker:
         return left_px, is_found
 
     def _predicted(
-        self, previous: ActiveTracks, left_px: Array, is_found: BoolArray, motion: Array | None
+        self,
+        previous: ActiveTracks,
+        predictor: PointPredictor,
+        left_px: Array,
+        is_found: BoolArray,
+        motion: Array | None,
     ) -> tuple[BoolArray, ActiveTracks]:
         """Which points are to be aligned, (N,), and these with their predicted right pixels and warps.
 
         Points that were lost are put where the motion predicts them, if it and their depths are known.
         """
         T = np.eye(4) if motion is None else motion
-        expected_px, disparity = predicted_pixels(self._rig, previous, T)
-        is_recoverable = ~is_found & previous.has_right if motion is not None else np.zeros_like(is_found)
+        expected_px, disparity = predictor.pixels(T)
+        is_recoverable = ~is_found & predictor.is_known if motion is not None else np.zeros_like(is_found)
         self._counts["flow_lost"] += int((~is_found).sum())
         self._counts["searched_by_motion"] += int(is_recoverable.sum())
         left_px = np.where(is_recoverable[:, None], expected_px, left_px)

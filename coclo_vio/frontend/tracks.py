@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from coclo_vio.frontend.patches import Templates
+from coclo_vio.frontend.patch_alignment import Templates
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 

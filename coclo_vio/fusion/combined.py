@@ -3,10 +3,13 @@
 window's evidence corrects the filter. One measurement at a time; two trajectories come out.
 
 A frame's pose is remembered in the filter at its stamp. What vision finds comes back later (the latency) and is taken
-at the remembered poses; everything since follows by its correlations, nothing is replayed.
+at the remembered poses; everything since follows by its correlations, nothing is replayed. Until then the frame may be
+processed in another thread: its outputs come with the first measurement whose stamp is past the latency, or with the
+next frame, whether there is a thread or not.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +21,7 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.feedback import Feedback, make_feedback_policy
+from coclo_vio.fusion.frame_worker import FrameWorker
 from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, TrackedFrame, VisionChain, prefixed
@@ -29,6 +33,7 @@ from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.keyframes import (
     FrameResult,
     KeyframeResult,
+    OdometryDelta,
     PoseEvidence,
     PoseMarginal,
     PosePair,
@@ -44,6 +49,32 @@ from coclo_vio.values.measurements import (
 )
 from coclo_vio.values.outputs import Estimate, Event, Output
 from coclo_vio.values.units import NS_PER_S
+
+_InWorld = Callable[[Array, Array], tuple[Array, Array]]
+_Processed = tuple[TrackedFrame, FrameResult] | None  # None where there is no front end
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _InProcess:
+    """A frame whose result has not been taken yet.
+
+    Attributes:
+        at_ns: when it is taken at the latest.
+        pair: the keyframe before and this frame, as the filter remembers them.
+        poses: of the two when the frame came.
+        latest: the filter's last estimate then.
+        in_world: from the anchor to the filter's world as it was then.
+        events: what happened before the frame was processed.
+        processed: the result.
+    """
+
+    at_ns: int
+    pair: FramePair
+    poses: PosePair
+    latest: StateEstimate
+    in_world: _InWorld
+    events: tuple[Event, ...]
+    processed: Future[_Processed]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,12 +135,16 @@ class CombinedOdometry(StreamingEstimator):
         self._known_to_window: PoseMarginal | None = None  # of the last keyframe, once the window was solved
         self._known_to_both: PoseMarginal | None = None  # the same in the filter, once it had the window's evidence
         self._last_pose: Array | None = None  # of the last frame, in the filter's world
+        self._worker = FrameWorker(self.config.frame_threads)
+        self._in_process: _InProcess | None = None
         self._pending: _Pending | None = None
         self._latest: StateEstimate | None = None  # of the filter
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What was counted here, and by filter, front end and smoother."""
+        """What was counted here, and by filter, front end and smoother, once the frame in process is done."""
+        if self._in_process is not None:
+            wait([self._in_process.processed])
         return {
             **super().counts,
             **self._vision.counts,
@@ -118,20 +153,23 @@ class CombinedOdometry(StreamingEstimator):
         }
 
     def _end(self) -> Iterator[Output]:
-        """The result of the last keyframe, which no later measurement fetches."""
+        """The results of the last frame and of the last keyframe, which no later measurement fetches."""
+        yield from self._take_result()
         if self._pending is not None:
             yield from self._correct_filter(self._pending.at_ns)
+        self._worker.close()
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
             case JointSample() | ImuSample() | FootForceSample():
-                yield from self._correct_filter(measurement.stamp_ns)
+                yield from self._take_what_is_due(measurement.stamp_ns)
                 state = self._filter.push(measurement)
                 if state is not None:
                     self._latest = state
                     yield Estimate(self._filter_name, state)
             case StereoFrame() | StereoTracks():
-                yield from self._correct_filter(measurement.stamp_ns)
+                yield from self._take_what_is_due(measurement.stamp_ns)
+                yield from self._take_result()
                 yield from self._process_frame(measurement)
 
     def _process_frame(self, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
@@ -149,8 +187,8 @@ class CombinedOdometry(StreamingEstimator):
             return
         if self._keyframe is None:
             yield from self._begin(self._filter.mark_frame(frame.stamp_ns), frame)
-        else:
-            yield from self._tie(self._keyframe.mark_frame(frame.stamp_ns), frame)
+        elif self._latest is not None:
+            yield from self._tie(self._keyframe, self._latest, frame)
 
     def _is_too_late(self, stamp_ns: int) -> bool:
         """Whether the filter has passed the frame's stamp by more than constant velocity reaches back."""
@@ -160,43 +198,78 @@ class CombinedOdometry(StreamingEstimator):
 
     def _begin(self, marked: MarkedFrame, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         """The first frame: keyframe of the window, and anchor from which both count poses."""
-        tracked = self._track(frame, marked.T_world_body)
-        if tracked is None:
-            return
-        yield from tracked.pictures
         self._smoother.start_from(PoseMarginal(frame.stamp_ns, np.eye(4), np.zeros((6, 6))))
-        result = self._smoother.push_tracks(tracked.tracks)
+        processed = self._submit(frame, marked.T_world_body).result()
+        if processed is None or self._latest is None:
+            return
+        tracked, result = processed
+        yield from tracked.pictures
         self._keyframe = marked.anchor()
         self._known_to_both = None if result.keyframe is None else result.keyframe.marginal
         self._known_to_window = self._known_to_both
-        yield from self._outputs_of(result)
+        yield from self._outputs_of(result, self._latest, self._keyframe.in_world)
 
-    def _track(self, frame: StereoFrame | StereoTracks, T_world_body: Array) -> TrackedFrame | None:
+    def _submit(
+        self,
+        frame: StereoFrame | StereoTracks,
+        T_world_body: Array,
+        odometry: OdometryDelta | None = None,
+        evidence: PoseEvidence | None = None,
+    ) -> Future[_Processed]:
+        """Track a frame, whose pose is expected at ``T_world_body``, and give the tracks to the window."""
         before, self._last_pose = self._last_pose, T_world_body
-        return self._vision.track(frame, before, T_world_body)
 
-    def _tie(self, pair: FramePair, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
+        def process() -> _Processed:
+            tracked = self._vision.track(frame, before, T_world_body)
+            return (
+                None if tracked is None else (tracked, self._smoother.push_tracks(tracked.tracks, odometry, evidence))
+            )
+
+        return self._worker.submit(process)
+
+    def _tie(self, keyframe: Keyframe, latest: StateEstimate, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         """A frame after a keyframe: the filter's motion since then goes to the window with the tracks."""
-        tracked = self._track(frame, pair.T_world_body)
-        if tracked is None:
-            return
-        yield from tracked.pictures
+        pair = keyframe.mark_frame(frame.stamp_ns)
         poses = pair.poses()
+        events: tuple[Event, ...] = ()
         evidence: PoseEvidence | None = None
         try:
             evidence = self._policy.evidence_for_window(poses, self._known_to_both)
         except SmootherError as error:
-            yield Event(poses.end_ns, "evidence_unavailable", str(error))
-        result = self._smoother.push_tracks(tracked.tracks, relative_motion(poses, self.config.floor_m), evidence)
-        yield from self._outputs_of(result)
+            events = (Event(poses.end_ns, "evidence_unavailable", str(error)),)
+        motion = relative_motion(poses, self.config.floor_m)
+        in_world = keyframe.in_world_of_now() if self._latency_ns else keyframe.in_world
+        processed = self._submit(frame, pair.T_world_body, motion, evidence)
+        at_ns = frame.stamp_ns + self._latency_ns
+        self._in_process = _InProcess(at_ns, pair, poses, latest, in_world, events, processed)
+        if not self._latency_ns:
+            yield from self._take_result()
+
+    def _take_what_is_due(self, now_ns: int) -> Iterator[Output]:
+        if self._in_process is not None and now_ns >= self._in_process.at_ns:
+            yield from self._take_result()
+        yield from self._correct_filter(now_ns)
+
+    def _take_result(self) -> Iterator[Output]:
+        """The outputs of the frame in process, once it is done; where it is a keyframe, the filter gets feedback."""
+        frame, self._in_process = self._in_process, None
+        if frame is None:
+            return
+        processed = frame.processed.result()
+        if processed is None:
+            return
+        tracked, result = processed
+        yield from tracked.pictures
+        yield from frame.events
+        yield from self._outputs_of(result, frame.latest, frame.in_world)
         if result.keyframe is None:
             return
         feedback = None
         try:
-            feedback = self._feedback(poses, result.keyframe)
+            feedback = self._feedback(frame.poses, result.keyframe)
         except SmootherError as error:
-            yield Event(frame.stamp_ns, "evidence_unavailable", str(error))
-        self._pending = _Pending(frame.stamp_ns + self._latency_ns, pair, feedback)
+            yield Event(frame.pair.stamp_ns, "evidence_unavailable", str(error))
+        self._pending = _Pending(frame.at_ns, frame.pair, feedback)
         self._known_to_window = result.keyframe.marginal
 
     def _feedback(self, poses: PosePair, result: KeyframeResult) -> Feedback | None:
@@ -224,21 +297,21 @@ class CombinedOdometry(StreamingEstimator):
         if outcome in {GateOutcome.ACCEPTED, GateOutcome.FORCED}:
             yield self._filter.camera_calibration(pair.stamp_ns)
 
-    def _outputs_of(self, result: FrameResult) -> Iterator[Output]:
+    def _outputs_of(self, result: FrameResult, latest: StateEstimate, in_world: _InWorld) -> Iterator[Output]:
         """What the window gives for a frame, its pose moved to the filter's world.
 
         Angular velocity, velocity and biases of the estimate are the filter's.
         """
         yield from result.events
         yield from result.health
-        if result.estimate is None or self._latest is None or self._keyframe is None:
+        if result.estimate is None:
             return
         covariance = np.zeros((9, 9))
-        T_world_body, covariance[:6, :6] = self._keyframe.in_world(
+        T_world_body, covariance[:6, :6] = in_world(
             result.estimate.nav.T_world_body, result.estimate.covariance[:6, :6]
         )
-        covariance[6:, 6:] = self._latest.covariance[6:, 6:]
-        nav = replace(self._latest.nav, T_world_body=T_world_body)
+        covariance[6:, 6:] = latest.covariance[6:, 6:]
+        nav = replace(latest.nav, T_world_body=T_world_body)
         yield Estimate(self._smoother_name, replace(result.estimate, nav=nav, covariance=covariance))
 
 
@@ -281,7 +354,7 @@ def combined_odometry(
     stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
     return CombinedOdometry(
         leg_filter,
-        SlidingWindowSmoother(rig, smoother, uses_imu=False),
+        SlidingWindowSmoother(rig, smoother),
         stages,
         config,
         time_offset_s=stereo.time_offset_s,

@@ -24,6 +24,10 @@ class BridgeConfig(StageConfig):
     vision_latency_s: Annotated[
         float, Field(ge=0, le=5, description="a frame's result reaches the filter this long after its stamp, s")
     ] = 0.05
+    frame_threads: Annotated[
+        int,
+        Field(ge=0, le=1, description="threads beside the filter's that process frames until their results are due"),
+    ] = 0
     min_novel_share: Annotated[
         float,
         Field(ge=0, lt=0.5, description="directions in which a smaller share of a marginal is novel count as known"),

@@ -12,7 +12,7 @@ from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, ByteImage
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.keyframes import FrameResult, OdometryDelta, PoseEvidence, PoseMarginal
-from coclo_vio.values.measurements import InertialReading, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import BodyTwistSample, InertialReading, StereoFrame, StereoTracks
 from coclo_vio.values.outputs import Picture
 
 
@@ -52,6 +52,9 @@ class Smoother(Protocol):
 
     def push_imu(self, sample: InertialReading) -> None:
         """Take a reading, before the tracks of the frame that it leads to."""
+
+    def push_twist(self, sample: BodyTwistSample) -> None:
+        """Take a twist of the body, before the tracks of the frame that it leads to."""
 
     def predicted_pose(self, stamp_ns: int) -> Array | None:
         """``T_world_body`` expected at a stamp, (4, 4); None before the start."""

@@ -5,8 +5,8 @@ Frames go through the vision chain with the motion that the smoother expects; th
 IMU readings and the body twists up to them.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Literal, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Literal
 
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.frontend.config import FrontendConfig
@@ -14,31 +14,20 @@ from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefixed
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo, StereoCalibration
-from coclo_vio.values.keyframes import OdometryDelta
 from coclo_vio.values.measurements import BodyTwistSample, InertialReading, Measurement, StereoFrame, StereoTracks
 from coclo_vio.values.outputs import Estimate, Output
 
+if TYPE_CHECKING:
+    from coclo_vio.backend.window.keyframe_source import KeyframeSource
+
 KeyframeTies = Literal["none", "imu", "twist"]
-
-
-class TwistIntegrator(Protocol):
-    """What turns body twists into relative motion; ``backend.window.twist_odometry.TwistOdometry``."""
-
-    def push(self, sample: BodyTwistSample) -> None:
-        """Take a twist."""
-
-    def restart(self, stamp_ns: int) -> None:
-        """Begin anew at a keyframe."""
-
-    def delta_until(self, stamp_ns: int) -> OdometryDelta | None:
-        """The motion since the restart."""
 
 
 class VisualOdometry(StreamingEstimator):
     """Stereo frames or tracks in, an estimate for each once started: ``vins``, ``stereo`` and ``stereo_twist``.
 
-    Which of them it is depends on the smoother (whether the IMU ties keyframes) and on whether body twists are
-    integrated. Loss of vision and a restart of the window are events, never errors.
+    Which of them it is depends on the smoother's sources and on the readings that it gets. Loss of vision and a restart
+    of the window are events, never errors.
     """
 
     def __init__(
@@ -46,9 +35,9 @@ class VisualOdometry(StreamingEstimator):
         name: str,
         smoother: Smoother,
         frontend: Frontend | None = None,
-        twist: TwistIntegrator | None = None,
         *,
         imu_kind: type[InertialReading] | None = None,
+        twist_kind: type[BodyTwistSample] | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
     ) -> None:
@@ -58,15 +47,15 @@ class VisualOdometry(StreamingEstimator):
             name: of the trajectory.
             smoother: a fresh one.
             frontend: a fresh one; None where a recording has tracks, not frames.
-            twist: integrates body twists, where they are used.
             imu_kind: the one kind of IMU whose readings are used; None for no IMU.
+            twist_kind: the kind of body twists that are used; None for none.
             time_offset_s: stamp of a frame plus this is the IMU's clock, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
         """
-        super().__init__(ImageClock(time_offset_s, waits=imu_kind is not None or twist is not None))
-        self._name, self._smoother, self._twist = name, smoother, twist
+        super().__init__(ImageClock(time_offset_s, waits=imu_kind is not None or twist_kind is not None))
+        self._name, self._smoother = name, smoother
         self._vision = VisionChain(frontend, pictures_every)
-        self._imu_kind = imu_kind
+        self._imu_kind, self._twist_kind = imu_kind, twist_kind
         self._reading_ns: int | None = None
 
     @property
@@ -78,8 +67,8 @@ class VisualOdometry(StreamingEstimator):
         match measurement:
             case StereoFrame() | StereoTracks():
                 yield from self._process_frame(measurement)
-            case BodyTwistSample() if self._twist is not None:
-                self._twist.push(measurement)
+            case BodyTwistSample() if type(measurement) is self._twist_kind:
+                self._smoother.push_twist(measurement)
             case InertialReading() if type(measurement) is self._imu_kind:
                 self._take_reading(measurement)
 
@@ -98,12 +87,7 @@ class VisualOdometry(StreamingEstimator):
         if tracked is None:
             return
         yield from tracked.pictures
-        odometry = None if self._twist is None else self._twist.delta_until(frame.stamp_ns)
-        before_ns = self._smoother.keyframe_ns
-        result = self._smoother.push_tracks(tracked.tracks, odometry)
-        keyframe_ns = self._smoother.keyframe_ns
-        if self._twist is not None and keyframe_ns is not None and keyframe_ns != before_ns:
-            self._twist.restart(keyframe_ns)
+        result = self._smoother.push_tracks(tracked.tracks)
         yield from result.events
         yield from result.health
         if result.estimate is not None:
@@ -138,21 +122,24 @@ def visual_odometry(
         ConfigError: cameras that cannot be rectified.
         CalibrationMissing: tracks, and cameras that are not rectified.
     """
-    from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.inertial_source import InertialSource  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.odometry_source import TwistSource  # noqa: PLC0415
+    from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415
+    from coclo_vio.backend.window.twist_odometry import TwistOdometry  # noqa: PLC0415
 
     stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
-    twist: TwistIntegrator | None = None
-    if ties == "twist":
-        from coclo_vio.backend.window.twist_odometry import TwistOdometry  # noqa: PLC0415
-
-        twist = TwistOdometry(smoother.twist)
     kind, calibration = (None, None) if imu is None else imu
+    sources: dict[KeyframeTies, Callable[[], list[KeyframeSource]]] = {
+        "none": list,
+        "imu": lambda: [InertialSource(calibration or ImuCalibration(), smoother)],
+        "twist": lambda: [TwistSource(TwistOdometry(smoother.twist))],
+    }
     return VisualOdometry(
         name,
-        SlidingWindowSmoother(rig, smoother, calibration, uses_imu=ties == "imu"),
+        SlidingWindowSmoother(rig, smoother, calibration, sources[ties]()),
         stages,
-        twist,
         imu_kind=kind,
+        twist_kind=BodyTwistSample if ties == "twist" else None,
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import expit
 
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, has_nan
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.units import NS_PER_S
@@ -230,7 +230,8 @@ class ContactDetector:
             self._counts["contact_stamp_backwards"] += 1
             return self._state
         self._stamp_ns = stamp_ns
-        self._counts["contact_load_missing"] += int(np.isnan(load).sum())
+        if has_nan(load):
+            self._counts["contact_load_missing"] += int(np.isnan(load).sum())
         self._state = self._estimator.update(stamp_ns, load)
         for name, values in (("probability", self._state.probability), ("is_stance", self._state.is_stance)):
             if np.shape(values) != (self._legs,):
@@ -266,17 +267,21 @@ class _Hysteresis:
     def update(self, stamp_ns: int, load: Array) -> ContactState:
         """One step of the trigger; a change takes effect once its condition has held for the dwell time."""
         config, known = self._config, _without_nan(load)
+        probability = logistic_probability(known, config.centre, config.width)
         has_condition = np.where(self._is_stance, known < config.off_force, known >= config.on_force)
+        if not has_condition.any():
+            self._is_changing = has_condition
+            return ContactState(probability, self._is_stance, load)
         self._since_ns = np.where(has_condition & self._is_changing, self._since_ns, stamp_ns)
         dwell_ns = np.where(self._is_stance, self._off_dwell_ns, self._on_dwell_ns)
         changes = has_condition & ((stamp_ns - self._since_ns >= dwell_ns) | np.isnan(load))
         self._is_stance = self._is_stance ^ changes
         self._is_changing = has_condition & ~changes
-        return ContactState(logistic_probability(known, config.centre, config.width), self._is_stance, load)
+        return ContactState(probability, self._is_stance, load)
 
 
 def _without_nan(load: Array) -> Array:
-    return np.where(np.isnan(load), -np.inf, load)
+    return np.where(np.isnan(load), -np.inf, load) if has_nan(load) else load
 
 
 register_contact_estimator(

@@ -44,13 +44,20 @@ class FootLoad:
         self._force = sample
         return True
 
-    def loads_at(self, sample: JointSample, up_body: Array, angular_velocity_body: Array | None) -> Array:
+    def loads_at(
+        self,
+        sample: JointSample,
+        up_body: Array,
+        angular_velocity_body: Array | None,
+        jacobian: Array | None = None,
+    ) -> Array:
         """Loads at a joint sample, N or counts, (legs,); NaN where unknown.
 
         Args:
             sample: the joints, newer than those of the last call.
             up_body: upward direction in the body frame, (3,).
             angular_velocity_body: of the body, rad/s, (3,), for the inertia of the legs.
+            jacobian: of the feet at the sample, (n, 6, J), where it is known already.
         """
         before, self._joints = self._joints, sample
         if self._config.source == "force_sensor":
@@ -67,5 +74,6 @@ class FootLoad:
             specific_force_body=None if self._config.compensation == "none" else GRAVITY_MPS2 * up_body,
             angular_velocity_body=angular_velocity_body,
             acceleration=acceleration,
+            jacobian=jacobian,
         )
-        return np.asarray(np.linalg.norm(forces, axis=1) if self._config.method == "paper" else forces @ up_body)
+        return np.linalg.norm(forces, axis=1) if self._config.method == "paper" else forces @ up_body

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the robot stands still, and the mean of its IMU then.
+"""Whether the robot stands still, the mean of its IMU then, and when an estimator may start.
 
 At rest the mean specific force points up and the mean angular velocity is the gyroscope's bias: the filter starts from
 them, and later uses the standstill itself as a measurement.
 """
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,10 +14,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.values.arrays import Array
+from coclo_vio.values.arrays import Array, has_nan
 from coclo_vio.values.config import StageConfig
-from coclo_vio.values.measurements import ImuSample, JointSample
-from coclo_vio.values.units import NS_PER_S
+from coclo_vio.values.measurements import InertialReading, JointSample
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _MIN_SAMPLES = 5
 _FAST_JOINT = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once, for a window
@@ -41,22 +42,61 @@ class StandstillConfig(StageConfig):
         float, Field(gt=0, le=10, description="largest root-mean-square speed of any joint, rad/s")
     ] = 0.1
 
+    @property
+    def limits(self) -> "StandstillLimits":
+        """These limits, for a robot with joints."""
+        return StandstillLimits(
+            window_s=self.window_s,
+            gyroscope_std_radps=self.gyroscope_std_radps,
+            accelerometer_std_mps2=self.accelerometer_std_mps2,
+            gyroscope_mean_radps=self.gyroscope_mean_radps,
+            joint_speed_radps=self.joint_speed_radps,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandstillLimits:
+    """Limits of a standstill over a window; infinity where there is none.
+
+    Attributes:
+        window_s: length of the sliding window, s.
+        gyroscope_std_radps: of the scatter of the angular velocity, all axes together, rad/s.
+        accelerometer_std_mps2: of the scatter of the specific force, all axes together, m/s^2.
+        gyroscope_mean_radps: of the mean angular velocity, rad/s.
+        joint_speed_radps: of the root-mean-square speed of any joint, rad/s.
+        force_error_mps2: of the difference between the mean specific force and gravity in size, m/s^2.
+    """
+
+    window_s: float
+    gyroscope_std_radps: float
+    accelerometer_std_mps2: float
+    gyroscope_mean_radps: float = math.inf
+    joint_speed_radps: float = math.inf
+    force_error_mps2: float = math.inf
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rest:
-    """Means of the IMU over the window while the robot stands still, imu frame.
+class ImuMeans:
+    """Means of an IMU over the window, imu frame unless rotated.
 
     Attributes:
         stamp_ns: time of the newest sample, in nanoseconds.
         angular_velocity: rad/s, (3,): at rest the gyroscope's bias.
         specific_force: m/s^2, (3,): at rest it points up, with 9.81 and the accelerometer's bias.
         sample_count: samples in the means.
+        span_s: time from the oldest to the newest sample, s.
     """
 
     stamp_ns: int
     angular_velocity: Array
     specific_force: Array
     sample_count: int
+    span_s: float
+
+    def rotated(self, rotation: Array) -> "ImuMeans":
+        """The same in another frame, by ``R_frame_imu`` (3, 3)."""
+        rate, force = rotation @ self.angular_velocity, rotation @ self.specific_force
+        return ImuMeans(self.stamp_ns, rate, force, self.sample_count, self.span_s)
 
 
 class StandstillDetector:
@@ -67,9 +107,9 @@ class StandstillDetector:
     distinguished from rest. Samples whose stamp is not later than the last of their kind are refused and counted.
     """
 
-    def __init__(self, config: StandstillConfig | None = None) -> None:
-        self.config = config or StandstillConfig()
-        window_ns = round(self.config.window_s * NS_PER_S)
+    def __init__(self, limits: StandstillLimits) -> None:
+        self.limits = limits
+        window_ns = round(limits.window_s * NS_PER_S)
         self._imu = _SlidingMoments(window_ns)
         self._joints = _SlidingMoments(window_ns)
         self._fast_ns: int | None = None
@@ -80,17 +120,17 @@ class StandstillDetector:
         """Samples refused for their stamp."""
         return self._counts
 
-    def push(self, sample: ImuSample | JointSample) -> None:
+    def push(self, sample: InertialReading | JointSample) -> None:
         """Take one sample of either kind; the two need not come in step."""
         match sample:
-            case ImuSample():
+            case InertialReading():
                 values = np.concatenate((sample.angular_velocity, sample.specific_force))
                 is_taken = self._imu.push(sample.stamp_ns, values)
             case JointSample():
-                velocity = np.where(np.isnan(sample.velocity), 0.0, sample.velocity)
-                fastest = float(np.abs(velocity).max(initial=0.0))
+                velocity = np.nan_to_num(sample.velocity, nan=0.0) if has_nan(sample.velocity) else sample.velocity
                 is_taken = self._joints.push(sample.stamp_ns, velocity)
-                if is_taken and fastest > _FAST_JOINT * self.config.joint_speed_radps:
+                fast = _FAST_JOINT * self.limits.joint_speed_radps
+                if is_taken and max(velocity.max(initial=0.0), -velocity.min(initial=0.0)) > fast:
                     self._fast_ns = sample.stamp_ns
         if not is_taken:
             self._counts["standstill_stamp_refused"] += 1
@@ -98,28 +138,56 @@ class StandstillDetector:
     @property
     def is_stationary(self) -> bool:
         """Whether every limit was kept over the whole window, and no joint was fast in it."""
-        imu, config = self._imu, self.config
+        imu, limits = self._imu, self.limits
         if imu.count < _MIN_SAMPLES or imu.span_ns < _MIN_SPAN * imu.window_ns:
             return False
         if self._fast_ns is not None and self._fast_ns > imu.newest_ns - imu.window_ns:
             return False
-        mean, variance = imu.mean(), imu.variance()
-        if float(mean[:3] @ mean[:3]) > config.gyroscope_mean_radps**2:
-            return False
-        if float(variance[:3].sum()) > config.gyroscope_std_radps**2:
-            return False
-        if float(variance[3:].sum()) > config.accelerometer_std_mps2**2:
+        if not self._is_imu_at_rest():
             return False
         self._joints.drop_before(imu.newest_ns - imu.window_ns)
-        return self._joints.count == 0 or float(self._joints.mean_square().max()) <= config.joint_speed_radps**2
+        return self._joints.count == 0 or float(self._joints.mean_square().max()) <= limits.joint_speed_radps**2
+
+    def _is_imu_at_rest(self) -> bool:
+        mean, variance, limits = self._imu.mean(), self._imu.variance(), self.limits
+        if float(variance[:3].sum()) > limits.gyroscope_std_radps**2:  # most often, while the robot walks
+            return False
+        return bool(
+            float(mean[:3] @ mean[:3]) <= limits.gyroscope_mean_radps**2
+            and float(variance[3:].sum()) <= limits.accelerometer_std_mps2**2
+            and abs(math.sqrt(float(mean[3:] @ mean[3:])) - GRAVITY_MPS2) <= limits.force_error_mps2
+        )
 
     @property
-    def rest(self) -> Rest | None:
-        """The means over the window while the robot stands still, otherwise None."""
-        if not self.is_stationary:
+    def means(self) -> ImuMeans | None:
+        """The means over the window, at rest or not; None before the first IMU sample."""
+        if not self._imu.count:
             return None
-        mean = self._imu.mean()
-        return Rest(self._imu.newest_ns, mean[:3], mean[3:], self._imu.count)
+        mean, span_s = self._imu.mean(), self._imu.span_ns / NS_PER_S
+        return ImuMeans(self._imu.newest_ns, mean[:3], mean[3:], self._imu.count, span_s)
+
+    @property
+    def rest(self) -> ImuMeans | None:
+        """The means over the window while the robot stands still, otherwise None."""
+        return self.means if self.is_stationary else None
+
+
+class StartRule:
+    """When an estimator may start: at rest, or in motion once it has waited for rest long enough.
+
+    Args:
+        rest_timeout_s: longest time to wait for rest, s.
+    """
+
+    def __init__(self, rest_timeout_s: float) -> None:
+        self._timeout_ns = round(rest_timeout_s * NS_PER_S)
+        self._first_ns: int | None = None
+
+    def is_met(self, stamp_ns: int, rest: ImuMeans | None) -> bool:
+        """Whether to start at ``stamp_ns``, with the means of the IMU at rest or None; waits from the first call on."""
+        if self._first_ns is None:
+            self._first_ns = stamp_ns
+        return rest is not None or stamp_ns - self._first_ns >= self._timeout_ns
 
 
 class _SlidingMoments:

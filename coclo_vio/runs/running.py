@@ -2,11 +2,13 @@
 """A recording through several modes into one run folder."""
 
 from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from coclo_vio import __version__
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
+from coclo_vio.datasets.read_ahead import read_ahead
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.runs import pipeline, run_folder
 from coclo_vio.runs.equipment import Equipment
@@ -105,12 +107,14 @@ class _Prepared:
         estimator: a fresh one.
         sensors: what it reads of the recording.
         leg_names: of the robot whose legs it follows.
+        reads_ahead: whether a thread reads ahead of the estimator.
     """
 
     mode: Mode
     estimator: Estimator
     sensors: frozenset[type]
     leg_names: tuple[str, ...]
+    reads_ahead: bool
 
 
 def _prepared(
@@ -125,7 +129,7 @@ def _prepared(
     except CocloError as error:
         return error
     legs = () if equipment.robot is None else equipment.robot.leg_names
-    return _Prepared(mode, estimator, mode.sensors_of(equipment), legs)
+    return _Prepared(mode, estimator, mode.sensors_of(equipment), legs, config.dataset.reading_threads > 0)
 
 
 def _described(path: Path, dataset: Dataset, given: RunConfig, resolved: RunConfig, folder: Path) -> RunRecord:
@@ -156,12 +160,11 @@ def _run_one(
             if watch is not None:
                 watch(name, output)
 
-        summary = pipeline.run(
-            ready.estimator,
-            faults.measurements(dataset.measurements, ready.sensors),
-            take,
-            None if progress is None else lambda stamp_ns: progress(name, stamp_ns),
-        )
+        measurements = faults.measurements(dataset.measurements, ready.sensors)
+        with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
+            summary = pipeline.run(
+                ready.estimator, source, take, None if progress is None else lambda stamp_ns: progress(name, stamp_ns)
+            )
     return summary.recording_ns, recorder.records(summary, ready.sensors)
 
 

@@ -9,7 +9,20 @@ import numpy.typing as npt
 
 from coclo_vio.geometry.array_types import Array, BoolArray, ByteImage, FloatImage, IntArray
 
-__all__ = ["Array", "BoolArray", "ByteImage", "FloatImage", "IntArray", "checked", "frozen", "read_only"]
+__all__ = [
+    "Array",
+    "BoolArray",
+    "ByteImage",
+    "FloatImage",
+    "IntArray",
+    "checked",
+    "frozen",
+    "has_nan",
+    "is_finite",
+    "read_only",
+]
+
+_ANY_VECTOR = (None,)
 
 
 def checked(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...], *, allow_nan: bool = False) -> Array:
@@ -25,21 +38,34 @@ def checked(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...], *, a
         ValueError: the shape differs, or an entry is not finite.
     """
     array = np.array(value, dtype=np.float64)
-    if array.shape == shape and math.isfinite(np.vdot(array, array)):  # only if every entry is finite, most are
-        array.flags.writeable = False
-        return array
-    has_shape = array.ndim == len(shape) and all(
-        expected in (None, actual) for expected, actual in zip(shape, array.shape, strict=True)
-    )
-    if not has_shape:
+    if array.shape != shape and not _has_shape(array.shape, shape):
         expected_shape = tuple("any" if length is None else length for length in shape)
         raise ValueError(f"{name} must have shape {expected_shape}, got {array.shape}")
-    is_invalid = np.isinf(array) if allow_nan else ~np.isfinite(array)
-    if is_invalid.any():
-        index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
-        raise ValueError(f"{name} must be finite, got {array[index]} at index {index}")
-    array.flags.writeable = False
+    if not is_finite(array):
+        is_invalid = np.isinf(array) if allow_nan else ~np.isfinite(array)
+        if is_invalid.any():
+            index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
+            raise ValueError(f"{name} must be finite, got {array[index]} at index {index}")
+    array.setflags(write=False)
     return array
+
+
+def _has_shape(actual: tuple[int, ...], expected: tuple[int | None, ...]) -> bool:
+    if expected == _ANY_VECTOR:  # by far the most frequent
+        return len(actual) == 1
+    return len(actual) == len(expected) and all(
+        wanted is None or wanted == length for wanted, length in zip(expected, actual, strict=True)
+    )
+
+
+def is_finite(array: Array) -> bool:
+    """Whether every entry is finite; several times faster than ``isfinite().all()`` where no square overflows."""
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
+
+
+def has_nan(array: Array) -> bool:
+    """Whether an array without infinite entries has one that is NaN; several times faster than ``isnan().any()``."""
+    return math.isnan(np.vdot(array, array))
 
 
 def read_only(image: ByteImage) -> ByteImage:

@@ -21,6 +21,8 @@ def check_stamp(sample: "Measurement | InertialReading") -> None:
         TimestampError: it is another type, such as float seconds.
     """
     stamp_ns = sample.stamp_ns
+    if type(stamp_ns) is int:
+        return
     if not isinstance(stamp_ns, int | np.integer) or isinstance(stamp_ns, bool):
         raise TimestampError(
             f"{type(sample).__name__}.stamp_ns must be integer nanoseconds, got {stamp_ns!r} "
@@ -91,6 +93,19 @@ class JointSample:
         shape = (len(self.position),)
         frozen(self, "velocity", checked("JointSample.velocity", self.velocity, shape, allow_nan=True))
         frozen(self, "effort", checked("JointSample.effort", self.effort, shape, allow_nan=True))
+
+    def with_velocity(self, velocity: Array) -> "JointSample":
+        """The same reading with other velocities, rad/s, (joints,).
+
+        Raises:
+            ValueError: another length, or an infinite velocity.
+        """
+        sample = object.__new__(JointSample)  # without the checks of what has been checked
+        for name in ("stamp_ns", "position", "effort"):
+            frozen(sample, name, getattr(self, name))
+        shape = self.position.shape
+        frozen(sample, "velocity", checked("JointSample.velocity", velocity, shape, allow_nan=True))
+        return sample
 
 
 @dataclass(frozen=True, slots=True, eq=False)

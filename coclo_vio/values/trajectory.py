@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectory: stamped poses, optionally with velocity and covariance; reading and writing of TUM files."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -13,6 +14,9 @@ from coclo_vio.values.arrays import Array, BoolArray, IntArray, checked, frozen
 from coclo_vio.values.errors import DatasetError, EvaluationError, TimestampError
 from coclo_vio.values.units import NS_PER_S
 
+_TUM_VALUES = " ".join(["%.12g"] * 7) + "\n"
+_DECIMALS = 9  # of a number of seconds in nanoseconds
+_MAX_WHOLE = 12  # digits before the point up to which integers replace decimals
 _MAX_DIGITS = 30  # of a number of seconds; 1e999999999 would exhaust the memory
 _STAMP_LIMIT_NS = 2**63
 _MIN_QUATERNION_NORM = 1e-6
@@ -177,24 +181,20 @@ def _interpolate_columns(at_s: Array, own_s: Array, columns: Array) -> Array:
     return np.stack([np.interp(at_s, own_s, column) for column in columns.T], axis=1)
 
 
-def tum_line(stamp_ns: int, T_world_body: Array) -> str:
-    """One line ``t x y z qx qy qz qw``: seconds with all nine decimals, from integer nanoseconds."""
-    return _tum_line(stamp_ns, T_world_body[:3, 3], so3.to_quat_xyzw(T_world_body[:3, :3]))
-
-
-def _tum_line(stamp_ns: int, position: Array, quat_xyzw: Array) -> str:
-    sign = "-" if stamp_ns < 0 else ""
-    seconds, nanoseconds = divmod(abs(int(stamp_ns)), NS_PER_S)
-    values = " ".join(f"{value:.12g}" for value in (*position, *quat_xyzw))
-    return f"{sign}{seconds}.{nanoseconds:09d} {values}\n"
+def tum_lines(stamps_ns: Iterable[int], T_world_body: Array) -> Iterator[str]:
+    """Lines ``t x y z qx qy qz qw`` of poses (N, 4, 4): seconds with all nine decimals, from integer nanoseconds."""
+    quat_xyzw = so3.to_quat_xyzw(T_world_body[:, :3, :3])
+    values = np.concatenate((T_world_body[:, :3, 3], quat_xyzw), axis=1).tolist()
+    for stamp_ns, row in zip(stamps_ns, values, strict=True):
+        sign = "-" if stamp_ns < 0 else ""
+        seconds, nanoseconds = divmod(abs(int(stamp_ns)), NS_PER_S)
+        yield f"{sign}{seconds}.{nanoseconds:09d} " + _TUM_VALUES % tuple(row)
 
 
 def write_tum(trajectory: Trajectory, path: Path) -> None:
-    """Write the poses as ``tum_line`` does."""
-    quat_xyzw = so3.to_quat_xyzw(trajectory.rotations)
-    rows = zip(trajectory.stamps_ns, trajectory.positions, quat_xyzw, strict=True)
+    """Write the poses as ``tum_lines`` does."""
     with path.open("w", encoding="ascii", newline="\n") as out:
-        out.writelines(_tum_line(*row) for row in rows)
+        out.writelines(tum_lines(trajectory.stamps_ns.tolist(), trajectory.T_world_body))
 
 
 def seconds_to_ns(text: str) -> int:
@@ -203,6 +203,9 @@ def seconds_to_ns(text: str) -> int:
     Raises:
         ValueError: not a finite number of seconds.
     """
+    whole, _, fraction = text.partition(".")
+    if whole.isdecimal() and fraction.isdecimal() and len(whole) <= _MAX_WHOLE and len(fraction) <= _DECIMALS:
+        return int(whole) * NS_PER_S + int(fraction.ljust(_DECIMALS, "0"))  # the same in a fraction of the time
     try:
         seconds = Decimal(text)
     except InvalidOperation as error:

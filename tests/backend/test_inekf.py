@@ -14,7 +14,7 @@ from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.values.errors import RobotModelError, SmootherError
+from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
@@ -229,7 +229,7 @@ def test_contact_from_torques_is_used_too(daisy: RobotModel) -> None:
 
 def test_a_sample_of_another_robot_is_an_error(go1: RobotModel) -> None:
     estimator = InvariantLegOdometry(go1)
-    with pytest.raises(SmootherError, match="has 18 entries, robot 'go1' has 12"):
+    with pytest.raises(RobotModelError, match="has 18 joints, robot 'go1' has 12"):
         estimator.push(JointSample(0, np.zeros(18), np.zeros(18), np.zeros(18)))
     with pytest.raises(RobotModelError, match="foot force sample has 6 entries"):
         estimator.push(FootForceSample(0, np.zeros(6)))

@@ -26,10 +26,11 @@ def test_filterpy_runs_the_same_models() -> None:
     robot = RobotModel(load_robot("daisy"))
     readings = benchmark.moving_readings(robot, benchmark.benchmark_trial(robot, walk_s=2.0).measurements)
     density = robot.description.imu.gyroscope_noise_density
-    profile = RobustProfile(robot, RobustConfig(), Counter())
+    initial = InitialConfig(moving_tilt_rad=0.01, moving_velocity_mps=0.1)
+    profile = RobustProfile(robot, RobustConfig(), Counter(), initial=initial)
     core = initial_filter(
         profile.layout,
-        InitialConfig(moving_tilt_rad=0.01, moving_velocity_mps=0.1),
+        initial,
         readings[0],
         None,
         moving_force=readings[0].specific_force,

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Analytic trials of Daisy, made once a session, and the filter's readings of them."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable
 
 import numpy as np
 import pytest
 
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.reading_builder import ReadingBuilder
 from coclo_vio.filter.stance import Reading
 from coclo_vio.robot.description import load_robot
+from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
@@ -40,8 +39,10 @@ def readings_of(daisy: RobotModel) -> Callable[[Iterable[Measurement]], list[Rea
     """The readings of measurements, with the upward direction along the body's z axis."""
 
     def read(measurements: Iterable[Measurement]) -> list[Reading]:
-        builder = ReadingBuilder(daisy, FilterConfig(), daisy.description.contact, Counter())
-        pushed = (builder.push(measurement, np.array([0.0, 0.0, 1.0])) for measurement in measurements)
+        config = FilterConfig()
+        timeout_s = config.force_timeout_s
+        sensing = LegSensing(daisy, daisy.description.contact, config.standstill, force_timeout_s=timeout_s)
+        pushed = (sensing.push(measurement, np.array([0.0, 0.0, 1.0])) for measurement in measurements)
         return [reading for reading in pushed if reading is not None]
 
     return read

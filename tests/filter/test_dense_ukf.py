@@ -42,21 +42,22 @@ class DenseFilter:
         weights[0] = 1.0 - length / width_squared
         return np.concatenate((np.zeros((1, length)), columns, -columns)), weights
 
-    def predict(self, process: Callable[[State], State], noise: Callable[[State], np.ndarray], curved: int) -> None:
-        errors, weights = self._points(curved)
+    def predict(self, process: Callable[[State], State], noise: Callable[[State], np.ndarray]) -> None:
+        errors, weights = self._points(self.mean.layout.curved_in_process)
         moved = process(self.mean.spread(errors))
         vector = moved.vector[0].copy()
         layout = self.mean.layout
-        vector[:3], vector[layout.keyframe_rotation] = 0.0, 0.0
-        centre = State(layout, moved.rotation[0], vector, self.mean.keyframe_rotation)
+        for at in layout.rotations:
+            vector[at] = 0.0
+        centre = State(layout, moved.rotation[0], vector, self.mean.remembered)
         shift = weights @ centre.errors_of(moved)
         self.mean = centre.corrected(shift)
         deviations = self.mean.errors_of(moved)
         added = noise(self.mean)
         self.covariance = (weights[:, None] * deviations).T @ deviations + added.T @ added
 
-    def observe(self, model: Callable[[State], np.ndarray], curved: int) -> tuple[np.ndarray, np.ndarray]:
-        errors, weights = self._points(curved)
+    def observe(self, model: Callable[[State], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        errors, weights = self._points(self.mean.layout.curved_in_measurement)
         images = model(self.mean.spread(errors))
         mean = weights @ images
         deviations = images - mean
@@ -94,12 +95,13 @@ def start(profile: RobustProfile | PaperProfile, reading: Reading, truth: Analyt
     vector[POSITION] = position
     vector[layout.feet] = (position + reading.feet.position_body @ rotation.T).ravel()
     if layout.has_contacts:
-        vector[layout.contacts] = reading.contact.probability
-    vector[layout.keyframe_position] = position - 0.1
+        vector[layout.at("contacts")] = reading.contact.probability
+    for name in layout.poses:
+        vector[layout.position_of(name)] = position - 0.1
     sigmas = random.uniform(0.01, 0.05, layout.dimension)
     sigmas[LEG_SCALE] = 0.02
     sigmas[LEG_COMPLIANCE] = 0.002
-    return State(layout, rotation, vector, so3.exp(random.normal(size=3))), sigmas
+    return State(layout, rotation, vector, so3.exp(random.normal(size=(len(layout.poses), 3)))), sigmas
 
 
 def slipping(reading: Reading) -> Reading:
@@ -130,7 +132,7 @@ def compare(
         stack = replace(dense.mean, rotation=dense.mean.rotation[None], vector=dense.mean.vector[None])
         apart = ours.mean.errors_of(stack)[0] / deviation
         np.testing.assert_allclose(apart, 0.0, rtol=0, atol=tolerance)
-        np.testing.assert_allclose(dense.mean.keyframe_rotation, ours.mean.keyframe_rotation, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(dense.mean.remembered, ours.mean.remembered, rtol=0, atol=tolerance)
         covariance = ours.factor @ ours.factor.T / np.outer(deviation, deviation)
         dense_covariance = dense.covariance / np.outer(deviation, deviation)
         np.testing.assert_allclose(covariance, dense_covariance, rtol=0, atol=tolerance)

@@ -5,27 +5,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from state_layouts import layout_of, state_of
 
-from coclo_vio.filter.evidence_gate import EvidenceGate, GateConfig, GateOutcome
+from coclo_vio.filter.config import GateConfig
+from coclo_vio.filter.evidence_gate import EvidenceGate, GateOutcome
 from coclo_vio.filter.remembered_poses import _as_measured, _pair, frame_pose, in_world
 from coclo_vio.filter.square_root_filter import SquareRootFilter
-from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
+from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
+from coclo_vio.filter.state_blocks import FRAME
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.keyframes import PoseEvidence
 
-LAYOUT = StateLayout(2, has_contacts=False, has_frame=True)
+LAYOUT = layout_of(2, has_frame=True)
+FRAME_ROTATION, FRAME_POSITION = LAYOUT.rotation_of(FRAME), LAYOUT.position_of(FRAME)
 STEP = 1e-6
 
 
 def random_filter(seed: int, sigma: float = 0.01) -> SquareRootFilter:
     """A filter with all errors correlated; the cameras have a small mounting and scale error."""
     random = np.random.default_rng(seed)
-    vector = random.normal(size=LAYOUT.dimension)
-    vector[LAYOUT.camera] = [0.01, -0.02, 0.015, 0.03]
-    rotations = [so3.exp(random.normal(size=3)) for _ in range(4)]
-    mean = State(LAYOUT, rotations[0], vector, *rotations[1:])
-    mean._clear_rotations(vector)
+    mean = state_of(LAYOUT, random)
+    mean.vector[LAYOUT.at("camera")] = [0.01, -0.02, 0.015, 0.03]
     core = SquareRootFilter(mean, np.ones(LAYOUT.dimension), is_wide=False)
     core.factor = sigma * np.tril(random.normal(size=core.factor.shape))
     return core
@@ -78,10 +79,10 @@ def test_a_frame_between_samples_is_predicted_with_constant_velocity() -> None:
     across = core.factor[ROTATION] @ rows.T
     core.mark_frame(dt_s)
     np.testing.assert_allclose(frame_pose(core.mean), before, atol=1e-12)
-    to_frame = core.mean.frame_rotation.T
+    to_frame = core.mean.remembered_rotation(FRAME).T
     local = np.zeros((6, LAYOUT.dimension))
-    local[:3, LAYOUT.frame_rotation] = local[3:, LAYOUT.frame_position] = to_frame
-    local[3:, LAYOUT.frame_rotation] = -to_frame @ so3.hat(core.mean.vector[LAYOUT.frame_position])
+    local[:3, FRAME_ROTATION] = local[3:, FRAME_POSITION] = to_frame
+    local[3:, FRAME_ROTATION] = -to_frame @ so3.hat(core.mean.vector[FRAME_POSITION])
     now = local @ core.factor
     np.testing.assert_allclose(now @ now.T, rows @ rows.T, rtol=5e-3, atol=2e-8)
     np.testing.assert_allclose(core.factor[ROTATION] @ now.T, across, rtol=5e-3, atol=2e-8)
@@ -94,15 +95,15 @@ def test_noise_of_the_rotation_does_not_move_the_frame(away_m: float) -> None:
     core.mean.vector[POSITION] = (away_m, 0.0, 0.0)
 
     def spread() -> Array:
-        at, R = core.mean.vector[LAYOUT.frame_position], core.mean.frame_rotation
-        rows = (R.T @ (core.factor[LAYOUT.frame_position] - so3.hat(at) @ core.factor[LAYOUT.frame_rotation])).T
+        at, R = core.mean.vector[FRAME_POSITION], core.mean.remembered_rotation(FRAME)
+        rows = (R.T @ (core.factor[FRAME_POSITION] - so3.hat(at) @ core.factor[FRAME_ROTATION])).T
         return np.asarray(rows.T @ rows)
 
     core.mark_frame(0.0)
     before = spread()
     core.mark_frame(0.0, noise=(0.1, 0.0))
     np.testing.assert_allclose(spread(), before, atol=1e-9)
-    assert np.sqrt(core.variance(LAYOUT.frame_rotation)).min() > 0.09
+    assert np.sqrt(core.variance(FRAME_ROTATION)).min() > 0.09
 
 
 def test_a_forced_correction_uses_the_fallback() -> None:

@@ -7,25 +7,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from state_layouts import layout_of, state_of
 
 from coclo_vio.filter import process_model
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import LEG_SCALE, POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
+from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
 from coclo_vio.filter.unscented_transform import SigmaSpread
 from coclo_vio.geometry import se3, so3
-from coclo_vio.values.calibration import ImuCalibration
 
 LEGS = 3
 STEP = 1e-6
 
 
 def random_state(random: np.random.Generator, layout: StateLayout) -> State:
-    vector = random.normal(size=layout.dimension)
-    vector[POSITION] *= 30.0
-    vector[ROTATION] = 0.0
-    vector[layout.keyframe_rotation] = 0.0
-    return State(layout, so3.exp(random.normal(size=3)), vector, so3.exp(random.normal(size=3)))
+    mean = state_of(layout, random)
+    mean.vector[POSITION] *= 30.0
+    return mean
 
 
 def one_of(stack: State, row: int = 0) -> State:
@@ -43,7 +42,7 @@ def stack_of(state: State) -> State:
 )
 def test_errors_of_undoes_spread(seed: int, yaw: float, has_contacts: bool) -> None:
     random = np.random.default_rng(seed)
-    layout = StateLayout(LEGS, has_contacts)
+    layout = layout_of(LEGS, has_contacts=has_contacts)
     mean = random_state(random, layout)
     errors = random.normal(size=(5, layout.dimension))
     errors[:, ROTATION] *= 0.2
@@ -55,7 +54,7 @@ def test_errors_of_undoes_spread(seed: int, yaw: float, has_contacts: bool) -> N
 def test_an_error_turns_and_shifts_everything_in_the_world() -> None:
     """The rotation error moves velocity, position and feet rigidly, and leaves rate and biases in the body alone."""
     random = np.random.default_rng(1)
-    layout = StateLayout(LEGS, has_contacts=False)
+    layout = layout_of(LEGS)
     mean = random_state(random, layout)
     errors = np.zeros((1, layout.dimension))
     errors[0, ROTATION] = (0.1, -0.2, 2.0)
@@ -71,25 +70,27 @@ def test_an_error_turns_and_shifts_everything_in_the_world() -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_corrected_is_spread_and_moves_the_keyframe_likewise(seed: int) -> None:
     random = np.random.default_rng(seed)
-    layout = StateLayout(LEGS, has_contacts=True)
+    layout = layout_of(LEGS, has_contacts=True, has_frame=True)
     mean = random_state(random, layout)
     step = 0.3 * random.normal(size=layout.dimension)
     corrected = mean.corrected(step)
-    here = slice(0, layout.contacts.stop)
+    here = slice(0, layout.active)
     np.testing.assert_allclose(mean.errors_of(stack_of(corrected))[0, here], step[here], atol=1e-9)
-    keyframe_turn = corrected.keyframe_rotation @ mean.keyframe_rotation.T
-    np.testing.assert_allclose(so3.log(keyframe_turn), step[layout.keyframe_rotation], atol=1e-9)
-    shift = keyframe_turn.T @ corrected.vector[layout.keyframe_position] - mean.vector[layout.keyframe_position]
-    np.testing.assert_allclose(shift, step[layout.keyframe_position], atol=1e-9)
-    assert np.all(corrected.vector[ROTATION] == 0.0)
-    assert np.all(corrected.vector[layout.keyframe_rotation] == 0.0)
+    assert layout.poses == (KEYFRAME, FRAME, ANCHOR)
+    for name in layout.poses:
+        turn, at = corrected.remembered_rotation(name) @ mean.remembered_rotation(name).T, layout.position_of(name)
+        np.testing.assert_allclose(so3.log(turn), step[layout.rotation_of(name)], atol=1e-9)
+        shift = turn.T @ corrected.vector[at] - mean.vector[at]
+        np.testing.assert_allclose(shift, step[at], atol=1e-9)
+    for at in layout.rotations:
+        assert np.all(corrected.vector[at] == 0.0)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_mean_and_deviations_return_the_moments_of_the_spread(seed: int) -> None:
     random = np.random.default_rng(seed)
-    layout = StateLayout(LEGS, has_contacts=False)
+    layout = layout_of(LEGS)
     mean = random_state(random, layout)
     length = layout.dimension
     factor = 0.02 * (np.tril(random.normal(size=(length, length))) + 3.0 * np.eye(length))
@@ -104,7 +105,7 @@ def test_mean_and_deviations_return_the_moments_of_the_spread(seed: int) -> None
 def test_mean_of_lopsided_points_leaves_no_mean_error() -> None:
     """Points that a model has moved aside: the errors about the mean average to zero, to third order in the spread."""
     random = np.random.default_rng(9)
-    layout = StateLayout(LEGS, has_contacts=False)
+    layout = layout_of(LEGS)
     mean = random_state(random, layout)
     mean.vector[layout.world] /= 30.0
     length = layout.dimension
@@ -131,7 +132,7 @@ def plain_error(mean: State, other: State) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_plain_jacobian_against_finite_differences(seed: int) -> None:
-    layout = StateLayout(LEGS, has_contacts=True)
+    layout = layout_of(LEGS, has_contacts=True)
     mean = random_state(np.random.default_rng(seed), layout)
     steps = STEP * np.eye(layout.dimension)
     plus, minus = mean.spread(steps), mean.spread(-steps)
@@ -148,8 +149,8 @@ def test_noise_rows_against_finite_differences() -> None:
     A row turns the body by its rotation part and carries the feet: those that hold roll about their contact, the
     others go with the body.
     """
-    random = np.random.default_rng(4)
-    layout = StateLayout(LEGS, has_contacts=False)
+    random, config = np.random.default_rng(4), RobustConfig(estimates_leg_scale=True)
+    layout = layout_of(LEGS, config=config)
     mean = random_state(random, layout)
     radii_m = np.array([0.02, 0.03, 0.04])
     motion = FootMotion(
@@ -161,9 +162,8 @@ def test_noise_rows_against_finite_differences() -> None:
         np.zeros(LEGS),
     )
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
-    config, imu = RobustConfig(estimates_leg_scale=True), ImuCalibration()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
-    rows = process_model.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config, imu=imu)
+    rows = process_model.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config)
     density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0), np.array([0.0, 0.0, 1.0])
     for axis in range(3):
         turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, in world axes
@@ -188,13 +188,13 @@ def test_noise_rows_against_finite_differences() -> None:
 
 def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None:
     """Rate and velocity run straight between samples: turn and travel are half a step of what they changed by."""
-    layout = StateLayout(1, has_contacts=False)
-    mean = State(layout, np.eye(3), np.zeros(layout.dimension), np.eye(3))
+    layout = layout_of(1)
+    mean = State(layout, np.eye(3), np.zeros(layout.dimension), np.tile(np.eye(3), (len(layout.poses), 1, 1)))
     held = np.array([True])
     motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1))
     config, dt_s = RobustConfig(), 0.02
     rows = process_model.noise_rows(
-        mean, dt_s, motion, radii_m=np.zeros(1), foot_noise=np.zeros((1, 3, 3)), config=config, imu=ImuCalibration()
+        mean, dt_s, motion, radii_m=np.zeros(1), foot_noise=np.zeros((1, 3, 3)), config=config
     )
     Q = rows.T @ rows
     for first, second, density in (

@@ -28,14 +28,15 @@ from coclo_vio.values.measurements import Measurement
 
 DT_S, GYROSCOPE_NOISE = 0.01, 2e-3
 FIRST, STEPS = 110, 200
+MOVING = InitialConfig(moving_tilt_rad=0.02, moving_velocity_mps=0.1)
 Make = Callable[[], RobustProfile | PaperProfile]
 
 
 @pytest.fixture(params=["robust", "paper"])
 def make(request: pytest.FixtureRequest, daisy: RobotModel) -> Make:
     if request.param == "robust":
-        return lambda: RobustProfile(daisy, RobustConfig(), Counter())
-    return lambda: PaperProfile(daisy, PaperConfig(), Counter())
+        return lambda: RobustProfile(daisy, RobustConfig(), Counter(), initial=MOVING)
+    return lambda: PaperProfile(daisy, PaperConfig(), Counter(), initial=MOVING)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def started(profile: RobustProfile | PaperProfile, reading: Reading) -> SquareRo
     profile.start(reading)
     return initial_filter(
         profile.layout,
-        InitialConfig(moving_tilt_rad=0.02, moving_velocity_mps=0.1),
+        MOVING,
         reading,
         None,
         moving_force=reading.specific_force,
@@ -78,17 +79,18 @@ def moved(yaw: float, shift: np.ndarray) -> Callable[[SquareRootFilter], None]:
         turn = so3.about_z(yaw)
         vector = mean.vector.copy()
         vector[layout.world] = (vector[layout.world].reshape(-1, 3) @ turn.T).ravel()
-        places = [POSITION, layout.keyframe_position]
+        rotation_at = {layout.position_of(name).start: layout.rotation_of(name) for name in layout.poses}
+        places = [POSITION, *(layout.position_of(name) for name in layout.poses)]
         places += [slice(first, first + 3) for first in range(layout.feet.start, layout.feet.stop, 3)]
         map_errors = np.eye(layout.dimension)
-        vector[layout.keyframe_position] = turn @ vector[layout.keyframe_position]
-        for place in [ROTATION, VELOCITY, layout.keyframe_rotation, *places]:
+        for name in layout.poses:
+            vector[layout.position_of(name)] = turn @ vector[layout.position_of(name)]
+        for place in [VELOCITY, *layout.rotations, *places]:
             map_errors[place, place] = turn
         for place in places:
             vector[place] += shift
-            rotation = layout.keyframe_rotation if place == layout.keyframe_position else ROTATION
-            map_errors[place, rotation] = so3.hat(shift) @ turn
-        core.mean = State(layout, turn @ mean.rotation, vector, turn @ mean.keyframe_rotation)
+            map_errors[place, rotation_at.get(place.start, ROTATION)] = so3.hat(shift) @ turn
+        core.mean = State(layout, turn @ mean.rotation, vector, turn @ mean.remembered)
         core.factor = lower_factor((map_errors @ core.factor).T)
 
     return change
@@ -138,7 +140,7 @@ def test_yaw_is_never_observed_however_uncertain_it_is(
     """
 
     def make() -> RobustProfile:
-        return RobustProfile(daisy, RobustConfig(), Counter())
+        return RobustProfile(daisy, RobustConfig(), Counter(), initial=MOVING)
 
     def add_yaw_variance(core: SquareRootFilter) -> None:
         core.factor[2, 2] = np.hypot(core.factor[2, 2], added)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from coclo_vio.filter.config import FilterConfig, InitialConfig, RobustConfig
-from coclo_vio.filter.evidence_gate import GateConfig, GateOutcome
+from coclo_vio.filter.config import FilterConfig, GateConfig, InitialConfig, RobustConfig
+from coclo_vio.filter.evidence_gate import GateOutcome
 from coclo_vio.filter.keyframe_exchange import FramePair, Keyframe, MarkedFrame
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import se3
@@ -296,7 +296,7 @@ def test_calibration_is_that_of_the_state_and_acts_as_documented(daisy: RobotMod
     T_true = pair.poses().T_world_end
     core = odometry._core
     assert core is not None
-    core.mean.vector[core.mean.layout.camera] = (*rotation, stretch)
+    core.mean.vector[core.mean.layout.at("camera")] = (*rotation, stretch)
     calibration = odometry.camera_calibration(now.stamp_ns)
     np.testing.assert_array_equal(calibration.rotation_body, rotation)
     assert calibration.stereo_scale == pytest.approx(1.03)

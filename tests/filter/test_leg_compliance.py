@@ -10,12 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from state_layouts import layout_of
 
 from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
-from coclo_vio.filter.state import LEG_COMPLIANCE, POSITION, State, StateLayout
+from coclo_vio.filter.state import LEG_COMPLIANCE, POSITION, State
+from coclo_vio.filter.state_blocks import KNOWN_SIGMA
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import RobotModel
@@ -94,8 +96,8 @@ def test_the_compliance_is_estimated_and_the_height_does_not_drift(daisy: RobotM
     assert sigma_m < 1.2e-4
     assert abs(height_error_m(found, walk)) < 1e-3
     rigid, sigma_m = run(robot, measurements, RIGID)
-    assert rigid.vector[LEG_COMPLIANCE][0] == 0.0
-    assert sigma_m == 0.0
+    assert abs(rigid.vector[LEG_COMPLIANCE][0]) < KNOWN_SIGMA
+    assert sigma_m < 2.0 * KNOWN_SIGMA
     assert height_error_m(rigid, walk) < -4e-3, "five millimetres in 0.9 m of walk"
 
 
@@ -169,7 +171,7 @@ def spread_in_compliance(state: State, compliances_m: np.ndarray) -> State:
 def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[measurement_model.Block]:
     """Gyroscope, velocities, positions."""
     noise_radps = robot.description.joint_velocity_noise_radps
-    sensing = measurement_model.LegSensing(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
+    sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
         sensing, reading, motion, mean, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
     )
@@ -179,9 +181,9 @@ def test_compliance_lowers_a_loaded_foot_in_the_kinematics_but_not_an_unloaded_o
     daisy: RobotModel, walk: AnalyticTrial
 ) -> None:
     """The derivative of each position row is minus load ratio times up, exactly; of each velocity row zero."""
-    layout = StateLayout(6, has_contacts=False)
+    layout = layout_of(6)
     vector = np.random.default_rng(1).normal(size=layout.dimension)
-    state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), vector, np.eye(3))
+    state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), vector)
     loads = np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0])
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), loads)
     blocks = blocks_of(daisy, standing(daisy, walk, 1, loads), motion, state)
@@ -195,10 +197,10 @@ def test_compliance_lowers_a_loaded_foot_in_the_kinematics_but_not_an_unloaded_o
 
 def test_the_velocity_of_compression_is_compensated(daisy: RobotModel, walk: AnalyticTrial) -> None:
     """A leg whose load ratio grows by 10 a second at 2 mm each is compressed at 2 cm/s while the body stands."""
-    layout = StateLayout(6, has_contacts=False)
+    layout = layout_of(6)
     vector = np.zeros(layout.dimension)
     vector[LEG_COMPLIANCE] = 2e-3
-    state = State(layout, np.eye(3), vector, np.eye(3))
+    state = State(layout, np.eye(3), vector)
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([20.0, 22.0, 20.0, 20.0, 18.0, 20.0]))
     blocks = blocks_of(daisy, standing(daisy, walk, 1, np.full(6, 20.0)), motion, state)
     velocity = blocks[1].model(spread_in_compliance(state, np.array([2e-3]))).reshape(6, 3)
@@ -207,8 +209,8 @@ def test_the_velocity_of_compression_is_compensated(daisy: RobotModel, walk: Ana
 
 
 def test_a_carried_foot_is_higher_by_the_compression_of_its_leg(daisy: RobotModel, walk: AnalyticTrial) -> None:
-    layout = StateLayout(6, has_contacts=False)
-    state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), np.zeros(layout.dimension), np.eye(3))
+    layout = layout_of(6)
+    state = State(layout, so3.exp(np.array([0.2, -0.1, 1.0])), np.zeros(layout.dimension))
     motion = loaded_motion(daisy, walk, np.full(6, 20.0), np.array([0.0, 20.0, 30.0, 40.0, 0.0, 10.0]))
     swings = motion._replace(holds=np.zeros(6, dtype=np.bool_))
     stack = spread_in_compliance(state, np.array([0.0, 1e-3]))

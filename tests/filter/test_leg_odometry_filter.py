@@ -13,7 +13,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, SensorNoiseConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
-from coclo_vio.values.errors import FilterError, RobotModelError
+from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.values.units import NS_PER_S
@@ -202,7 +202,7 @@ def test_a_minute_of_standing_does_not_drift(daisy: RobotModel) -> None:
 
 def test_samples_of_another_robot_are_an_error(daisy: RobotModel) -> None:
     odometry = LegOdometryFilter(daisy)
-    with pytest.raises(FilterError, match=r"17 joints.*18"):
+    with pytest.raises(RobotModelError, match=r"17 joints.*18"):
         odometry.push(JointSample(0, np.zeros(17), np.zeros(17), np.zeros(17)))
     with pytest.raises(RobotModelError, match=r"4 entries, robot .* 6 legs"):
         odometry.push(FootForceSample(0, np.zeros(4)))

@@ -12,7 +12,7 @@ from coclo_vio.filter.naive import NaiveLegOdometry
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.errors import CocloError, FilterError
+from coclo_vio.values.errors import CocloError, RobotModelError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
@@ -129,7 +129,7 @@ def _with_false_velocity(trial: AnalyticTrial, sample: int, joints: slice, radps
 
 
 def test_a_sample_of_another_robot_is_refused_with_the_numbers(odometry) -> None:
-    with pytest.raises(FilterError, match="12 joints, robot 'daisy' has 18"):
+    with pytest.raises(RobotModelError, match="12 joints, robot 'daisy' has 18"):
         odometry().push(JointSample(0, np.zeros(12), np.zeros(12), np.zeros(12)))
     with pytest.raises(CocloError, match="4 entries, robot 'daisy' has 6 legs"):
         odometry().push(FootForceSample(0, np.zeros(4)))

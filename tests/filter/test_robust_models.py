@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from state_layouts import layout_of
 
 from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
-from coclo_vio.filter.state import GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State, StateLayout
+from coclo_vio.filter.state import GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
 from coclo_vio.robot.model import RobotModel
@@ -17,7 +18,7 @@ from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, Se
 from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.units import GRAVITY_MPS2
 
-LAYOUT = StateLayout(6, has_contacts=False)
+LAYOUT = layout_of(6)
 
 
 def true_reading(robot: RobotModel, trial: AnalyticTrial, row: int) -> Reading:
@@ -32,7 +33,7 @@ def true_state(trial: AnalyticTrial, row: int) -> State:
     vector = np.zeros(LAYOUT.dimension)
     vector[RATE], vector[VELOCITY] = trial.body.angular_velocity[row], trial.body.velocity[row]
     vector[POSITION], vector[LAYOUT.feet] = trial.body.position[row], trial.feet_world[row].ravel()
-    return State(LAYOUT, trial.body.rotation[row], vector, np.eye(3))
+    return State(LAYOUT, trial.body.rotation[row], vector)
 
 
 def stack_of(state: State) -> State:
@@ -70,7 +71,7 @@ def test_a_rolling_foot_is_exact_to_third_order_in_the_step(daisy: RobotModel) -
 
 def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[measurement_model.Block]:
     noise_radps = robot.description.joint_velocity_noise_radps
-    sensing = measurement_model.LegSensing(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
+    sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
         sensing, reading, motion, state, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
     )

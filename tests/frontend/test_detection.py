@@ -94,7 +94,7 @@ def test_detectors_agree() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 1000])
-@pytest.mark.parametrize("most", [0, 3, 1020])
+@pytest.mark.parametrize("most", [0, 3, 510])
 def test_the_median_by_counting_is_the_median(count: int, most: int) -> None:
-    values = np.random.default_rng(count).integers(0, most + 1, (1, count)).astype(np.int16)
+    values = np.random.default_rng(count).integers(0, most + 1, (1, count)).astype(np.uint16)
     assert _median(values) == np.median(values)

@@ -29,7 +29,7 @@ def grown(factor: float) -> FloatImage:
 
 
 def new_tracks() -> ActiveTracks:
-    return ActiveTracks.new(0, GRID, ALIGNER.templates(grown(1.0), GRID))
+    return ActiveTracks.new(0, GRID, CORRECTOR.templates(grown(1.0), GRID))
 
 
 def grown_tracks(factor: float, off_px: float, warp: float | None = None) -> tuple[ActiveTracks, np.ndarray]:
@@ -82,8 +82,8 @@ def test_a_point_that_has_grown_much_gets_a_new_template() -> None:
     corrected, is_similar = CORRECTOR.correct(image, tracks, NONE[inside])
     assert is_similar.all()
     np.testing.assert_array_equal(corrected.warps, np.tile(np.eye(2), (len(tracks), 1, 1)))
-    expected = ALIGNER.templates(image, corrected.left_px)
-    np.testing.assert_array_equal(corrected.templates.values, expected.values)
+    expected = CORRECTOR.templates(image, corrected.left_px)
+    np.testing.assert_array_equal(corrected.templates.weighted, expected.weighted)
 
 
 def test_if_most_points_are_dissimilar_all_get_new_templates_where_they_are() -> None:
@@ -93,7 +93,9 @@ def test_if_most_points_are_dissimilar_all_get_new_templates_where_they_are() ->
     corrected, is_similar = CORRECTOR.correct(upside_down, tracks, ALL)
     assert is_similar.all()
     np.testing.assert_array_equal(corrected.left_px, tracks.left_px)
-    np.testing.assert_array_equal(corrected.templates.values, ALIGNER.templates(upside_down, tracks.left_px).values)
+    np.testing.assert_array_equal(
+        corrected.templates.weighted, CORRECTOR.templates(upside_down, tracks.left_px).weighted
+    )
 
 
 def test_dissimilar_points_without_a_confirmed_motion_are_rejected() -> None:

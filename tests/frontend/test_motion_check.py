@@ -4,8 +4,9 @@ import pytest
 from textured_room import rig
 
 from coclo_vio.frontend.config import MotionCheckConfig, PatchConfig
-from coclo_vio.frontend.motion_check import MotionCheck
+from coclo_vio.frontend.motion_check import MotionCheck, MotionEstimate
 from coclo_vio.frontend.patches import PatchAligner
+from coclo_vio.frontend.prediction import PointPredictor
 from coclo_vio.frontend.rectification import Rectifier
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
@@ -13,7 +14,13 @@ from coclo_vio.geometry import se3
 RIG = Rectifier(rig()).rig
 MOTION = se3.exp(np.array([0.01, -0.02, 0.015, 0.03, -0.01, 0.08]))  # T_previous_current
 CHECK = MotionCheck(RIG, MotionCheckConfig())
-NO_TEMPLATES = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)))
+NO_TEMPLATES = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)), np.ones(6))
+
+
+def checked(before: ActiveTracks, now: np.ndarray, *, is_aligned: bool = False) -> MotionEstimate:
+    """The motion of tracks to their left pixels now."""
+    predictor = PointPredictor(RIG, before)
+    return CHECK.check(predictor.points, predictor.is_known, now, is_aligned=is_aligned)
 
 
 def scene(count: int = 120, seed: int = 5, noise_px: float = 0.1) -> tuple[ActiveTracks, np.ndarray]:
@@ -33,7 +40,7 @@ def test_outliers_are_found_and_the_motion_is_that_of_the_inliers() -> None:
     before, now = scene()
     wrong = np.arange(120) % 3 == 0
     now[wrong] += np.random.default_rng(1).choice([-1.0, 1.0], (40, 2)) * [8.0, 12.0]
-    motion = CHECK.check(before.left_px, before.disparity, now)
+    motion = checked(before, now)
     np.testing.assert_array_equal(motion.is_inlier, ~wrong)
     assert (motion.checked, motion.inliers) == (120, 80)
     assert motion.T_previous_current is not None
@@ -44,14 +51,14 @@ def test_after_alignment_the_threshold_is_smaller() -> None:
     before, now = scene(noise_px=0.05)
     wrong = np.arange(120) % 5 == 0
     now[wrong, 0] += 1.5
-    assert CHECK.check(before.left_px, before.disparity, now).is_inlier.mean() > 0.95
-    np.testing.assert_array_equal(CHECK.check(before.left_px, before.disparity, now, is_aligned=True).is_inlier, ~wrong)
+    assert checked(before, now).is_inlier.mean() > 0.95
+    np.testing.assert_array_equal(checked(before, now, is_aligned=True).is_inlier, ~wrong)
 
 
 def test_if_most_tracks_contradict_each_other_none_is_rejected() -> None:
     before, now = scene()
     now += np.random.default_rng(2).uniform(-60.0, 60.0, now.shape) * (np.arange(120) % 4 != 0)[:, None]
-    motion = CHECK.check(before.left_px, before.disparity, now)
+    motion = checked(before, now)
     assert motion.T_previous_current is None
     assert motion.is_inlier.all()
     assert motion.checked == 120
@@ -66,7 +73,7 @@ def test_points_of_unknown_depth_are_not_checked() -> None:
     left_only = ActiveTracks(
         before.ids, before.left_px, right_px, before.ages, before.slants, before.templates, before.warps
     )
-    motion = CHECK.check(left_only.left_px, left_only.disparity, now)
+    motion = checked(left_only, now)
     assert motion.is_inlier.all()
     assert motion.checked == 60
 
@@ -80,7 +87,7 @@ def test_too_few_points_are_not_checked(count: int) -> None:
         NO_TEMPLATES,
         before.warps[:count],
     )
-    motion = CHECK.check(few.left_px, few.disparity, now[:count])
+    motion = checked(few, now[:count])
     assert motion.T_previous_current is None
     assert motion.is_inlier.shape == (count,)
     assert motion.checked == 0
@@ -89,8 +96,8 @@ def test_too_few_points_are_not_checked(count: int) -> None:
 def test_the_same_tracks_give_the_same_motion() -> None:
     before, now = scene(noise_px=0.5)
     first, second = (
-        CHECK.check(before.left_px, before.disparity, now),
-        CHECK.check(before.left_px, before.disparity, now),
+        checked(before, now),
+        checked(before, now),
     )
     assert first.T_previous_current is not None
     np.testing.assert_array_equal(first.T_previous_current, second.T_previous_current)
@@ -108,4 +115,4 @@ def test_coincident_points_have_no_motion() -> None:
         NO_TEMPLATES,
         before.warps,
     )
-    assert CHECK.check(coincident.left_px, coincident.disparity, now).is_inlier.all()
+    assert checked(coincident, now).is_inlier.all()

@@ -29,14 +29,6 @@ def warps(count: int = 400) -> np.ndarray:
 
 @is_compiled
 @pytest.mark.parametrize("where", ["inside", "at the border", "outside"])
-def test_compiled_and_readable_form_sample_the_same_brightness(where: str) -> None:
-    arguments = (IMAGE, centres(where), warps(), STEPS)
-    expected = patch_sampling.warped_patches_by_opencv(*arguments)
-    np.testing.assert_allclose(patch_kernels.warped_patches(*arguments), expected, rtol=0.0, atol=ROUNDING)
-
-
-@is_compiled
-@pytest.mark.parametrize("where", ["inside", "at the border", "outside"])
 def test_compiled_and_readable_form_have_the_same_derivatives(where: str) -> None:
     arguments = (IMAGE, centres(where), STEPS)
     found, expected = (
@@ -45,12 +37,6 @@ def test_compiled_and_readable_form_have_the_same_derivatives(where: str) -> Non
     )
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=ROUNDING)
-
-
-@is_compiled
-def test_a_place_that_is_no_number_reads_no_memory_outside_the_image() -> None:
-    nowhere = np.full((1, 2), np.nan)
-    assert np.isin(patch_kernels.warped_patches(IMAGE, nowhere, np.eye(2)[None], STEPS), IMAGE[0, 0]).all()
 
 
 def test_a_plane_of_brightness_is_interpolated_without_error() -> None:
@@ -73,30 +59,8 @@ def test_no_patches_are_sampled_at_no_centres() -> None:
     assert (brightness.shape, shifts.shape) == ((0, STEPS.shape[1]), (0, 2, STEPS.shape[1]))
 
 
-@is_compiled
-@pytest.mark.parametrize("pixels", [8, 15, 121, 128])
-@pytest.mark.parametrize("contrast", [0.0, 1e-3, 20.0])
-def test_compiled_and_readable_form_compare_alike(pixels: int, contrast: float) -> None:
-    """With patches of no texture, of inverse brightness, and beyond the limits of gain on both sides."""
-    rng = np.random.default_rng(3)
-    weights = rng.uniform(0.1, 1.0, pixels).astype(np.float32)
-    weights /= weights.sum()
-    template = contrast * rng.standard_normal((300, pixels)).astype(np.float32)
-    template -= (template @ weights)[:, None]
-    scale = rng.choice([-1.0, 0.05, 1.0, 8.0], (300, 1)).astype(np.float32)
-    brightness = scale * template + rng.uniform(0.0, 200.0, (300, 1)).astype(np.float32)
-    brightness += rng.standard_normal((300, pixels)).astype(np.float32)
-    weighted = template * weights
-    variances = np.maximum((weighted * template).sum(axis=1), patch_kernels.MIN_VARIANCE)
-    found = patch_kernels.compared(brightness, weights, weighted, variances)
-    expected = patch_sampling.compared_by_numpy(brightness, weights, weighted, variances)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one, other)
-        assert one.dtype == other.dtype
-
-
-@pytest.mark.parametrize("pixels", [1, 7, 129, 500])
-def test_patches_of_any_size_are_compared(pixels: int) -> None:
+@pytest.mark.parametrize("pixels", [1, 7, 121, 500])
+def test_patches_are_compared_whatever_their_gain_and_offset(pixels: int) -> None:
     rng = np.random.default_rng(5)
     template = rng.standard_normal((50, pixels)).astype(np.float32)
     weights = np.full(pixels, 1.0 / pixels, dtype=np.float32)

@@ -5,7 +5,7 @@ import pytest
 from textured_room import textures
 
 from coclo_vio.frontend.config import PatchConfig, SimilarityConfig
-from coclo_vio.frontend.patches import FREE_PX, PatchAligner, are_similar
+from coclo_vio.frontend.patches import FREE_PX, PatchAligner, are_similar, median_of
 
 TEXTURE = textures()[0][:400, :400]
 ALIGNER = PatchAligner(PatchConfig())
@@ -30,11 +30,11 @@ def plain(gain: float = 1.0) -> np.ndarray:
 
 def aligned(image: np.ndarray, warp: np.ndarray, shift: np.ndarray, sigmas: np.ndarray, off_px: float = 1.0):
     """The texture's patches, aligned from this far off their true centres, and these."""
-    templates = ALIGNER.templates(ALIGNER.smooth_image(plain()), GRID, len(sigmas))
+    templates = ALIGNER.templates(ALIGNER.smooth_image(plain()), GRID, sigmas)
     truth = (GRID - 200.0) @ warp.T + 200.0 + shift
     nominal = np.tile(np.eye(2), (len(GRID), 1, 1))
     start = truth + off_px * np.array([0.8, -0.6])
-    return ALIGNER.align(templates, ALIGNER.smooth_image(image), start, nominal, sigmas), truth
+    return ALIGNER.align(templates, ALIGNER.smooth_image(image), start, nominal), truth
 
 
 def test_a_shifted_and_sheared_patch_is_found_to_hundredths() -> None:
@@ -91,17 +91,17 @@ def test_an_occlusion_of_half_a_patch_raises_its_residual() -> None:
 
 def test_without_texture_the_nominal_centre_and_warp_stay() -> None:
     blank = np.full((400, 400), 90.0, dtype=np.float32)
-    templates = ALIGNER.templates(blank, GRID)
+    templates = ALIGNER.templates(blank, GRID, FREE)
     warps = np.tile(np.array([[1.1, 0.0], [0.0, 0.9]]), (len(GRID), 1, 1))
-    found = ALIGNER.align(templates, blank, GRID, warps, FREE)
+    found = ALIGNER.align(templates, blank, GRID, warps)
     np.testing.assert_allclose(found.centres, GRID)
     np.testing.assert_allclose(found.warps, warps)
     assert not are_similar(found, SimilarityConfig()).any()
 
 
 def test_no_patches_give_no_patches() -> None:
-    none = ALIGNER.templates(ALIGNER.smooth_image(plain()), np.zeros((0, 2)))
-    found = ALIGNER.align(none, ALIGNER.smooth_image(plain()), np.zeros((0, 2)), np.zeros((0, 2, 2)), FREE)
+    none = ALIGNER.templates(ALIGNER.smooth_image(plain()), np.zeros((0, 2)), FREE)
+    found = ALIGNER.align(none, ALIGNER.smooth_image(plain()), np.zeros((0, 2)), np.zeros((0, 2, 2)))
     assert found.centres.shape == (0, 2)
     assert not len(are_similar(found, SimilarityConfig()))
 
@@ -111,3 +111,9 @@ def test_memory_that_is_used_again_changes_no_smooth_image() -> None:
     for image in (plain(), plain(0.5)):
         np.testing.assert_array_equal(ALIGNER.smooth_image(image, memory), ALIGNER.smooth_image(image))
         np.testing.assert_array_equal(memory, ALIGNER.smooth_image(image))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 151])
+def test_the_median_by_ranks_is_the_median(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert median_of(values) == np.median(values)

@@ -4,7 +4,7 @@ from textured_room import rig
 
 from coclo_vio.frontend.config import PatchConfig
 from coclo_vio.frontend.patches import PatchAligner
-from coclo_vio.frontend.prediction import predicted_pixels, predicted_warps
+from coclo_vio.frontend.prediction import PointPredictor, predicted_warps
 from coclo_vio.frontend.rectification import Rectifier
 from coclo_vio.frontend.tracks import ActiveTracks
 from coclo_vio.geometry import se3
@@ -19,12 +19,12 @@ SLANTS = np.array([[0.0, 0.0], [0.02, 0.1], [-0.05, 0.14], [0.0, 0.15]])
 def tracks(disparity: np.ndarray = DISPARITY) -> ActiveTracks:
     ids = np.arange(len(LEFT_PX), dtype=np.int64)
     right_px = LEFT_PX - np.column_stack((disparity, np.zeros(len(ids))))
-    templates = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)))
+    templates = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)), np.ones(6))
     return ActiveTracks(ids, LEFT_PX, right_px, ids, SLANTS, templates, np.tile(np.eye(2), (len(ids), 1, 1)))
 
 
 def test_pixels_are_predicted_from_depth_and_motion() -> None:
-    pixels, disparity = predicted_pixels(RIG, tracks(), MOTION)
+    pixels, disparity = PointPredictor(RIG, tracks()).pixels(MOTION)
     points = se3.apply(se3.inverse(MOTION), RIG.points(LEFT_PX, DISPARITY))
     expected, expected_disparity = RIG.pixels(points)
     np.testing.assert_allclose(pixels, expected)
@@ -32,7 +32,7 @@ def test_pixels_are_predicted_from_depth_and_motion() -> None:
 
 
 def test_without_motion_nothing_moves() -> None:
-    pixels, disparity = predicted_pixels(RIG, tracks(), np.eye(4))
+    pixels, disparity = PointPredictor(RIG, tracks()).pixels(np.eye(4))
     np.testing.assert_allclose(pixels, LEFT_PX)
     np.testing.assert_allclose(disparity, DISPARITY)
     np.testing.assert_allclose(predicted_warps(RIG, tracks(), np.eye(4)), np.tile(np.eye(2), (4, 1, 1)), atol=1e-12)
@@ -41,16 +41,16 @@ def test_without_motion_nothing_moves() -> None:
 def test_a_point_of_unknown_depth_moves_with_the_median_and_stays_unknown() -> None:
     unknown = DISPARITY.copy()
     unknown[0] = np.nan
-    pixels, disparity = predicted_pixels(RIG, tracks(unknown), MOTION)
+    pixels, disparity = PointPredictor(RIG, tracks(unknown)).pixels(MOTION)
     as_median = DISPARITY.copy()
     as_median[0] = np.median(DISPARITY[1:])
-    np.testing.assert_allclose(pixels[0], predicted_pixels(RIG, tracks(as_median), MOTION)[0][0])
+    np.testing.assert_allclose(pixels[0], PointPredictor(RIG, tracks(as_median)).pixels(MOTION)[0][0])
     assert np.isnan(disparity[0])
 
 
 def test_a_point_that_would_be_behind_the_camera_keeps_its_pixel() -> None:
     ahead = se3.transform(np.eye(3), np.array([0.0, 0.0, 50.0]))
-    pixels, disparity = predicted_pixels(RIG, tracks(), ahead)
+    pixels, disparity = PointPredictor(RIG, tracks()).pixels(ahead)
     np.testing.assert_allclose(pixels, LEFT_PX)
     assert np.isfinite(disparity).all()
     assert np.isfinite(predicted_warps(RIG, tracks(), ahead)).all()

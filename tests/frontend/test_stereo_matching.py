@@ -21,7 +21,7 @@ def matched(left: np.ndarray, right: np.ndarray, points: np.ndarray | None = Non
     smooth = SmoothPair(ALIGNER.smooth_image(left), ALIGNER.smooth_image(right))
     if points is None:
         points = CornerDetector(DetectionConfig(), EVERYWHERE).find(left, np.zeros((0, 2)))
-    tracks = ActiveTracks.new(0, points, ALIGNER.templates(smooth.left, points))
+    tracks = ActiveTracks.new(0, points, ALIGNER.templates(smooth.left, points, np.ones(6)))
     matcher = StereoMatcher(RIG, EVERYWHERE, ALIGNER, StereoConfig.parse(config, "stereo"), SimilarityConfig())
     return matcher.match(RectifiedPair(left, right), smooth, tracks)
 

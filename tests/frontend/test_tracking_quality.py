@@ -16,7 +16,7 @@ AGREED = MotionEstimate(np.eye(4), np.ones(0, dtype=bool), 100, 98)
 
 
 def tracks(total: int, matched: int) -> ActiveTracks:
-    templates = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((total, 2)))
+    templates = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((total, 2)), np.ones(6))
     made = ActiveTracks.new(0, np.tile([50.0, 60.0], (total, 1)), templates)
     made.right_px[:matched] = [40.0, 60.0]
     return made

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stages that note what they get: a front end, a smoother, an integrator of twists."""
+"""Stages that note what they get: a front end, a smoother."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -87,6 +87,9 @@ class NotingSmoother:
     def push_imu(self, sample: InertialReading) -> None:
         self.pushed.append(sample)
 
+    def push_twist(self, sample: BodyTwistSample) -> None:
+        self.pushed.append(sample)
+
     def predicted_pose(self, stamp_ns: int) -> Array | None:
         return None if self.latest_pose is None else pose_at(stamp_ns)
 
@@ -107,20 +110,3 @@ class NotingSmoother:
             return FrameResult(None, result, (event,), (health,))
         self.latest_pose = pose_at(tracks.stamp_ns)
         return FrameResult(state_at(tracks.stamp_ns), result, (event,), (health,))
-
-
-@dataclass
-class NotingIntegrator:
-    """Notes where it was restarted."""
-
-    restarts_ns: list[int] = field(default_factory=list)
-    samples: int = 0
-
-    def push(self, sample: BodyTwistSample) -> None:
-        self.samples += 1
-
-    def restart(self, stamp_ns: int) -> None:
-        self.restarts_ns.append(stamp_ns)
-
-    def delta_until(self, stamp_ns: int) -> OdometryDelta | None:
-        return OdometryDelta(self.restarts_ns[-1], stamp_ns, np.eye(4), np.eye(6)) if self.restarts_ns else None

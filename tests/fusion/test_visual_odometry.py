@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from stand_ins import MS, NotingFrontend, NotingIntegrator, NotingSmoother, frame, tracks
+from stand_ins import MS, NotingFrontend, NotingSmoother, frame, tracks
 
 from coclo_vio.fusion.visual_odometry import VisualOdometry
 from coclo_vio.values.measurements import (
@@ -138,14 +138,15 @@ def test_frames_that_come_due_together_each_have_an_estimate() -> None:
     assert [estimated_ms(one) for one in outputs] == [[250, 300, 350], []]
 
 
-def test_a_twist_is_integrated_from_the_last_keyframe_to_each_frame() -> None:
-    smoother, integrator = NotingSmoother(), NotingIntegrator()
-    odometry = VisualOdometry("stereo_twist", smoother, NotingFrontend(), integrator)
-    for number in range(7):
-        odometry.push(BodyTwistSample(50 * MS * number, np.zeros(3), np.zeros(3)))
-        odometry.push(frame(50 * MS * number))
-    assert integrator.samples == 7
-    assert integrator.restarts_ns == [0, 150 * MS, 300 * MS]
-    assert smoother.odometry[0] is None
-    spans = [(one.start_ns // MS, one.end_ns // MS) for one in smoother.odometry[1:] if one is not None]
-    assert spans == [(0, 50), (0, 100), (0, 150), (150, 200), (150, 250), (150, 300)]
+def test_twists_go_to_the_smoother_before_the_frames_that_they_lead_to() -> None:
+    """Without their kind no twists are used."""
+    smoother, other = NotingSmoother(), NotingSmoother()
+    odometry = VisualOdometry("stereo_twist", smoother, NotingFrontend(), twist_kind=BodyTwistSample)
+    without = VisualOdometry("stereo", other, NotingFrontend())
+    for number in range(4):
+        for one in (odometry, without):
+            one.push(BodyTwistSample(50 * MS * number, np.zeros(3), np.zeros(3)))
+            one.push(frame(50 * MS * number))
+    kinds = [type(each).__name__ for each in smoother.pushed]
+    assert kinds == ["BodyTwistSample", "StereoTracks"] * 4
+    assert {type(each).__name__ for each in other.pushed} == {"StereoTracks"}

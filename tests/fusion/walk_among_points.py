@@ -81,7 +81,7 @@ def combined(
     smoother = SmootherConfig.parse({"noise": {"track_px": NOISE_PX, "disparity_px": NOISE_PX}}, "test")
     return CombinedOdometry(
         LegOdometryFilter(DAISY, legs, remembers_frames=True),
-        SlidingWindowSmoother(RIG, smoother, uses_imu=False),
+        SlidingWindowSmoother(RIG, smoother),
         None,
         config,
         time_offset_s=time_offset_s,

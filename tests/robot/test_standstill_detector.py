@@ -20,7 +20,7 @@ def joints(stamp_ns: int, velocity: np.ndarray) -> JointSample:
 
 def watch(seconds: float, *, rate=BIAS, force=UP, joint=0.0, noise=1.0, seed=31) -> StandstillDetector:
     """A detector after IMU and three joints at 200 Hz; sensor noise 5 mrad/s, 0.05 m/s^2, 10 mrad/s a joint."""
-    detector, rng = StandstillDetector(), np.random.default_rng(seed)
+    detector, rng = StandstillDetector(StandstillConfig().limits), np.random.default_rng(seed)
     for stamp_ns in range(0, int(seconds * NS_PER_S) + 1, 5 * MS):
         gyroscope = rate + noise * rng.normal(0.0, 0.005, 3)
         detector.push(ImuSample(stamp_ns, gyroscope, force + noise * rng.normal(0.0, 0.05, 3)))
@@ -38,7 +38,7 @@ def test_rest_holds_bias_and_up() -> None:
 
 
 def test_there_is_no_standstill_before_the_window_is_spanned() -> None:
-    assert not StandstillDetector().is_stationary
+    assert not StandstillDetector(StandstillConfig().limits).is_stationary
     assert watch(0.3).rest is None
     assert watch(0.5).is_stationary
 
@@ -58,7 +58,7 @@ def test_motion_is_not_rest(motion) -> None:
 
 
 def test_shaking_within_each_axis_counts_together() -> None:
-    detector = StandstillDetector()
+    detector = StandstillDetector(StandstillConfig().limits)
     for index, stamp_ns in enumerate(range(0, 1_000_000_000, 5 * MS)):
         shake = 0.3 if index % 2 else -0.3
         detector.push(ImuSample(stamp_ns, BIAS, UP + shake))  # std 0.3 an axis, 0.52 in all
@@ -75,7 +75,7 @@ def test_rest_ends_within_30_ms_of_the_first_motion() -> None:
 
 
 def test_an_imu_alone_is_enough_and_unknown_joints_do_not_count() -> None:
-    detector = StandstillDetector()
+    detector = StandstillDetector(StandstillConfig().limits)
     for stamp_ns in range(0, 600 * MS, 5 * MS):
         detector.push(ImuSample(stamp_ns, BIAS, UP))
     assert detector.is_stationary
@@ -88,7 +88,7 @@ def test_an_imu_alone_is_enough_and_unknown_joints_do_not_count() -> None:
 
 
 def test_joints_alone_are_not_enough() -> None:
-    detector = StandstillDetector()
+    detector = StandstillDetector(StandstillConfig().limits)
     for stamp_ns in range(0, 600 * MS, 5 * MS):
         detector.push(joints(stamp_ns, np.zeros(3)))
     assert not detector.is_stationary
@@ -117,7 +117,7 @@ def test_stamps_that_repeat_or_go_back_are_left_out_and_counted() -> None:
 def test_the_running_means_are_those_of_the_window(seed, shock) -> None:
     """Against NumPy over the last window, with uneven stamps and after a shock that would drown naive sums."""
     rng = np.random.default_rng(seed)
-    detector = StandstillDetector()
+    detector = StandstillDetector(StandstillConfig().limits)
     stamps = np.cumsum(rng.integers(MS, 10 * MS, 1500))
     readings = np.hstack((rng.normal(0.0, 0.005, (1500, 3)), UP + rng.normal(0.0, 0.05, (1500, 3))))
     readings[700] += shock
@@ -134,7 +134,7 @@ def test_the_running_means_are_those_of_the_window(seed, shock) -> None:
 def test_the_go1_stands_for_two_seconds_then_trots(shared_data) -> None:
     table = np.loadtxt(shared_data / "go1_mocap" / "go1.csv", delimiter=",", skiprows=1, max_rows=4000)
     stamps = np.round((table[:, 0] - table[0, 0]) * NS_PER_S).astype(np.int64)
-    detector, stationary = StandstillDetector(), []
+    detector, stationary = StandstillDetector(StandstillConfig().limits), []
     for row in range(4, len(table)):
         step_s = (stamps[row] - stamps[row - 4]) / NS_PER_S
         velocity = (table[row, 11:] - table[row - 4, 11:]) / step_s

@@ -97,6 +97,17 @@ def test_without_a_state_file_the_poses_stand_alone(written: list[StateEstimate]
     assert run.trajectory.covariance is None
 
 
+def test_a_run_that_is_killed_leaves_all_but_its_last_few_lines(tmp_path: Path) -> None:
+    writer = StateWriter(tmp_path, "coclo", LEGS)
+    for estimate in _estimates(40):
+        writer.write(estimate)
+    poses = (tmp_path / "coclo.tum").read_text(encoding="ascii").splitlines()
+    states = (tmp_path / "coclo_state.csv").read_text(encoding="utf-8").splitlines()[1:]
+    writer.close()
+    assert 40 - len(poses) < 16
+    assert len(states) == len(poses)
+
+
 def test_a_writer_that_is_interrupted_leaves_whole_lines(tmp_path: Path) -> None:
     def interrupted() -> None:
         with closing(StateWriter(tmp_path, "coclo", LEGS)) as writer:

@@ -3,6 +3,7 @@
 
 import json
 import shutil
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import yaml
 from stand_in_modes import FAILS_AT_NS, FAILURE
 from tiny_recordings import FILM_START_NS
 
+from coclo_vio.datasets.read_ahead import THREAD_NAME
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.output_logs import read_calibrations
 from coclo_vio.runs.run_config import resolve
@@ -39,6 +41,20 @@ def test_a_run_folder_has_all_that_the_design_lists(leg_log: Path, tmp_path: Pat
     assert record.reader is not None
     assert record.reader.format == "leg log"
     assert resolve(None, tmp_path / "out" / "config.yaml") == CONFIG
+
+
+@pytest.mark.parametrize("mode", ["naive", "failing"])
+def test_a_thread_that_reads_ahead_changes_no_file_and_is_gone_afterwards(
+    leg_log: Path, tmp_path: Path, mode: str
+) -> None:
+    written = []
+    for reading_threads in (0, 1):
+        folder = tmp_path / str(reading_threads)
+        run_modes(leg_log, [mode], resolve("daisy", settings=[f"dataset.reading_threads={reading_threads}"]), folder)
+        written.append({path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in {".tum", ".csv"}})
+    assert written[0] == written[1]
+    assert len(written[0][f"{mode}.tum"]) > 1000
+    assert THREAD_NAME not in {thread.name for thread in threading.enumerate()}
 
 
 def test_a_visual_mode_runs_on_a_recording_without_a_robot(film: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from coclo_vio.values.arrays import has_nan, is_finite
 from coclo_vio.values.measurements import (
     ALL_SENSORS,
     LEG_SENSORS,
@@ -109,3 +110,29 @@ def test_tracks_of_unknown_age_are_new() -> None:
 def test_a_twist_must_be_finite() -> None:
     with pytest.raises(ValueError, match=r"BodyTwistSample.velocity must be finite, got inf at index \(2,\)"):
         BodyTwistSample(0, np.zeros(3), np.array([0.0, 0.0, np.inf]))
+
+
+def test_a_value_that_is_not_finite_is_found_at_any_index() -> None:
+    values = np.random.default_rng(4).normal(scale=1e200, size=(3, 5))  # their squares overflow
+    assert not has_nan(values)
+    assert is_finite(values)
+    for index in np.ndindex(values.shape):
+        gap = values.copy()
+        gap[index] = np.nan
+        assert has_nan(gap)
+        assert not is_finite(gap)
+        gap[index] = -np.inf
+        assert not is_finite(gap)
+
+
+def test_other_velocities_are_checked_like_the_first() -> None:
+    sample = JointSample(5, np.arange(3.0), np.zeros(3), np.full(3, np.nan))
+    other = sample.with_velocity(np.array([1.0, np.nan, 3.0]))
+    assert other.stamp_ns == 5
+    np.testing.assert_array_equal(other.position, sample.position)
+    np.testing.assert_array_equal(other.velocity, [1.0, np.nan, 3.0])
+    assert not other.velocity.flags.writeable
+    with pytest.raises(ValueError, match=r"JointSample.velocity must have shape \(3,\), got \(2,\)"):
+        sample.with_velocity(np.zeros(2))
+    with pytest.raises(ValueError, match="must be finite, got inf at index"):
+        sample.with_velocity(np.array([0.0, np.inf, 0.0]))

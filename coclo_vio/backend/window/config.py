@@ -5,7 +5,10 @@ from typing import Annotated
 
 from pydantic import Field
 
+from coclo_vio.robot.standstill import StandstillLimits
 from coclo_vio.values.config import StageConfig
+
+_REST_FORCE_MPS2 = 2.0  # how far the force at rest may be from gravity: more than any bias
 
 
 class PixelNoiseConfig(StageConfig):
@@ -106,6 +109,16 @@ class StandstillWindowConfig(StageConfig):
         1.0
     )
     velocity_mps: Annotated[float, Field(gt=0, description="one sigma of the velocity at standstill, m/s")] = 0.005
+
+    @property
+    def limits(self) -> StandstillLimits:
+        """Those of the IMU."""
+        return StandstillLimits(
+            window_s=self.window_s,
+            gyroscope_std_radps=self.gyroscope_std_radps,
+            accelerometer_std_mps2=self.accelerometer_std_mps2,
+            force_error_mps2=_REST_FORCE_MPS2,
+        )
 
 
 class StartConfig(StageConfig):

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coclo_vio.backend.window.window import Solution
+from coclo_vio.backend.window.keyframe import Solution
 from coclo_vio.values.measurements import StereoTracks
 from coclo_vio.values.outputs import Event, KeyframeHealth
 
 _SMALLEST = 1e-300  # keeps a quotient finite
+_FEW_DROPPED = 10  # landmarks at one keyframe: no event, however few are left
 
 
 class EventLog:
@@ -27,9 +28,16 @@ class EventLog:
         """How often each thing happened, by name."""
         return {name: count for name, count in sorted(self._counts.items()) if count}
 
-    def count(self, name: str) -> None:
+    def count(self, name: str, times: int = 1) -> None:
         """Count something ordinary, which is no event."""
-        self._counts[name] += 1
+        self._counts[name] += times
+
+    def add_dropped(self, stamp_ns: int, dropped: int, solved: int) -> None:
+        """Count the landmarks that were not determined and were dropped; many of them at once are an event."""
+        self.count("landmarks_dropped", dropped)
+        if dropped > max(_FEW_DROPPED, solved):
+            detail = f"{dropped} landmarks were not determined and were dropped; {solved} are left in the window"
+            self.add(stamp_ns, "many_landmarks_dropped", detail)
 
     def add(self, stamp_ns: int, kind: str, detail: str) -> None:
         """Count an event and keep it."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The smoother's factors, all of them GTSAM's own: observations, motion, priors. A ``Term`` is one with its keys."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,33 +9,35 @@ import gtsam
 import numpy as np
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
+from coclo_vio.backend.window.variables import BIASES, LANDMARK, POSE, VELOCITY
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.keyframes import PoseEvidence
 
 _UNKNOWN_MPS2 = 1e3  # of an accelerometer's bias, on which a standstill alone holds no information
-_LANDMARK = gtsam.symbol("l", 0)
-_POSE, _VELOCITY, _BIAS = gtsam.symbol("x", 0), gtsam.symbol("v", 0), gtsam.symbol("b", 0)
+_FIRST_LANDMARK = LANDMARK.key(0)
+
+pose_key = POSE.key  # of a keyframe's pose, by the keyframe's number
+velocity_key = VELOCITY.key
+bias_key = BIASES.key
 
 
 def landmark_key(landmark_id: int) -> int:
     """The key of a landmark."""
-    return int(_LANDMARK + landmark_id)
+    return _FIRST_LANDMARK + landmark_id
 
 
-def pose_key(number: int) -> int:
-    """The key of a keyframe's pose."""
-    return int(_POSE + number)
+def landmark_id(key: int) -> int | None:
+    """The landmark with this key; None where it is the key of something else."""
+    return key - _FIRST_LANDMARK if gtsam.Symbol(key).chr() == ord(LANDMARK.letter) else None
 
 
-def velocity_key(number: int) -> int:
-    """The key of a keyframe's velocity."""
-    return int(_VELOCITY + number)
-
-
-def bias_key(number: int) -> int:
-    """The key of a keyframe's IMU biases."""
-    return int(_BIAS + number)
+def ordered(keys: Sequence[int]) -> gtsam.Ordering:
+    """Keys as GTSAM's ordering."""
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +64,22 @@ class ObservationFactors:
         self._repeated_noise = _robust(huber, noise.track_px, noise.repeated_disparity_px)
         left_only = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
         self._mono_noise = gtsam.noiseModel.Robust.Create(huber, left_only)
+        self._made: dict[int, dict[int, Term]] = {}  # by keyframe and landmark
+
+    def term(self, landmark_id: int, number: int, observation: Array, *, is_first: bool) -> Term:
+        """The same as ``make``, which is asked once."""
+        made = self._made.setdefault(number, {})
+        term = made.get(landmark_id)
+        if term is None:
+            term = made[landmark_id] = self.make(number, landmark_id, observation, is_first=is_first)
+        return term
+
+    def forget(self, number: int, landmark_id: int | None = None) -> None:
+        """Forget the factor of an observation, or all those of a keyframe: they are removed, or change."""
+        if landmark_id is None:
+            self._made.pop(number, None)
+        else:
+            self._made.get(number, {}).pop(landmark_id, None)
 
     def make(self, number: int, landmark_id: int, observation: Array, *, is_first: bool) -> Term:
         """The factor of an observation (left column, row, right column or NaN), px, (3,)."""

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from coclo_vio.backend.window.inertial import ImuMeans
+from coclo_vio.robot.standstill import ImuMeans
 from coclo_vio.values.arrays import Array
 
 _LEAST_RATE_RADPS = 3e-4  # one sigma of a mean angular velocity at rest

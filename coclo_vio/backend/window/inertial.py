@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""IMU readings between two keyframes: preintegrated for the smoother, and examined for rest.
+"""IMU readings between two keyframes, preintegrated for the smoother.
 
 Source: Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", 2017 (by
 GTSAM).
@@ -7,52 +7,50 @@ GTSAM).
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Self
 
 import gtsam
 import numpy as np
 
-from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
-from coclo_vio.geometry import so3
+from coclo_vio.backend.window.config import InertialConfig
+from coclo_vio.backend.window.lever_arm import mean_reading
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.measurements import InertialReading
 from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _INTEGRATION_NOISE = 1e-4  # m/sqrt(s): error of the midpoint rule between samples
-_FEWEST_SAMPLES = 5
-_SPANNED = 0.8  # share of the window that the samples have to span
-_REST_FORCE_MPS2 = 2.0  # how far the force at rest may be from gravity: more than any bias
 _FASTEST_RADPS, _STRONGEST_MPS2 = 100.0, 1000.0  # beyond what any such sensor can read
 _HISTORY_NS = 1_000_000_000  # readings that are kept for a start in the past
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuMeans:
-    """Mean readings over a time, imu frame.
-
-    Attributes:
-        angular_velocity: rad/s, (3,).
-        specific_force: m/s^2, (3,).
-        span_s: length of that time.
-    """
-
-    angular_velocity: Array
-    specific_force: Array
-    span_s: float
-
-
 def is_possible(sample: InertialReading) -> bool:
     """Whether a reading is within the range of any IMU: spikes of a broken link are not."""
-    rate, force = np.abs(sample.angular_velocity).max(), np.abs(sample.specific_force).max()
-    return bool(rate < _FASTEST_RADPS and force < _STRONGEST_MPS2)
+    rates, forces = sample.angular_velocity.tolist(), sample.specific_force.tolist()
+    return bool(
+        min(rates) > -_FASTEST_RADPS
+        and max(rates) < _FASTEST_RADPS
+        and min(forces) > -_STRONGEST_MPS2
+        and max(forces) < _STRONGEST_MPS2
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """A reading in one array: angular velocity and specific force, (6,)."""
+
+    stamp_ns: int
+    values: Array
+
+    @classmethod
+    def of(cls, sample: InertialReading) -> Self:
+        return cls(sample.stamp_ns, np.concatenate((sample.angular_velocity, sample.specific_force)))
 
 
 class Preintegration:
     """The motion of the body since the last keyframe from the IMU's readings.
 
-    Readings are interpolated linearly, also at the end of the integration. GTSAM takes the force of a step as constant
-    in the axes of its beginning, and accounts only for the centripetal part of a lever arm: here the force is rotated
-    by half the step, and the effect of angular acceleration at the end of the arm is subtracted.
+    Readings are interpolated linearly, also at the end of the integration.
     """
 
     def __init__(self, imu: ImuCalibration, config: InertialConfig) -> None:
@@ -69,13 +67,13 @@ class Preintegration:
         params.setBodyPSensor(gtsam.Pose3(self.T_body_imu))
         self._params = params
         self._lever_imu = self.T_body_imu[:3, :3].T @ self.T_body_imu[:3, 3]
-        self._gyroscope_bias, self._accelerometer_bias = np.zeros(3), np.zeros(3)
+        self._bias = np.zeros(6)  # of accelerometer and gyroscope
         self._rate: Array | None = None  # angular velocity up to which the lever arm has been accounted for
         self._pim = gtsam.PreintegratedCombinedMeasurements(params)
-        self._waiting: deque[InertialReading] = deque()
-        self._taken: deque[InertialReading] = deque()
-        self._last: InertialReading | None = None  # up to which everything is integrated
-        self._newest: InertialReading | None = None
+        self._waiting: deque[_Row] = deque()
+        self._taken: deque[_Row] = deque()
+        self._last: _Row | None = None  # up to which everything is integrated
+        self._newest: _Row | None = None
         self.start_ns: int | None = None
         self._now_ns = 0
         self.has_gap = False
@@ -84,7 +82,7 @@ class Preintegration:
         """Add the next reading; one that is not newer than the last, or not possible, is left out."""
         newest = self._waiting[-1] if self._waiting else self._last
         if is_possible(sample) and (newest is None or sample.stamp_ns > newest.stamp_ns):
-            self._waiting.append(sample)
+            self._waiting.append(_Row.of(sample))
         if self.start_ns is None and len(self._waiting) > 1:  # integration has not started
             self._last = self._waiting.popleft()
             self._keep(self._last)
@@ -99,7 +97,7 @@ class Preintegration:
         """The newest integrated angular velocity, bias included, rad/s, body frame, (3,)."""
         if self._newest is None:
             return np.zeros(3)
-        return np.asarray(self.T_body_imu[:3, :3] @ self._newest.angular_velocity)
+        return np.asarray(self.T_body_imu[:3, :3] @ self._newest.values[:3])
 
     def restart(self, stamp_ns: int, bias: gtsam.imuBias.ConstantBias) -> None:
         """Start to integrate anew at ``stamp_ns``, at most a second before the last integrated reading."""
@@ -107,8 +105,7 @@ class Preintegration:
             self._waiting.appendleft(self._taken.pop())
             self._last = self._taken[-1] if self._taken else self._waiting[0]
         self._pim = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
-        self._gyroscope_bias = np.asarray(bias.gyroscope())
-        self._accelerometer_bias = np.asarray(bias.accelerometer())
+        self._bias = np.asarray(bias.vector())
         self._rate = self._rate if stamp_ns == self._now_ns else None
         self.start_ns = self._now_ns = stamp_ns
         self.has_gap = False
@@ -124,83 +121,35 @@ class Preintegration:
             self._integrate(begin, end, stamp_ns)
         return self._last is not None and not self.has_gap and self._pim.deltaTij() > 0.0
 
-    def _take(self, sample: InertialReading) -> None:
-        before, self._last = self._last or sample, sample
-        self._keep(sample)
-        if sample.stamp_ns > self._now_ns:
-            self._note_gap(before, sample.stamp_ns)
-            begin = _between(before, sample, self._now_ns)
-            self._integrate(begin, sample, sample.stamp_ns)
+    def _take(self, row: _Row) -> None:
+        before, self._last = self._last or row, row
+        self._keep(row)
+        if row.stamp_ns > self._now_ns:
+            self._note_gap(before, row.stamp_ns)
+            is_whole = before.stamp_ns == self._now_ns
+            begin = before.values if is_whole else _between(before, row, self._now_ns)
+            self._integrate(begin, row.values, row.stamp_ns)
 
-    def _keep(self, sample: InertialReading) -> None:
-        self._newest = sample
-        self._taken.append(sample)
-        while sample.stamp_ns - self._taken[0].stamp_ns > _HISTORY_NS:
+    def _keep(self, row: _Row) -> None:
+        self._newest = row
+        self._taken.append(row)
+        while row.stamp_ns - self._taken[0].stamp_ns > _HISTORY_NS:
             self._taken.popleft()
 
-    def _note_gap(self, before: InertialReading, stamp_ns: int) -> None:
+    def _note_gap(self, before: _Row, stamp_ns: int) -> None:
         pause_ns = stamp_ns - min(before.stamp_ns, self._now_ns)
         self.has_gap = self.has_gap or pause_ns > self._config.max_gap_s * NS_PER_S
 
-    def _integrate(self, begin: InertialReading, end: InertialReading, stamp_ns: int) -> None:
+    def _integrate(self, begin: Array, end: Array, stamp_ns: int) -> None:
         dt_s = (stamp_ns - self._now_ns) / NS_PER_S
-        rate = 0.5 * (begin.angular_velocity + end.angular_velocity)
-        force = 0.5 * (begin.specific_force + end.specific_force)
-        acceleration = (end.angular_velocity - (begin.angular_velocity if self._rate is None else self._rate)) / dt_s
-        turning = rate - self._gyroscope_bias
-        subtracted_by_gtsam = np.cross(turning, np.cross(turning, self._lever_imu)) + self._accelerometer_bias
-        at_origin = force - np.cross(acceleration, self._lever_imu) - subtracted_by_gtsam
-        self._pim.integrateMeasurement(so3.exp(0.5 * dt_s * turning) @ at_origin + subtracted_by_gtsam, rate, dt_s)
-        self._rate, self._now_ns = end.angular_velocity, stamp_ns
+        rate_before = begin[:3] if self._rate is None else self._rate
+        mean = mean_reading(begin, end, rate_before, self._bias, self._lever_imu, dt_s)
+        self._pim.integrateMeasurement(mean[3:], mean[:3], dt_s)
+        self._rate, self._now_ns = end[:3], stamp_ns
 
 
-def _between(before: InertialReading, after: InertialReading, stamp_ns: int) -> InertialReading:
-    """The reading at ``stamp_ns`` interpolated between two; the nearer one outside them."""
+def _between(before: _Row, after: _Row, stamp_ns: int) -> Array:
+    """The reading at ``stamp_ns`` interpolated between two, (6,); the nearer one outside them."""
     span_ns = after.stamp_ns - before.stamp_ns
     share = 1.0 if span_ns <= 0 else min(max((stamp_ns - before.stamp_ns) / span_ns, 0.0), 1.0)
-    return InertialReading(
-        stamp_ns,
-        before.angular_velocity + share * (after.angular_velocity - before.angular_velocity),
-        before.specific_force + share * (after.specific_force - before.specific_force),
-    )
-
-
-class RestDetector:
-    """Whether the IMU has been at rest during the last readings, and their means, imu frame."""
-
-    def __init__(self, config: StandstillWindowConfig) -> None:
-        self._config = config
-        self._readings: deque[tuple[int, Array]] = deque()
-
-    def push(self, sample: InertialReading) -> None:
-        """Take a reading if it is possible and newer than the last; readings older than the window are dropped."""
-        if not is_possible(sample) or (self._readings and sample.stamp_ns <= self._readings[-1][0]):
-            return
-        row = np.concatenate((sample.angular_velocity, sample.specific_force))
-        self._readings.append((sample.stamp_ns, row))
-        oldest_ns = sample.stamp_ns - round(self._config.window_s * NS_PER_S)
-        while self._readings[0][0] < oldest_ns:
-            self._readings.popleft()
-
-    @property
-    def means(self) -> ImuMeans | None:
-        """The means over the window, at rest or not; None before the first reading."""
-        if not self._readings:
-            return None
-        mean = np.mean([row for _, row in self._readings], axis=0)
-        return ImuMeans(mean[:3], mean[3:], (self._readings[-1][0] - self._readings[0][0]) / NS_PER_S)
-
-    @property
-    def rest(self) -> ImuMeans | None:
-        """The means over the window if the IMU was at rest in it; otherwise None."""
-        means = self.means
-        if means is None or len(self._readings) < _FEWEST_SAMPLES or means.span_s < _SPANNED * self._config.window_s:
-            return None
-        scatter = np.var([row for _, row in self._readings], axis=0)
-        is_at_rest = (
-            np.sqrt(scatter[:3].sum()) < self._config.gyroscope_std_radps
-            and np.sqrt(scatter[3:].sum()) < self._config.accelerometer_std_mps2
-            and abs(np.linalg.norm(means.specific_force) - GRAVITY_MPS2)
-            < _REST_FORCE_MPS2  # a dead sensor is not at rest
-        )
-        return means if is_at_rest else None
+    return np.asarray(before.values + share * (after.values - before.values))

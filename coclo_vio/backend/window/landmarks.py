@@ -1,57 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The landmarks of the window: their positions, and the keyframes that observe them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.landmark import Landmark
+from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.measurements import StereoTracks
 
 _LEAST_PARALLAX_RAD = 0.02  # of rays that triangulate a point without any disparity
-_LEAST_INFORMATION = 1e-6  # 1/m^2: of a point, which bounds its covariance
-_DIGITS = 1e-12  # relative to a matrix: what keeps it positive definite in floating point
+_NOTHING = np.zeros((3, 3))
 _FARTHEST = 500.0  # baselines: farther points do not show translation
-
-
-@dataclass(slots=True, eq=False)
-class Landmark:
-    """A point of the world.
-
-    Attributes:
-        track_id: the track that observes it.
-        point_world: its position, m, (3,); None until it can be placed.
-        covariance: of the position, the observing poses taken as known, m^2, (3, 3); None until it is placed.
-        observations: by the number of the keyframe: left column, row, right column (NaN: no match), px, (3,).
-        depth_keyframe: the keyframe whose disparity placed it; None as long as there is none.
-        is_in_prior: whether the marginal prior contains it.
-        is_retired: whether it was found wrong: it gets no more observations, and leaves at the next marginalisation.
-    """
-
-    track_id: int
-    point_world: Array | None = None
-    covariance: Array | None = None
-    observations: dict[int, Array] = field(default_factory=dict)
-    depth_keyframe: int | None = None
-    is_in_prior: bool = False
-    is_retired: bool = False
-
-    @property
-    def is_solvable(self) -> bool:
-        """Whether it connects keyframes: it is placed, and observed by more than one of them or in the prior."""
-        return self.is_in_prior or (self.point_world is not None and len(self.observations) > 1)
-
-    def observe(self, number: int, observation: Array) -> None:
-        """Add the observation (3,) by keyframe ``number``; the first disparity is the one that places it."""
-        self.observations[number] = observation
-        if self.depth_keyframe is None and not np.isnan(observation[2]):
-            self.depth_keyframe = number
 
 
 class LandmarkMap:
@@ -90,13 +56,12 @@ class LandmarkMap:
 
     def known(self, tracks: StereoTracks) -> tuple[BoolArray, Array, Array]:
         """Which tracks (N,) have a placed landmark, positions of those, m, (M, 3), and their covariances (M, 3, 3)."""
-        found = [self._landmark_of(int(each)) for each in tracks.track_ids]
+        found = [self._landmark_of(each) for each in tracks.track_ids.tolist()]
         placed = [each for each in found if each is not None and each.point_world is not None]
         is_known = np.array([each is not None and each.point_world is not None for each in found], dtype=np.bool_)
-        points = np.array([each.point_world for each in placed]).reshape(-1, 3)
-        nothing = np.zeros((3, 3))
-        covariances = [nothing if each.covariance is None else each.covariance for each in placed]
-        return is_known, points, np.array(covariances).reshape(-1, 3, 3)
+        points = [each.point_world for each in placed if each.point_world is not None]
+        covariances = [_NOTHING if each.covariance is None else each.covariance for each in placed]
+        return is_known, _stacked(points, (3,)), _stacked(covariances, (3, 3))
 
     def observe(self, number: int, tracks: StereoTracks, is_wrong: BoolArray) -> None:
         """Add the observations of keyframe ``number``; tracks that are wrong (N,) are left out."""
@@ -116,8 +81,7 @@ class LandmarkMap:
             self._add(track_id).observe(number, observation)
 
     def _landmark_of(self, track_id: int) -> Landmark | None:
-        landmark_id = self._of_track.get(track_id)
-        return None if landmark_id is None else self._by_id[landmark_id]
+        return self._by_id.get(self._of_track.get(track_id, -1))
 
     def _add(self, track_id: int) -> Landmark:
         landmark = self._by_id[self._next_id] = Landmark(track_id)
@@ -142,16 +106,27 @@ class LandmarkMap:
         Args:
             poses: ``T_world_body`` by the number of the keyframe.
         """
-        for landmark in self._by_id.values():
+        by_disparity, by_rays = [], {}
+        for landmark_id, landmark in self._by_id.items():
             if landmark.is_solvable or not landmark.observations:
                 continue
-            number = landmark.depth_keyframe
-            if number is not None and number in landmark.observations:
-                observation = landmark.observations[number]
-                point = self._rig.points(observation[None, :2], observation[:1] - observation[2:])
-                landmark.point_world = se3.apply(poses[number] @ self._rig.T_body_camera, point)[0]
+            if landmark.depth_keyframe in landmark.observations:
+                by_disparity.append(landmark)
             elif len(landmark.observations) > 1:
-                landmark.point_world = self._triangulated(landmark, poses)
+                by_rays[landmark_id] = landmark
+        if by_rays:
+            self._triangulate(by_rays, poses)
+        if by_disparity:
+            self._place_by_disparity(by_disparity, poses)
+
+    def _place_by_disparity(self, landmarks: Sequence[Landmark], poses: Mapping[int, Array]) -> None:
+        numbers = [landmark.depth_keyframe for landmark in landmarks if landmark.depth_keyframe is not None]
+        pixels = np.array([each.observations[number] for each, number in zip(landmarks, numbers, strict=True)])
+        T_world_camera = {number: poses[number] @ self._rig.T_body_camera for number in set(numbers)}
+        in_camera = self._rig.points(pixels[:, :2], pixels[:, 0] - pixels[:, 2])
+        points = se3.apply(np.array([T_world_camera[number] for number in numbers]), in_camera)
+        for landmark, point in zip(landmarks, points, strict=True):
+            landmark.point_world = point
 
     def update_covariances(self, poses: Mapping[int, Array], model: StereoModel) -> None:
         """Covariance of each point, poses taken as known: of all its observations, and of one disparity.
@@ -160,42 +135,45 @@ class LandmarkMap:
             poses: ``T_world_body`` by the number of the keyframe.
             model: of the camera and its noise.
         """
-        placed = [each for each in self._by_id.values() if each.point_world is not None and each.observations]
-        rows = [(row, number) for row, each in enumerate(placed) for number in each.observations]
-        if not rows:
+        placed = {
+            name: each for name, each in self._by_id.items() if each.point_world is not None and each.observations
+        }
+        if not placed:
             return
-        depth_number = [
-            each.depth_keyframe if each.depth_keyframe in each.observations else min(each.observations)
-            for each in placed
-        ]
-        has_disparity = [placed[row].depth_keyframe is not None and depth_number[row] == number for row, number in rows]
-        sigmas = np.where(has_disparity, self._config.noise.disparity_px, np.inf)
-        points = np.array([placed[row].point_world for row, _ in rows])
-        T_world_body = np.array([poses[number] for _, number in rows])
-        information = np.zeros((len(placed), 3, 3))
-        np.add.at(information, [row for row, _ in rows], model.point_information(T_world_body, points, sigmas))
-        least = _LEAST_INFORMATION + _DIGITS * np.einsum("nii->n", information)  # large for a point close to a camera
-        covariances = np.linalg.inv(information + least[:, None, None] * np.eye(3))
-        for each, covariance in zip(placed, covariances, strict=True):
+        table = ObservationTable.of(placed, list(poses))
+        depth = np.array([_depth_number(each) for each in placed.values()])
+        has_disparity = depth[table.landmark] == np.array(table.numbers)[table.keyframe]
+        points = _stacked([each.point_world for each in placed.values() if each.point_world is not None], (3,))
+        covariances = model.point_covariances(points, table, np.array(list(poses.values())), has_disparity)
+        for each, covariance in zip(placed.values(), covariances, strict=True):
             each.covariance = covariance
 
-    def _triangulated(self, landmark: Landmark, poses: Mapping[int, Array]) -> Array | None:
-        """The point (3,) nearest to all rays; None where they are too parallel, or the point is behind or too far."""
-        centres, rays = [], []
-        for number, observation in landmark.observations.items():
-            T_world_camera = poses[number] @ self._rig.T_body_camera
-            sides = (observation[:2] - np.array(self._rig.principal_point_px)) / np.array(self._rig.focal_px)
-            ray = T_world_camera[:3, :3] @ np.array([sides[0], sides[1], 1.0])
-            centres.append(T_world_camera[:3, 3])
-            rays.append(ray / np.linalg.norm(ray))
-        if np.linalg.norm(np.cross(rays[0], rays[-1])) < _LEAST_PARALLAX_RAD:
-            return None
-        across = [np.eye(3) - np.outer(ray, ray) for ray in rays]
-        right = np.sum([part @ centre for part, centre in zip(across, centres, strict=True)], axis=0)
-        point = np.asarray(np.linalg.solve(np.sum(across, axis=0), right))
-        depth = float(rays[-1] @ (point - centres[-1]))
-        is_usable = self._config.nearest_m < depth < _FARTHEST * self._rig.baseline_m
-        return point if is_usable else None
+    def _triangulate(self, landmarks: Mapping[int, Landmark], poses: Mapping[int, Array]) -> None:
+        """Place landmarks at the points nearest to their rays, where those are usable."""
+        table = ObservationTable.of(landmarks, list(poses))
+        T_world_camera = (np.array(list(poses.values())) @ self._rig.T_body_camera)[table.keyframe]
+        sides = (table.pixels[:, :2] - np.array(self._rig.principal_point_px)) / np.array(self._rig.focal_px)
+        rays = np.einsum("nij,nj->ni", T_world_camera[:, :3, :3], np.column_stack((sides, np.ones(len(sides)))))
+        rays /= np.sqrt(np.einsum("ni,ni->n", rays, rays))[:, None]
+        points, depths = triangulated(table.starts, T_world_camera[:, :3, 3], rays)
+        is_usable = (self._config.nearest_m < depths) & (depths < _FARTHEST * self._rig.baseline_m)
+        for landmark, point, usable in zip(landmarks.values(), points, is_usable.tolist(), strict=True):
+            landmark.point_world = point if usable else None
+
+    def leaving(self, oldest: int, newest: int) -> tuple[list[int], list[int]]:
+        """Landmarks of the oldest keyframe or the prior: those to eliminate with it, and those that the prior keeps."""
+        lost: list[int] = []
+        tracked: list[int] = []
+        for landmark_id, landmark in self.items():
+            is_observed = oldest in landmark.observations and landmark.is_solvable
+            if not (is_observed or landmark.is_in_prior):
+                continue
+            is_tracked = newest in landmark.observations and not landmark.is_retired
+            (tracked if is_tracked else lost).append(landmark_id)
+        known = [each for each in tracked if self[each].is_in_prior]
+        fresh = [each for each in tracked if _is_worth_keeping(self[each], oldest)]
+        fresh.sort(key=lambda each: -len(self[each].observations))
+        return lost, known + fresh[: max(0, self._config.most_kept_landmarks - len(known))]
 
     def remove(self, landmark_id: int) -> None:
         """Remove a landmark."""
@@ -209,3 +187,45 @@ class LandmarkMap:
             landmark.observations.pop(number, None)
             if not landmark.observations and not landmark.is_in_prior:
                 self.remove(landmark_id)
+
+
+def _stacked(arrays: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """Arrays of one shape as one array: several times as fast as ``np.array`` of a list."""
+    return np.concatenate(arrays).reshape(-1, *shape) if arrays else np.zeros((0, *shape))
+
+
+def _depth_number(landmark: Landmark) -> int:
+    """The keyframe whose disparity counts: the one that placed the landmark, or else the first; -1 without any."""
+    if landmark.depth_keyframe is None:
+        return -1
+    return landmark.depth_keyframe if landmark.depth_keyframe in landmark.observations else min(landmark.observations)
+
+
+def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
+    """Whether a landmark may enter the prior: a single observation has to place it."""
+    return not landmark.is_in_prior and not np.isnan(landmark.observations[oldest][2])
+
+
+def triangulated(starts: IntArray, centres: Array, rays: Array) -> tuple[Array, Array]:
+    """Points nearest to all of their rays, and depths along the last one; NaN where rays are too parallel.
+
+    A point p has ``sum over its rays of (I - r r^T) (p - c) = 0``.
+
+    Args:
+        starts: first ray of each point, and N, (P + 1,); at least two for each.
+        centres: where the rays begin, m, (N, 3).
+        rays: their directions, of length 1, (N, 3).
+
+    Returns:
+        Points (P, 3) and depths (P,), m.
+    """
+    first, last = starts[:-1], starts[1:] - 1
+    sine = np.linalg.norm(np.cross(rays[first], rays[last]), axis=1)
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    left = np.add.reduceat(across, first)
+    right = np.add.reduceat(np.einsum("nij,nj->ni", across, centres), first)
+    left[sine < _LEAST_PARALLAX_RAD] = np.eye(3)  # parallel rays determine no point
+    points = np.linalg.solve(left, right[:, :, None])[:, :, 0]
+    depths = np.einsum("ni,ni->n", rays[last], points - centres[last])
+    depths[sine < _LEAST_PARALLAX_RAD] = np.nan
+    return points, depths

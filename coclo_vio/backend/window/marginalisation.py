@@ -10,9 +10,11 @@ from collections.abc import Iterable, Sequence
 
 import gtsam
 import numpy as np
+from scipy.linalg.lapack import dposv
 
-from coclo_vio.backend.window.factors import Term
-from coclo_vio.backend.window.solver import first_sentence, ordered
+from coclo_vio.backend.window.factors import Term, landmark_id, ordered
+from coclo_vio.backend.window.indeterminate import indeterminate_points, supports
+from coclo_vio.backend.window.solver import first_sentence
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 
@@ -59,7 +61,7 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
     for term in terms:
         graph.push_back(term.factor)
     try:
-        _, remaining = graph.linearize(values).eliminatePartialMultifrontal(ordered(leaving))
+        remaining = _eliminated(graph.linearize(values), leaving)
     except (RuntimeError, ValueError) as error:  # ValueError: a leaving key without a term
         raise SmootherError(f"what leaves the window is not determined: {first_sentence(error)}") from error
     kept = []
@@ -69,6 +71,21 @@ def marginal_prior(terms: Iterable[Term], leaving: Sequence[int], values: gtsam.
         if keys:
             kept.append(Term(gtsam.LinearContainerFactor(factor, values), keys))
     return kept
+
+
+def _eliminated(linear: gtsam.GaussianFactorGraph, leaving: Sequence[int]) -> gtsam.GaussianFactorGraph:
+    """What remains of the factors; landmarks that they do not determine take nothing else with them."""
+    try:
+        return linear.eliminatePartialMultifrontal(ordered(leaving))[1]
+    except RuntimeError as error:
+        present = linear.keys()
+        points = [key for key in leaving if landmark_id(key) is not None and present.count(key)]
+        loose = indeterminate_points(linear, points, error)
+        if not loose:
+            raise
+        for factor in supports(linear, loose):
+            linear.push_back(factor)
+        return linear.eliminatePartialMultifrontal(ordered(leaving))[1]
 
 
 def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.Values) -> list[Term]:
@@ -92,18 +109,29 @@ def removing_terms(prior: Sequence[Term], key: int, free: Array, values: gtsam.V
     for term in prior:
         graph.push_back(term.factor.linearize(values))
     others = sorted({other for term in prior for other in term.keys} - {key})
-    information, vector = graph.hessian(ordered([*others, key]))
+    information, vector = (np.array(each) for each in graph.hessian(ordered([*others, key])))
     if not np.isfinite(information).all():
         raise SmootherError("the prior on what stays in the window is not finite")
     size = len(information) - len(free)
-    turned = np.eye(len(information))
-    turned[size:, size:] = np.fliplr(np.linalg.qr(free, mode="complete")[0])
-    turned[size:, -free.shape[1] :] = free
-    information, vector = turned.T @ information @ turned, turned.T @ vector
+    turn = np.fliplr(np.linalg.qr(free, mode="complete")[0])
+    turn[:, -free.shape[1] :] = free
+    information[:, size:] = information[:, size:] @ turn
+    information[size:] = turn.T @ information[size:]
+    vector[size:] = turn.T @ vector[size:]
     size = len(information) - free.shape[1]
     rest = information[:size, :size] + _LEAST_INFORMATION * np.eye(size)
-    gain = np.linalg.solve(rest, np.column_stack((information[:size, size:], vector[:size])))
+    columns = np.column_stack((information[:size, size:], vector[:size]))
+    gain = _solved(rest, columns)
     alone = information[size:, size:] - information[size:, :size] @ gain[:, :-1]
     pull = vector[size:] - information[size:, :size] @ gain[:, -1]
     removed = gtsam.HessianFactor(key, -0.5 * free @ (alone + alone.T) @ free.T, -free @ pull, 0.0)
     return [Term(gtsam.LinearContainerFactor(removed, values), (key,))]
+
+
+def _solved(matrix: Array, columns: Array) -> Array:
+    """The solution of a symmetric system, which rounding may leave without a root of Cholesky; it may be empty."""
+    if len(matrix):
+        _, solution, failure = dposv(matrix, columns)
+        if not failure:
+            return np.asarray(solution)
+    return np.asarray(np.linalg.solve(matrix, columns))

@@ -166,6 +166,7 @@ class TwistAutoregression:
         self._before = self._both = np.square(sigmas)
         self._now = self._before + np.square(sigmas)
         self._learnt_s = 0.0
+        self._share = self._share_now()  # of a twist that is left after a step
 
     def learn(self, before: Array, now: Array, variance: Array, dt_s: float) -> None:
         """Add two twists (6,) that follow each other after ``dt_s``, and the variance (6,) of the later one."""
@@ -175,6 +176,7 @@ class TwistAutoregression:
         self._before = self._before + gain * (before**2 - self._before)
         self._both = self._both + gain * (before * now - self._both)
         self._now = self._now + gain * (now**2 + variance - self._now)
+        self._share = self._share_now()
 
     def kept(self, age_s: float) -> Array:
         """The share of a twist that is left after ``age_s``, by axis, (6,)."""
@@ -186,6 +188,5 @@ class TwistAutoregression:
         innovation = self._now - 2.0 * share * self._both + share**2 * self._before
         return np.asarray(self._inflation * np.sqrt(np.maximum(innovation, 0.0) * max(1.0, age_s / self._step_s)))
 
-    @property
-    def _share(self) -> Array:
+    def _share_now(self) -> Array:
         return np.clip(self._both / np.maximum(self._before, 1e-12), 0.0, 1.0)

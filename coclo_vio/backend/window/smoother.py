@@ -2,14 +2,14 @@
 """The sliding-window smoother from the outside: stereo tracks in, an estimate for every frame out.
 
 Between keyframes a frame is localised against landmarks that stay; at a keyframe the window is solved. Keyframes are
-connected by preintegrated IMU readings (``vins``), by odometry from outside, or by the landmarks that both observe.
+connected by landmarks that both observe and by sources of motion: preintegrated IMU readings (``vins``), odometry from
+outside, body twists, or steady motion where nothing measures it.
 Source: Qin, Cao, Pan, Shen, "A general optimization-based framework for local odometry estimation with multiple
 sensors", 2019 (VINS-Fusion); new here are the prior on landmarks still tracked, and the behaviour without vision.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-import gtsam
 import numpy as np
 
 from coclo_vio.backend.window.config import SmootherConfig
@@ -17,18 +17,23 @@ from coclo_vio.backend.window.event_log import EventLog
 from coclo_vio.backend.window.frame_estimate import FrameEstimate
 from coclo_vio.backend.window.frame_localisation import FrameLocalisation, has_enough_disparity, localise_frame
 from coclo_vio.backend.window.gyroscope_bias import StandstillBias
-from coclo_vio.backend.window.inertial import ImuMeans, Preintegration, RestDetector, is_possible
+from coclo_vio.backend.window.inertial import is_possible
+from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.keyframe_selection import has_lost_overlap, is_keyframe, tracks_are_still
-from coclo_vio.backend.window.motion_model import ConstantVelocityModel
-from coclo_vio.backend.window.motion_prediction import ExternalOdometry
+from coclo_vio.backend.window.keyframe_source import KeyframeSource
+from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
+from coclo_vio.backend.window.odometry_source import ExternalOdometry, TwistSource
+from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.start import FIXED_SIGMA, Starter
 from coclo_vio.backend.window.stereo_model import StereoModel
+from coclo_vio.backend.window.variables import VELOCITY
 from coclo_vio.backend.window.window_updater import WindowUpdater
+from coclo_vio.robot.standstill import ImuMeans, StandstillDetector
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo
 from coclo_vio.values.estimates import NavState, StateEstimate
 from coclo_vio.values.keyframes import FrameResult, KeyframeResult, OdometryDelta, PoseEvidence, PoseMarginal
-from coclo_vio.values.measurements import InertialReading, StereoTracks
+from coclo_vio.values.measurements import BodyTwistSample, InertialReading, StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
 
@@ -44,24 +49,36 @@ class SlidingWindowSmoother:
         rig: RectifiedStereo,
         config: SmootherConfig | None = None,
         imu: ImuCalibration | None = None,
-        *,
-        uses_imu: bool,
+        sources: Sequence[KeyframeSource] = (),
     ) -> None:
+        """Make a smoother.
+
+        Args:
+            rig: the cameras.
+            config: of the smoother.
+            imu: of the readings that level the first pose.
+            sources: of motion between keyframes, the first one that measures a frame predicts it; without any, what
+                comes with a frame, or steady motion.
+        """
         self.config = config or SmootherConfig()
         calibration = imu or ImuCalibration()
         self._rig = rig
         self._model = StereoModel(rig, self.config.noise)
-        self._imu = Preintegration(calibration, self.config.inertial) if uses_imu else None
-        self._rest_detector = RestDetector(self.config.standstill)
+        self._inertial = [source for source in sources if isinstance(source, InertialSource)]
+        self._twists = [source for source in sources if isinstance(source, TwistSource)]
+        self._rest_detector = StandstillDetector(self.config.standstill.limits)
         self._velocity_model = ConstantVelocityModel(self.config.motion, self.config.start.moving_velocity_mps)
         self._log = EventLog()
-        self._updater = WindowUpdater(rig, self.config, self._imu, self._velocity_model, self._log)
-        self._starter = Starter(self.config.start, calibration.T_body_imu[:3, :3], uses_imu=uses_imu)
+        self._sources = SourceSet(sources, self._velocity_model)
+        self._updater = WindowUpdater(rig, self.config, self._sources, self._velocity_model, self._log)
+        rotation, measures_gravity = calibration.T_body_imu[:3, :3], self._sources.measures_gravity
+        self._starter = Starter(self.config.start, rotation, measures_gravity=measures_gravity)
         density = calibration.gyroscope_noise_density
         self._standstill_bias = StandstillBias(max(density, self.config.inertial.gyroscope_noise_density))
         self._last: FrameEstimate | None = None
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
+        self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -94,12 +111,23 @@ class SlidingWindowSmoother:
             self._log.count("imu_refused")
             return
         self._rest_detector.push(sample)
-        if self._imu is not None:
-            self._imu.push(sample)
+        self._predicted = None
+        for source in self._inertial:
+            source.push(sample)
+
+    def push_twist(self, sample: BodyTwistSample) -> None:
+        """Take a twist of the body; twists come before the frame that they lead to."""
+        self._predicted = None
+        for source in self._twists:
+            source.push(sample)
 
     def predicted_pose(self, stamp_ns: int) -> Array | None:
         """``T_world_body`` predicted at ``stamp_ns``, (4, 4); None before the start."""
-        return None if self._updater.window is None else self._updater.predict(stamp_ns, None).T_world_body
+        if self._updater.window is None:
+            return None
+        motion = self._updater.predict(stamp_ns, ExternalOdometry())
+        self._predicted = stamp_ns, motion
+        return motion.T_world_body
 
     def push_tracks(
         self,
@@ -138,10 +166,11 @@ class SlidingWindowSmoother:
         if odometry is not None and odometry.start_ns != window.newest.stamp_ns:
             odometry = evidence = None
             self._log.count("odometry_refused")
-        motion = self._updater.predict(tracks.stamp_ns, odometry)
+        external = ExternalOdometry(odometry, evidence)
+        motion = self._take_predicted(tracks.stamp_ns, external)
         fewest = self.config.failure.fewest_inliers
         frame = localise_frame(window.landmarks, self._model, tracks, motion, fewest)
-        self._last = self._frame_estimate(frame, ExternalOdometry(odometry, evidence))
+        self._last = self._frame_estimate(frame, external)
         T_measured = motion.T_world_body if frame.fit is None else frame.fit.T_world_body
         covariance = None if frame.fit is None else frame.fit.covariance
         became_keyframe = self.keyframe_ns == tracks.stamp_ns
@@ -150,18 +179,25 @@ class SlidingWindowSmoother:
         )
         return self._state_estimate(self._last) if tracks.stamp_ns >= self._outputs_from_ns else None
 
+    def _take_predicted(self, stamp_ns: int, external: ExternalOdometry) -> PredictedMotion:
+        """The prediction of a frame: the one that was asked for before, where nothing has come since."""
+        before, self._predicted = self._predicted, None
+        if before is not None and before[0] == stamp_ns and external.delta is None and external.evidence is None:
+            return before[1]
+        return self._updater.predict(stamp_ns, external)
+
     def _frame_estimate(self, frame: FrameLocalisation, external: ExternalOdometry) -> FrameEstimate:
         """What becomes of a frame: the keyframe at a standstill, a prediction, a new keyframe, or a localised frame."""
         tracks = frame.tracks
         self._log.add_vision(tracks, has_vision=frame.fit is not None)
         rest = self._rest_detector.rest
-        if rest is not None and self._imu is not None and frame.fit is not None and self._stands_still(tracks):
+        if rest is not None and self._has_velocity and frame.fit is not None and self._stands_still(tracks):
             return self._at_standstill(frame, rest)
         self._standstill_bias.reset()
         has_no_points = frame.fit is None and not has_enough_disparity(tracks, self.config)
         if not has_no_points:
             self._vision_ns = tracks.stamp_ns
-        elif self._imu is not None and self._is_too_long_without_vision(tracks.stamp_ns):
+        elif self._has_velocity and self._is_too_long_without_vision(tracks.stamp_ns):
             self._vision_ns = tracks.stamp_ns
             return self._updater.restart_without_velocity(frame)
         if has_no_points and not self._is_keyframe_overdue(tracks.stamp_ns):
@@ -169,6 +205,11 @@ class SlidingWindowSmoother:
         if frame.fit is None or self._is_keyframe(tracks):
             return self._updater.add_keyframe(frame, external)
         return self._updater.localised_frame(frame, frame.fit)
+
+    @property
+    def _has_velocity(self) -> bool:
+        """Whether a source measures the velocity at keyframes, which may be integrated and vanishes at a standstill."""
+        return VELOCITY in self._sources.variables
 
     def _is_keyframe(self, tracks: StereoTracks) -> bool:
         return is_keyframe(self.config.keyframe, self._newest_tracks, tracks, self._rig.focal_px[0])
@@ -187,9 +228,9 @@ class SlidingWindowSmoother:
         return (stamp_ns - self._vision_ns) / NS_PER_S > self.config.failure.max_without_vision_s
 
     def _is_keyframe_overdue(self, stamp_ns: int) -> bool:
-        """Whether readings have been integrated for so long that even a frame without points becomes a keyframe."""
+        """Whether the velocity has been integrated for so long that even a frame without points becomes a keyframe."""
         age_s = (stamp_ns - self._updater.started_window.newest.stamp_ns) / NS_PER_S
-        return self._imu is not None and age_s >= self.config.keyframe.longest_s
+        return self._has_velocity and age_s >= self.config.keyframe.longest_s
 
     def _at_standstill(self, frame: FrameLocalisation, rest: ImuMeans) -> FrameEstimate:
         """Nothing moves: the frame is the keyframe, which gets zero velocity and the gyroscope's bias as factors."""
@@ -204,20 +245,18 @@ class SlidingWindowSmoother:
         start = self._starter.try_at(tracks.stamp_ns, self._rest_detector)
         if start is None:
             return None
-        if start.rest is not None:
-            self._updater.bias = gtsam.imuBias.ConstantBias(np.zeros(3), start.rest.angular_velocity)
-        elif self._imu is not None:
+        if start.rest is None and self._inertial:
             detail = (
                 f"the IMU was not at rest within {self.config.start.rest_timeout_s} s; the start is made in motion, "
                 f"and estimates follow after {self.config.start.alignment_s} s, in which gravity is estimated"
             )
             self._log.add(tracks.stamp_ns, "moving_start", detail)
-        self._outputs_from_ns = start.outputs_from_ns
-        inertial, self._vision_ns = self.config.inertial, tracks.stamp_ns
-        gyroscope = inertial.gyroscope_bias
+        self._outputs_from_ns, self._vision_ns = start.outputs_from_ns, tracks.stamp_ns
+        sigma = self.config.inertial.gyroscope_bias
         if start.rest is not None:
-            gyroscope = self._standstill_bias.rate_sigma(start.rest.span_s)
-        self._updater.keyframe_covariance[9:, 9:] = np.diag(np.repeat([inertial.accelerometer_bias, gyroscope], 3) ** 2)
+            sigma = self._standstill_bias.rate_sigma(start.rest.span_s)
+        for source in self._inertial:
+            source.level(start.rest, sigma)
         self._last = self._updater.begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._state_estimate(self._last) if tracks.stamp_ns >= self._outputs_from_ns else None
 
@@ -236,9 +275,8 @@ class SlidingWindowSmoother:
         covariance = frame.covariance.copy()
         covariance[:6, :6] += self._updater.started_window.gauge_covariance(frame.T_world_body)
         rate, gyroscope, accelerometer = self._velocity_model.twist[:3], np.zeros(3), np.zeros(3)
-        if self._imu is not None:
-            to_body, bias = self._imu.T_body_imu[:3, :3], self._updater.bias
-            gyroscope, accelerometer = to_body @ bias.gyroscope(), to_body @ bias.accelerometer()
-            rate = self._imu.rate_body - gyroscope
+        for source in self._inertial:
+            gyroscope, accelerometer = source.biases_body
+            rate = source.rate_body
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)
         return StateEstimate(frame.stamp_ns, nav, covariance)

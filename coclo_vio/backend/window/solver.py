@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from coclo_vio.backend.window.factors import ordered
+from coclo_vio.backend.window.indeterminate import indeterminate
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 
 _TINY = 1e-12
 _ROUNDING = 1e-9
-_LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step, tried in this order
+LENGTHS = (1.0, 0.5, 0.2, 0.05)  # shares of a step, tried in this order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +58,8 @@ def minimise(
         tolerance: relative to the cost.
 
     Raises:
-        SmootherError: the factors do not determine the variables, or there is no finite minimum.
+        IndeterminateError: the factors do not determine the variables.
+        SmootherError: there is no finite minimum.
     """
     ordering = ordered(elimination)
     cost, iterations = graph.error(values), 0
@@ -83,12 +86,17 @@ def _shortened(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, cost: float, step: gtsam.VectorValues
 ) -> tuple[float, gtsam.Values, float]:
     """The longest share of a step that does not raise the cost, the values there and their cost; 0 if there is none."""
-    for length in _LENGTHS:
+    for length in LENGTHS:
         proposed = values.retract(step.scale(length))
         proposed_cost = graph.error(proposed)
-        if proposed_cost <= cost * (1.0 + _ROUNDING) + _TINY:
+        if is_lower(proposed_cost, cost):
             return length, proposed, proposed_cost
     return 0.0, values, cost
+
+
+def is_lower(proposed_cost: float, cost: float) -> bool:
+    """Whether a step does not raise the cost, up to rounding."""
+    return proposed_cost <= cost * (1.0 + _ROUNDING) + _TINY
 
 
 def _damped(
@@ -98,7 +106,7 @@ def _damped(
     last: int,
     most_iterations: int,
 ) -> Minimum:
-    ordering = ordered(elimination)
+    ordering, solved = ordered(elimination), values
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(most_iterations)
     try:
@@ -107,7 +115,8 @@ def _damped(
         net = graph.linearize(solved).eliminateSequential(ordering)
         covariance = _covariance(net, elimination[-last:])
     except RuntimeError as error:
-        raise SmootherError(f"a problem of {graph.size()} factors cannot be solved: {first_sentence(error)}") from error
+        message = f"a problem of {graph.size()} factors cannot be solved: {first_sentence(error)}"
+        raise indeterminate(message, graph.linearize(solved), elimination, error) from error
     if not np.isfinite(optimizer.error()):
         raise SmootherError(f"a problem of {graph.size()} factors has no finite solution")
     return Minimum(solved, int(optimizer.iterations()), covariance)
@@ -123,7 +132,15 @@ def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
             end.push_back(conditional)
         if not missing:
             break
-    information, _ = end.hessian(ordered(keys))
+    return covariance_of(end.hessian(ordered(keys))[0])
+
+
+def covariance_of(information: Array) -> Array:
+    """The inverse of the newest variables' information.
+
+    Raises:
+        SmootherError: they are not determined.
+    """
     try:
         covariance = np.asarray(np.linalg.inv(information))
     except np.linalg.LinAlgError as error:
@@ -136,11 +153,3 @@ def _covariance(net: gtsam.GaussianBayesNet, keys: Sequence[int]) -> Array:
 def first_sentence(error: Exception) -> str:
     """The first sentence of GTSAM's error, in a line, without the ten lines of advice after it."""
     return " ".join(str(error).strip().partition("\n\n")[0].split()).removesuffix(".")
-
-
-def ordered(keys: Sequence[int]) -> gtsam.Ordering:
-    """Keys as GTSAM's ordering."""
-    ordering = gtsam.Ordering()
-    for key in keys:
-        ordering.push_back(key)
-    return ordering

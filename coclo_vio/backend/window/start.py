@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.backend.window.config import StartConfig
-from coclo_vio.backend.window.inertial import ImuMeans, RestDetector
 from coclo_vio.geometry import so3
+from coclo_vio.robot.standstill import ImuMeans, StandstillDetector, StartRule
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
@@ -32,31 +32,30 @@ class Start:
 
 
 class Starter:
-    """Waits for rest, for ``rest_timeout_s`` at most; without an IMU it starts with the first frame."""
+    """Waits for rest, for ``rest_timeout_s`` at most; where nothing measures gravity it starts with the first frame."""
 
-    def __init__(self, config: StartConfig, rotation_body_imu: Array, *, uses_imu: bool) -> None:
-        self._config, self._rotation_body_imu, self._uses_imu = config, rotation_body_imu, uses_imu
-        self._first_ns: int | None = None
+    def __init__(self, config: StartConfig, rotation_body_imu: Array, *, measures_gravity: bool) -> None:
+        self._config, self._rotation_body_imu = config, rotation_body_imu
+        self._measures_gravity = measures_gravity
+        self._rule = StartRule(config.rest_timeout_s)
 
-    def try_at(self, stamp_ns: int, detector: RestDetector) -> Start | None:
+    def try_at(self, stamp_ns: int, detector: StandstillDetector) -> Start | None:
         """The start at a frame; None as long as it waits for rest."""
-        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         rest, means = detector.rest, detector.means
-        has_waited = stamp_ns - self._first_ns >= self._config.rest_timeout_s * NS_PER_S
-        if rest is None and not has_waited and (means is not None or self._uses_imu):
+        if not self._rule.is_met(stamp_ns, rest) and (means is not None or self._measures_gravity):
             return None
         T = np.eye(4)
         level = rest or means
         if level is not None:
             T[:3, :3] = _levelled(self._rotation_body_imu @ level.specific_force)
-        wait_ns = round(self._config.alignment_s * NS_PER_S) if self._uses_imu and rest is None else 0
+        wait_ns = round(self._config.alignment_s * NS_PER_S) if self._measures_gravity and rest is None else 0
         return Start(T, self._covariance(T, is_at_rest=rest is not None), rest, stamp_ns + wait_ns)
 
     def _covariance(self, T_world_body: Array, *, is_at_rest: bool) -> Array:
         """Position and heading are zero by definition; tilt is uncertain where the IMU measures it."""
         config, rotation = self._config, T_world_body[:3, :3]
         tilt = config.rest_tilt_rad if is_at_rest else config.moving_tilt_rad
-        tilt = tilt if self._uses_imu else FIXED_SIGMA
+        tilt = tilt if self._measures_gravity else FIXED_SIGMA
         speed = config.rest_velocity_mps if is_at_rest else config.moving_velocity_mps
         covariance = np.zeros((9, 9))
         covariance[:3, :3] = rotation.T @ np.diag(np.square([tilt, tilt, FIXED_SIGMA])) @ rotation

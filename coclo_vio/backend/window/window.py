@@ -1,86 +1,63 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The window itself: keyframes, landmarks and a prior, solved together; the oldest keyframe is marginalised."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import gtsam
 import numpy as np
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.factors import ObservationFactors, Term
-from coclo_vio.backend.window.gauge import Gauge, tilt_prior, unobservable_directions
-from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
-from coclo_vio.backend.window.marginalisation import marginal_prior, removing_terms
-from coclo_vio.backend.window.solver import minimise
+from coclo_vio.backend.window.factors import Term
+from coclo_vio.backend.window.gauge import Gauge, HeldGauge
+from coclo_vio.backend.window.indeterminate import IndeterminateError
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
+from coclo_vio.backend.window.landmarks import LandmarkMap
+from coclo_vio.backend.window.marginalisation import marginal_prior
+from coclo_vio.backend.window.observation_table import ObservationTable
+from coclo_vio.backend.window.schur import WindowMinimum, WindowProblem
 from coclo_vio.backend.window.stereo_model import StereoModel
+from coclo_vio.backend.window.variables import POSE, VELOCITY, KeyframeVariables, Variable
+from coclo_vio.backend.window.window_solver import WindowSolver
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
-from coclo_vio.values.measurements import StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
-_POSE = 6  # dimensions
-
-
-@dataclass(slots=True, eq=False)
-class Keyframe:
-    """A frame of the window.
-
-    Attributes:
-        number: counts up; its keys are made of it.
-        stamp_ns: its time, ns.
-        tracks: points observed in it.
-        terms: connect it with the keyframe before it, or are priors on it.
-        rest_terms: zero velocity and the gyroscope's bias at a standstill.
-    """
-
-    number: int
-    stamp_ns: int
-    tracks: StereoTracks
-    terms: list[Term] = field(default_factory=list)
-    rest_terms: list[Term] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """Result of solving.
-
-    Attributes:
-        iterations: of the solver.
-        factors: in the problem.
-        landmarks: in the problem.
-        reprojection_px: root mean square of the observations' residuals, px.
-        covariance: of the newest pose relative to the oldest one's place and heading, and of velocity and biases
-            (accelerometer, gyroscope) where the IMU is used, (6, 6) or (15, 15).
-    """
-
-    iterations: int
-    factors: int
-    landmarks: int
-    reprojection_px: float
-    covariance: Array
+_MOST_ATTEMPTS = 8  # at solving, each without the landmarks that the one before did not determine
 
 
 class Window:
     """Keyframes and landmarks with their estimates.
 
-    Invariant: ``values`` holds the poses (and velocities and biases, where the IMU is used) of all keyframes. The
-    oldest one is fixed by the gauge, except for its tilt where gravity is measured: solving changes the poses relative
-    to it, and no earlier estimate is moved as a whole. An anchored window has no gauge: a given start is its prior.
+    Invariant: ``values`` holds all registered variables of all keyframes. Solving changes the poses relative to the
+    directions that the gauge holds, and no earlier estimate is moved as a whole.
     """
 
-    def __init__(self, rig: RectifiedStereo, config: SmootherConfig, *, is_anchored: bool = False) -> None:
+    def __init__(
+        self,
+        rig: RectifiedStereo,
+        config: SmootherConfig,
+        variables: KeyframeVariables | None = None,
+        gauge: Gauge | None = None,
+    ) -> None:
+        """An empty window.
+
+        Args:
+            rig: the cameras.
+            config: of the smoother.
+            variables: of each keyframe; None: its pose alone.
+            gauge: what becomes of directions that nothing measures; None: the oldest keyframe is held.
+        """
         self._config = config
-        self._is_anchored = is_anchored
+        self.variables = variables or KeyframeVariables()
+        self._gauge = gauge or HeldGauge()
         self._model = StereoModel(rig, config.noise)
-        self._observation_factors = ObservationFactors(rig, config.noise)
-        self._cache: dict[tuple[int, int], Term] = {}  # observations by landmark and keyframe
+        self.solver = WindowSolver(rig, config)
         self.landmarks = LandmarkMap(rig, config)
         self.keyframes: list[Keyframe] = []
         self.values = gtsam.Values()
         self.prior: list[Term] = []
-        self._gauge = Gauge()
         self._solved: frozenset[int] = frozenset()  # landmarks of the last solution
         self._next_covariance = np.zeros((6, 6))  # of the keyframe after the oldest one, relative to that
 
@@ -108,141 +85,187 @@ class Window:
         return np.asarray(self.values.atPose3(factors.pose_key(number)).matrix())
 
     def velocity(self, number: int) -> Array:
-        """Velocity of a keyframe, m/s, world frame, (3,), where the IMU is used."""
-        return np.asarray(self.values.atVector(factors.velocity_key(number)))
+        """Velocity of a keyframe, m/s, world frame, (3,), where that is a variable."""
+        return np.asarray(VELOCITY.value(self.values, number))
 
-    def bias(self, number: int) -> gtsam.imuBias.ConstantBias:
-        """Biases of a keyframe, where the IMU is used."""
-        return self.values.atConstantBias(factors.bias_key(number))
+    def add(
+        self,
+        keyframe: Keyframe,
+        T_world_body: Array,
+        is_wrong: BoolArray,
+        values: Mapping[Variable, Any] | None = None,
+    ) -> None:
+        """Add a keyframe.
 
-    def set_inertial(self, number: int, velocity_world: Array, bias: gtsam.imuBias.ConstantBias) -> None:
-        """First values of a keyframe's velocity and biases."""
-        self.values.insert(factors.velocity_key(number), velocity_world)
-        self.values.insert(factors.bias_key(number), bias)
-
-    def add(self, keyframe: Keyframe, T_world_body: Array, is_wrong: BoolArray) -> None:
-        """Add a keyframe at ``T_world_body``; tracks (N,) that are wrong are left out."""
+        Args:
+            keyframe: its factors may still be completed before solving.
+            T_world_body: first value of its pose, (4, 4).
+            is_wrong: tracks that are left out, (N,).
+            values: first values of its other variables.
+        """
         self.values.insert(factors.pose_key(keyframe.number), gtsam.Pose3(T_world_body))
+        for variable, value in (values or {}).items():
+            self.values.insert(variable.key(keyframe.number), value)
         self.keyframes.append(keyframe)
         self.landmarks.observe(keyframe.number, keyframe.tracks, is_wrong)
         self._place()
+        if len(self.keyframes) == 1:  # nothing to solve for, after which they would be updated
+            self._update_covariances()
 
     def _place(self) -> None:
-        poses = {each.number: self.pose(each.number) for each in self.keyframes}
-        self.landmarks.place(poses)
-        self.landmarks.update_covariances(poses, self._model)
+        self.landmarks.place({each.number: self.pose(each.number) for each in self.keyframes})
+
+    def _update_covariances(self) -> None:
+        self.landmarks.update_covariances({each.number: self.pose(each.number) for each in self.keyframes}, self._model)
 
     def solve(self) -> Solution:
         """Solve for all states and landmarks, and remove the observations that do not fit.
 
-        Raises:
-            SmootherError: the problem is not determined, or its solution is not finite.
-        """
-        landmark_ids = [landmark_id for landmark_id, landmark in self.landmarks.items() if landmark.is_solvable]
-        terms = [*self.terms(landmark_ids)]
-        values = gtsam.Values(self.values)
-        for landmark_id in landmark_ids:
-            values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
-        graph = gtsam.NonlinearFactorGraph()
-        for term in terms:
-            graph.push_back(term.factor)
-        elimination = self.elimination(landmark_ids)
-        staying = [key for keyframe in self.keyframes[1:] or self.keyframes for key in self._keys_of(keyframe.number)]
-        found = minimise(
-            graph,
-            values,
-            elimination,
-            len(staying),
-            most_iterations=self._config.iterations,
-            tolerance=self._config.tolerance,
-        )
-        self._take(found.values, landmark_ids)
-        self._solved = frozenset(landmark_ids)
-        covariance = self._newest_covariance(found.covariance)
-        rms = self._cull()
-        self._place()
-        return Solution(found.iterations, len(terms), len(landmark_ids), rms, covariance)
+        Landmarks that are not determined are dropped, and the others solved for again; a pose that is not gets a weak
+        prior where it is.
 
-    def _newest_covariance(self, covariance: Array) -> Array:
-        """The newest keyframe's, from that of all but the oldest; that of the next oldest one is kept for the gauge."""
-        size = _POSE if self._unobservable(self.newest.number).shape[1] == _POSE else 15
-        self._next_covariance = covariance[size - _POSE : size, size - _POSE : size]
-        return self._pose_first(covariance[-size:, -size:])
+        Raises:
+            SmootherError: the keyframes are not determined, or the solution is not finite.
+        """
+        dropped, supported, following = 0, 0, (self.keyframes[1:] or self.keyframes)[0]
+        groups = (self.variables.keys(self.newest.number), [factors.pose_key(following.number)])
+        for _ in range(_MOST_ATTEMPTS):
+            problem = self.problem([each for each, landmark in self.landmarks.items() if landmark.is_solvable])
+            try:
+                found = self.solver.minimum(problem, groups)
+                break
+            except IndeterminateError as error:
+                if not error.points and not self._support(error):
+                    raise
+                self._drop([each for each in problem.table.landmark_ids if factors.landmark_key(each) in error.points])
+                dropped += len(error.points)
+                supported += not error.points
+                failure = error
+        else:
+            raise failure
+        landmark_ids, count = problem.table.landmark_ids, len(problem.terms) + len(problem.table)
+        self._take(found, landmark_ids)
+        self._solved = frozenset(landmark_ids)
+        covariance, self._next_covariance = self.variables.as_registered(found.covariances[0]), found.covariances[1]
+        rms = self._cull(problem.table, found.points)
+        self._place()
+        self._update_covariances()
+        return Solution(found.iterations, count, len(landmark_ids), rms, covariance, dropped, supported)
+
+    def problem(
+        self, landmark_ids: Sequence[int], without: Sequence[Term] = (), last: Sequence[int] = ()
+    ) -> WindowProblem:
+        """Everything that is solved for.
+
+        Args:
+            landmark_ids: the landmarks, all of them solvable.
+            without: terms that are left out.
+            last: keys of poses that are put at the end.
+        """
+        kept = [each for each in landmark_ids if self.landmarks[each].is_in_prior]
+        ordered_ids = [each for each in landmark_ids if not self.landmarks[each].is_in_prior] + kept
+        landmarks = {each: self.landmarks[each] for each in ordered_ids}
+        values, keys = gtsam.Values(self.values), [factors.landmark_key(each) for each in kept]
+        for key, each in zip(keys, kept, strict=True):
+            values.insert(key, self.landmarks.point(each))
+        numbers, left_out = [keyframe.number for keyframe in self.keyframes], {id(term) for term in without}
+        keys += [key for number in numbers for key in self.variables.keys(number) if key not in last]
+        keys += last
+        return WindowProblem(
+            values=values,
+            terms=[term for term in self._other_terms() if id(term) not in left_out],
+            keys=keys,
+            sizes=[self.variables.dimensions(key) for key in keys],
+            pose_keys=[factors.pose_key(number) for number in numbers],
+            table=ObservationTable.of(landmarks, numbers),
+            points=np.array([self.landmarks.point(each) for each in landmarks]).reshape(-1, 3),
+            kept=len(kept),
+        )
+
+    def evidence(self, numbers: Sequence[int], without: Sequence[Term] = ()) -> tuple[Array, Array]:
+        """Information (6 N, 6 N) and vector (6 N,) of the poses of N keyframes, everything else eliminated.
+
+        Args:
+            numbers: of the keyframes.
+            without: terms that are left out.
+
+        Raises:
+            SmootherError: landmarks or other variables are not determined.
+        """
+        poses = [factors.pose_key(number) for number in numbers]
+        problem = self.problem(self.solved_landmarks, without, poses)  # others may be far from the minimum
+        return self.solver.evidence(problem, len(poses))
+
+    def _support(self, error: IndeterminateError) -> bool:
+        """Give the pose that is not determined a weak prior; whether there is one that has none yet."""
+        for keyframe in self.keyframes:
+            if factors.pose_key(keyframe.number) == error.pose and not keyframe.is_supported:
+                covariance = np.eye(POSE.dimensions) / error.pose_information
+                keyframe.terms.append(factors.pose_prior(keyframe.number, self.pose(keyframe.number), covariance))
+                keyframe.is_supported = True
+                return True
+        return False
+
+    def _drop(self, landmark_ids: Sequence[int]) -> None:
+        """Drop landmarks; of the prior, what it holds on the other variables is kept."""
+        keys = [factors.landmark_key(each) for each in landmark_ids]
+        touched = [term for term in self.prior if not set(keys).isdisjoint(term.keys)]
+        if touched:
+            values = gtsam.Values(self.values)
+            for landmark_id, landmark in self.landmarks.items():
+                if landmark.is_in_prior:
+                    values.insert(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
+            in_prior = {key for term in touched for key in term.keys}
+            untouched = [term for term in self.prior if term not in touched]
+            self.prior = untouched + marginal_prior(touched, [key for key in keys if key in in_prior], values)
+        for landmark_id in landmark_ids:
+            self._forget(landmark_id)
+
+    def _forget(self, landmark_id: int) -> None:
+        for number in self.landmarks[landmark_id].observations:
+            self.solver.observations.forget(number, landmark_id)
+        self.landmarks.remove(landmark_id)
 
     def gauge_covariance(self, T_world_body: Array) -> Array:
-        """Uncertainty of a pose from that of the fixed oldest keyframe in the world, right/local, (6, 6)."""
+        """Uncertainty of a pose from that of the held oldest keyframe in the world, right/local, (6, 6)."""
         return self._gauge.covariance_at(T_world_body, self.pose(self.keyframes[0].number))
 
-    def _take(self, solved: gtsam.Values, landmark_ids: Sequence[int]) -> None:
-        for landmark_id in landmark_ids:
+    def _take(self, found: WindowMinimum, landmark_ids: Sequence[int]) -> None:
+        for landmark_id, point in zip(landmark_ids, found.points, strict=True):
             key = factors.landmark_key(landmark_id)
-            self.landmarks[landmark_id].point_world = np.asarray(solved.atPoint3(key))
-            solved.erase(key)
-        self.values = solved
+            self.landmarks[landmark_id].point_world = point
+            if found.values.exists(key):
+                found.values.erase(key)
+        self.values = found.values
 
-    def terms(self, landmark_ids: Sequence[int]) -> Iterator[Term]:
-        """All terms: of the prior, of the keyframes, and of the observations of these landmarks."""
+    def _other_terms(self) -> Iterator[Term]:
         yield from self.prior
         if self._gauge.term is not None:
             yield self._gauge.term
         for keyframe in self.keyframes:
             yield from keyframe.terms
             yield from keyframe.rest_terms
-        for landmark_id in landmark_ids:
-            for number in self.landmarks[landmark_id].observations:
-                yield self._observation_term(landmark_id, number)
 
     def _observation_term(self, landmark_id: int, number: int) -> Term:
-        term = self._cache.get((landmark_id, number))
-        if term is None:
-            landmark = self.landmarks[landmark_id]
-            is_first = landmark.depth_keyframe == number
-            observation = landmark.observations[number]
-            term = self._cache[landmark_id, number] = self._observation_factors.make(
-                number, landmark_id, observation, is_first=is_first
-            )
-        return term
+        landmark = self.landmarks[landmark_id]
+        is_first = landmark.depth_keyframe == number
+        observation = landmark.observations[number]
+        return self.solver.observations.term(landmark_id, number, observation, is_first=is_first)
 
-    def elimination(self, landmark_ids: Sequence[int]) -> list[int]:
-        """Landmarks first, those of the prior after the others, then states, the newest last."""
-        free_first = sorted(landmark_ids, key=lambda each: self.landmarks[each].is_in_prior)
-        keys = [factors.landmark_key(landmark_id) for landmark_id in free_first]
-        for keyframe in self.keyframes:
-            keys += self._keys_of(keyframe.number)
-        return keys
-
-    def _keys_of(self, number: int) -> list[int]:
-        keys = [factors.bias_key(number), factors.velocity_key(number), factors.pose_key(number)]
-        return [key for key in keys if self.values.exists(key)]
-
-    @staticmethod
-    def _pose_first(covariance: Array) -> Array:
-        """The covariance of [biases, velocity, pose] as that of [pose, velocity, biases]."""
-        size = len(covariance)
-        order = np.arange(size) if size == _POSE else np.r_[9:15, 6:9, 0:6]
-        return np.asarray(covariance[np.ix_(order, order)])
-
-    def _cull(self) -> float:
+    def _cull(self, table: ObservationTable, points_world: Array) -> float:
         """Remove observations that do not fit or are of points behind the camera; RMS residual of the others, px."""
-        rows = [
-            (landmark_id, number)
-            for landmark_id, landmark in self.landmarks.items()
-            if landmark.is_solvable
-            for number in landmark.observations
-        ]
-        if not rows:
+        if not len(table):
             return 0.0
-        poses = {keyframe.number: self.pose(keyframe.number) for keyframe in self.keyframes}
-        T_world_body = np.array([poses[number] for _, number in rows])
-        points = np.array([self.landmarks.point(landmark_id) for landmark_id, _ in rows])
-        observations = np.array([self.landmarks[landmark_id].observations[number] for landmark_id, number in rows])
-        is_wrong = self._model.residual_norms(T_world_body, points, observations) > self._config.noise.outlier
-        for index in np.flatnonzero(is_wrong):
-            landmark_id, number = rows[index]
+        T_world_body = np.array([self.pose(number) for number in table.numbers])[table.keyframe]
+        points, observations = points_world[table.landmark], table.pixels
+        residuals = observations - self._model.project(T_world_body, points)
+        is_wrong = self._model.residual_norms(residuals) > self._config.noise.outlier
+        for row in np.flatnonzero(is_wrong):
+            landmark_id, number = table.landmark_ids[table.landmark[row]], table.numbers[table.keyframe[row]]
             del self.landmarks[landmark_id].observations[number]
-            self._cache.pop((landmark_id, number), None)
+            self.solver.observations.forget(number, landmark_id)
             self.landmarks[landmark_id].is_retired |= number == self.newest.number
-        residuals = (observations - self._model.project(T_world_body, points))[~is_wrong]
+        residuals = residuals[~is_wrong]
         return float(np.sqrt(np.nanmean(np.square(residuals)))) if len(residuals) else 0.0
 
     def drop_oldest(self) -> None:
@@ -255,69 +278,35 @@ class Window:
             SmootherError: the variables that leave are not determined; nothing has changed then.
         """
         oldest = self.keyframes[0]
-        lost, kept = self._lost_and_kept(oldest.number)
-        leaving = [factors.landmark_key(each) for each in lost] + self._keys_of(oldest.number)
+        lost, kept = self.landmarks.leaving(oldest.number, self.newest.number)
+        leaving = [factors.landmark_key(each) for each in lost] + self.variables.keys(oldest.number)
         touched, untouched = self._touched(set(leaving), oldest, lost, kept)
         values = gtsam.Values(self.values)
         for landmark_id in [*lost, *kept]:
             values.insert_or_assign(factors.landmark_key(landmark_id), self.landmarks.point(landmark_id))
         self.prior = untouched + marginal_prior(touched, leaving, values)
-        if not self._is_anchored:
-            following = self.keyframes[1].number
-            key, free = factors.pose_key(following), self._unobservable(following)
-            self.prior += removing_terms(self.prior, key, free, values)
-            self._fix(following, self.gauge_covariance(self.pose(following)) + self._next_covariance)
+        following = self.keyframes[1].number
+        pose = self.pose(following)
+        covariance = self.gauge_covariance(pose) + self._next_covariance
+        self.prior += self._gauge.pass_on(following, pose, covariance, self.prior, values)
         self._remove(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
         for landmark_id, landmark in self.landmarks.items():
             landmark.is_in_prior = factors.landmark_key(landmark_id) in in_prior
 
     def fix_first(self, covariance: Array) -> Array:
-        """Fix the only keyframe where it is, except for its tilt where gravity is measured.
+        """Fix the only keyframe in the world, as the gauge does.
 
         Args:
-            covariance: of its pose, (6, 6); that of the fixed directions goes to ``gauge_covariance``.
+            covariance: of its pose, (6, 6); that of held directions goes to ``gauge_covariance``.
 
         Returns:
-            The covariance of the directions that are not fixed, (6, 6).
+            The covariance of the directions that are not held, (6, 6).
         """
         number = self.keyframes[0].number
-        if self._is_anchored:
-            self.prior.append(factors.pose_prior(number, self.pose(number), covariance))
-            return covariance
-        self._fix(number, covariance)
-        self.prior += self._tilt_prior(number, covariance)
-        return np.asarray(covariance - self._gauge.covariance)
-
-    def _fix(self, number: int, covariance: Array) -> None:
-        self._gauge.fix(number, self.pose(number), self._unobservable(number), covariance)
-
-    def _tilt_prior(self, number: int, covariance: Array) -> list[Term]:
-        return tilt_prior(number, self.pose(number), self._unobservable(number), covariance)
-
-    def _unobservable(self, number: int) -> Array:
-        has_gravity = self.values.exists(factors.velocity_key(number))
-        return unobservable_directions(self.pose(number), has_gravity=has_gravity)
-
-    def _lost_and_kept(self, oldest: int) -> tuple[list[int], list[int]]:
-        """Landmarks of the oldest keyframe or the prior: those to eliminate, and those that the prior keeps."""
-        lost: list[int] = []
-        tracked: list[int] = []
-        for landmark_id, landmark in self.landmarks.items():
-            is_observed = oldest in landmark.observations and landmark.is_solvable
-            if not (is_observed or landmark.is_in_prior):
-                continue
-            is_tracked = self.newest.number in landmark.observations and not landmark.is_retired
-            (tracked if is_tracked else lost).append(landmark_id)
-        known = [each for each in tracked if self.landmarks[each].is_in_prior]
-        fresh = [each for each in tracked if self._is_worth_keeping(self.landmarks[each], oldest)]
-        fresh.sort(key=lambda each: -len(self.landmarks[each].observations))
-        return lost, known + fresh[: max(0, self._config.most_kept_landmarks - len(known))]
-
-    @staticmethod
-    def _is_worth_keeping(landmark: Landmark, oldest: int) -> bool:
-        """Whether a landmark may enter the prior: a single observation has to place it."""
-        return not landmark.is_in_prior and not np.isnan(landmark.observations[oldest][2])
+        prior, free = self._gauge.begin(number, self.pose(number), covariance)
+        self.prior += prior
+        return free
 
     def _touched(
         self, leaving: set[int], oldest: Keyframe, lost: Sequence[int], kept: Sequence[int]
@@ -338,34 +327,25 @@ class Window:
         return touched, untouched
 
     def _remove(self, oldest: Keyframe, lost: Sequence[int]) -> None:
-        for key in self._keys_of(oldest.number):
+        for key in self.variables.keys(oldest.number):
             self.values.erase(key)
         for landmark_id in lost:
-            for number in self.landmarks[landmark_id].observations:
-                self._cache.pop((landmark_id, number), None)
-            self.landmarks.remove(landmark_id)
-        for landmark_id, _ in self.landmarks.items():
-            self._cache.pop((landmark_id, oldest.number), None)
+            self._forget(landmark_id)
+        self.solver.observations.forget(oldest.number)
         self.landmarks.remove_keyframe(oldest.number)
         self.keyframes.pop(0)
-        gone = factors.pose_key(oldest.number)
-        following = self.keyframes[0]
-        following.terms = [term for term in following.terms if gone not in term.keys]
+        gone, following = set(self.variables.keys(oldest.number)), self.keyframes[0]
+        following.terms = [term for term in following.terms if gone.isdisjoint(term.keys)]
 
-    def discard_oldest(self, covariance: Array) -> None:
-        """Drop the oldest keyframe without its information; the next one gets a prior of ``covariance`` (15, 15)."""
+    def discard_oldest(self, covariance: Array, priors: Sequence[Term]) -> None:
+        """Drop the oldest keyframe without its information.
+
+        Args:
+            covariance: of the pose of the next keyframe, which gets a prior, (6, 6).
+            priors: on the other variables of that keyframe.
+        """
         oldest = self.keyframes[0]
-        fixed = self.gauge_covariance(self.pose(self.keyframes[1].number))
-        lost = [each for each, landmark in self.landmarks.items() if landmark.is_in_prior]
-        self._remove(oldest, lost)
+        held = self.gauge_covariance(self.pose(self.keyframes[1].number))
+        self._remove(oldest, [each for each, landmark in self.landmarks.items() if landmark.is_in_prior])
         number = self.keyframes[0].number
-        if self._is_anchored:
-            self.prior = [factors.pose_prior(number, self.pose(number), covariance[:6, :6])]
-            return
-        self._fix(number, fixed + covariance[:6, :6])
-        self.prior = self._tilt_prior(number, covariance[:6, :6])
-        if self.values.exists(factors.velocity_key(number)):
-            sigma = float(np.sqrt(np.trace(covariance[6:9, 6:9])))
-            self.prior.append(factors.velocity_prior(number, self.velocity(number), sigma))
-            bias = self.bias(number).vector()
-            self.prior.append(factors.bias_prior(number, bias[:3], bias[3:], np.repeat([0.05, 0.002], 3)))
+        self.prior = [*self._gauge.replace(number, self.pose(number), held, covariance), *priors]

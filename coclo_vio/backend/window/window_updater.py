@@ -2,29 +2,31 @@
 """The window over time: begun, extended by keyframes, solved, marginalised, and begun anew where that fails."""
 
 import time
+from collections.abc import Sequence
 
-import gtsam
 import numpy as np
 
-from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.event_log import EventLog
+from coclo_vio.backend.window.factors import Term
 from coclo_vio.backend.window.frame_estimate import FrameEstimate, propagated_covariance
 from coclo_vio.backend.window.frame_localisation import FrameLocalisation
-from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.gauge import Gauge, GlobalGauge, GravityGauge, HeldGauge
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
 from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_evidence
+from coclo_vio.backend.window.keyframe_source import KeyframeState, Ties
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
-from coclo_vio.backend.window.motion_prediction import ExternalOdometry, MotionPredictor
+from coclo_vio.backend.window.odometry_source import ExternalOdometry
+from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.stereo_model import PoseFit
-from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.backend.window.variables import POSE, VELOCITY
+from coclo_vio.backend.window.window import Window
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.errors import SmootherError
-from coclo_vio.values.keyframes import KeyframeResult, OdometryDelta, PoseEvidence, PoseMarginal
+from coclo_vio.values.keyframes import KeyframeResult, PoseEvidence, PoseMarginal
 from coclo_vio.values.measurements import StereoTracks
 from coclo_vio.values.units import NS_PER_S
-
-_REST_OVERLAP_NS = 500_000_000  # of a rest that is integrated with the motion after it: both show tilt and bias
 
 
 class WindowUpdater:
@@ -32,8 +34,7 @@ class WindowUpdater:
 
     Attributes:
         window: None before the start.
-        bias: of the IMU at the newest keyframe.
-        keyframe_covariance: of that keyframe's [pose, velocity, accelerometer bias, gyroscope bias], (15, 15).
+        keyframe_covariance: of the newest keyframe's [pose, velocity, other variables], (S, S).
         keyframe_result: marginal and evidence of that keyframe; None where no start was given.
         given_start: the marginal to start from, where one was given.
     """
@@ -42,16 +43,14 @@ class WindowUpdater:
         self,
         rig: RectifiedStereo,
         config: SmootherConfig,
-        imu: Preintegration | None,
+        sources: SourceSet,
         velocity_model: ConstantVelocityModel,
         log: EventLog,
     ) -> None:
-        self._rig, self._config, self._imu = rig, config, imu
+        self._rig, self._config, self._sources = rig, config, sources
         self._velocity_model, self._log = velocity_model, log
-        self._predictor = MotionPredictor(config, imu, velocity_model)
         self.window: Window | None = None
-        self.bias = gtsam.imuBias.ConstantBias()
-        self.keyframe_covariance = np.eye(15)
+        self.keyframe_covariance = np.eye(sources.variables.state_size)
         self.keyframe_result: KeyframeResult | None = None
         self.given_start: PoseMarginal | None = None
 
@@ -71,26 +70,41 @@ class WindowUpdater:
             velocity: m/s, world frame, (3,).
         """
         number = 0 if self.window is None else self.window.newest.number + 1
-        self.window = Window(self._rig, self._config, is_anchored=self.given_start is not None)
-        keyframe = Keyframe(number, tracks.stamp_ns, tracks)
-        self.window.add(keyframe, T_world_body, np.zeros(len(tracks), dtype=np.bool_))
-        if self._imu is not None:
-            sigmas, bias = np.sqrt(np.diag(self.keyframe_covariance)[9:]), self.bias.vector()
-            keyframe.terms.append(factors.velocity_prior(number, velocity, float(np.sqrt(covariance[6, 6]))))
-            keyframe.terms.append(factors.bias_prior(number, bias[:3], bias[3:], sigmas))
-            self.window.set_inertial(number, velocity, self.bias)
-            self._imu.restart(tracks.stamp_ns, self.bias)
+        variables, stamp_ns = self._sources.variables, tracks.stamp_ns
+        self.window = Window(self._rig, self._config, variables, self._new_gauge())
+        keyframe = Keyframe(number, stamp_ns, tracks)
+        first = self._sources.begin(number, stamp_ns, velocity, float(np.sqrt(covariance[6, 6])))
+        keyframe.terms.extend(first.terms)
+        self.window.add(keyframe, T_world_body, np.zeros(len(tracks), dtype=np.bool_), first.values)
         covariance = covariance.copy()
         covariance[:6, :6] = self.window.fix_first(covariance[:6, :6])
         self._velocity_model.restart(tracks.stamp_ns, T_world_body)
-        self.keyframe_covariance[:9, :] = self.keyframe_covariance[:, :9] = 0.0
+        self.keyframe_covariance = np.zeros_like(self.keyframe_covariance)
+        for variable, known in first.covariances.items():
+            self.keyframe_covariance[variables.rows(variable), variables.rows(variable)] = known
         self.keyframe_covariance[:9, :9] = covariance
         self.keyframe_result = self._result(self.window, None, None)
         return FrameEstimate(tracks.stamp_ns, T_world_body, velocity, covariance)
 
-    def predict(self, stamp_ns: int, odometry: OdometryDelta | None) -> PredictedMotion:
-        """Where the body should be at ``stamp_ns``, by odometry, IMU, or constant velocity."""
-        return self._predictor.predict(self.started_window, stamp_ns, odometry, self.bias, self.keyframe_covariance)
+    def _new_gauge(self) -> Gauge:
+        if self.given_start is not None:
+            return GlobalGauge()
+        return GravityGauge() if self._sources.measures_gravity else HeldGauge()
+
+    @property
+    def newest_state(self) -> KeyframeState:
+        """The newest keyframe as it is estimated."""
+        window = self.started_window
+        return self._state_of(window, window.newest)
+
+    def _state_of(self, window: Window, keyframe: Keyframe) -> KeyframeState:
+        return KeyframeState(
+            keyframe.number, keyframe.stamp_ns, window.values, self.keyframe_covariance, window.variables
+        )
+
+    def predict(self, stamp_ns: int, external: ExternalOdometry) -> PredictedMotion:
+        """Where the body should be at ``stamp_ns``, by the first source that measures it, or at constant velocity."""
+        return self._sources.expect(self.newest_state, stamp_ns, external)
 
     def predicted_frame(self, frame: FrameLocalisation) -> FrameEstimate:
         """A frame without vision that becomes no keyframe: its prediction."""
@@ -109,9 +123,8 @@ class WindowUpdater:
 
     def stay_at_keyframe(self, stamp_ns: int) -> FrameEstimate:
         """A frame at a standstill: pose and velocity of the newest keyframe."""
-        imu, window = self._imu, self.started_window
-        if imu is not None and (imu.start_ns is None or stamp_ns - imu.start_ns > 2 * _REST_OVERLAP_NS):
-            imu.restart(stamp_ns - _REST_OVERLAP_NS, self.bias)
+        self._sources.stay(stamp_ns)
+        window = self.started_window
         number = window.newest.number
         return FrameEstimate(stamp_ns, window.pose(number), window.velocity(number), self.keyframe_covariance[:9, :9])
 
@@ -119,7 +132,7 @@ class WindowUpdater:
         """Solve with the newest keyframe at rest, whose gyroscope has the bias ``rate``, rad/s, imu frame, (3,)."""
         window, stamp_ns = self.started_window, frame.tracks.stamp_ns
         speed = self._config.standstill.velocity_mps
-        window.newest.rest_terms = [*factors.rest(window.newest.number, speed, rate, sigma_radps)]
+        window.newest.rest_terms = self._sources.rest(window.newest.number, rate, sigma_radps, speed)
         predicted = self._predicted_covariance(window, frame.motion)
         if self._try_to_solve(window, stamp_ns) is None:
             return self._restart(frame, predicted)
@@ -130,19 +143,18 @@ class WindowUpdater:
         began_s = time.process_time()
         window, stamp_ns, motion = self.started_window, frame.tracks.stamp_ns, frame.motion
         before, predicted = window.newest, self._predicted_covariance(window, motion)
-        terms = [*self._predictor.motion_terms(window, stamp_ns, motion, external, self.bias)]
-        self._insert(window, frame, terms)
+        ties = self._sources.ties(self.newest_state, stamp_ns, motion)
+        self._insert(window, frame, ties)
         solution = self._try_to_solve(window, stamp_ns)
         if solution is None:
             return self._restart(frame, predicted)
         is_exchanged = self.given_start is not None and external.delta is not None
-        evidence = self._try_evidence(window, terms) if is_exchanged else None
+        evidence = self._try_evidence(window, ties.terms) if is_exchanged else None
         if len(window.keyframes) > self._config.keyframes:
             self._marginalise_oldest(window, stamp_ns)
         marginal = None if evidence is None else self._try_marginal(window)
         self.keyframe_result = self._result(window, marginal, evidence)
-        if self._imu is not None:
-            self._imu.restart(stamp_ns, self.bias)
+        self._sources.restart(self.newest_state)
         used, compute_s = int(np.count_nonzero(~frame.is_wrong)), time.process_time() - began_s
         self._log.add_keyframe(stamp_ns, used, len(window.keyframes), solution, compute_s)
         T, velocity = window.pose(window.newest.number), self._velocity(window, before)
@@ -167,20 +179,14 @@ class WindowUpdater:
         self._log.add(stamp_ns, "window_restart", "the window was discarded; it starts anew at the predicted pose")
         return self.begin(frame.tracks, motion.T_world_body, covariance, motion.velocity_world)
 
-    def _insert(self, window: Window, frame: FrameLocalisation, terms: list[factors.Term]) -> None:
+    def _insert(self, window: Window, frame: FrameLocalisation, ties: Ties) -> None:
         """Add a frame to the window at its localised or predicted pose."""
         stamp_ns, motion = frame.tracks.stamp_ns, frame.motion
-        keyframe = Keyframe(window.newest.number + 1, stamp_ns, frame.tracks, list(terms))
-        if self._imu is not None and not self._predictor.has_inertial_term:
-            detail = (
-                f"IMU readings since the last keyframe are missing, or pause for more than "
-                f"{self._config.inertial.max_gap_s} s; this keyframe gets no IMU factor"
-            )
-            self._log.add(stamp_ns, "imu_gap", detail)
+        keyframe = Keyframe(window.newest.number + 1, stamp_ns, frame.tracks, list(ties.terms))
+        if ties.gap is not None:
+            self._log.add(stamp_ns, "imu_gap", ties.gap)
         T = motion.T_world_body if frame.fit is None else frame.fit.T_world_body
-        window.add(keyframe, T, frame.is_wrong)
-        if self._imu is not None:
-            window.set_inertial(keyframe.number, motion.velocity_world, self.bias)
+        window.add(keyframe, T, frame.is_wrong, self._sources.initial(motion))
 
     def _try_to_solve(self, window: Window, stamp_ns: int) -> Solution | None:
         """Solve and take over biases and covariance; None where it failed or diverged."""
@@ -189,6 +195,8 @@ class WindowUpdater:
         except SmootherError as error:
             self._log.add(stamp_ns, "solver_failed", f"{error}; the window is discarded")
             return None
+        self._log.add_dropped(stamp_ns, solution.dropped, solution.landmarks)
+        self._log.count("poses_supported", solution.supported)
         if window.last_speed_mps > self._config.failure.fastest_mps:
             detail = (
                 f"the solution moves at {window.last_speed_mps:.0f} m/s, faster than failure.fastest_mps = "
@@ -196,16 +204,13 @@ class WindowUpdater:
             )
             self._log.add(stamp_ns, "solver_failed", detail)
             return None
-        self.keyframe_covariance = np.zeros((15, 15))
-        size = len(solution.covariance)
-        self.keyframe_covariance[:size, :size] = solution.covariance
-        if self._imu is not None:
-            self.bias = window.bias(window.newest.number)
-        else:
+        self.keyframe_covariance = window.variables.state_covariance(solution.covariance)
+        if VELOCITY not in window.variables:
             self.keyframe_covariance[6:9, 6:9] = np.eye(3) * self._config.motion.acceleration_mps2**2 * 0.01
+        self._sources.update(self.newest_state)
         return solution
 
-    def _try_evidence(self, window: Window, without: list[factors.Term]) -> PoseEvidence | None:
+    def _try_evidence(self, window: Window, without: Sequence[Term]) -> PoseEvidence | None:
         try:
             return pair_evidence(window, without)
         except SmootherError as error:
@@ -238,11 +243,12 @@ class WindowUpdater:
         except SmootherError as error:
             detail = f"{error}; of the past only a prior on the oldest pose is kept"
             self._log.add(stamp_ns, "prior_simplified", detail)
-            window.discard_oldest(self.keyframe_covariance)
+            pose = self.keyframe_covariance[: POSE.dimensions, : POSE.dimensions]
+            window.discard_oldest(pose, self._sources.priors(self._state_of(window, window.keyframes[1])))
 
     def _velocity(self, window: Window, before: Keyframe) -> Array:
         """Velocity of the newest keyframe, m/s, world frame, (3,)."""
-        if self._imu is not None:
+        if VELOCITY in window.variables:
             return window.velocity(window.newest.number)
         dt_s = (window.newest.stamp_ns - before.stamp_ns) / NS_PER_S
         return np.asarray((window.pose(window.newest.number)[:3, 3] - window.pose(before.number)[:3, 3]) / dt_s)

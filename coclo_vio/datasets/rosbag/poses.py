@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Poses in a bag: static transforms between named frames (REP 105), and the body's poses from a tracking system."""
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from typing import Any
@@ -13,7 +14,7 @@ from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.geometry import se3, so3
-from coclo_vio.values.arrays import Array
+from coclo_vio.values.arrays import Array, is_finite
 from coclo_vio.values.errors import DatasetError, TimestampError
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
@@ -73,13 +74,17 @@ def read_frames(bag: BagFile, topic: str) -> FrameTree:
 
 def pose_of(position: Any, orientation: Any) -> Array | None:
     """The transform (4, 4) of ROS's position and quaternion; None without a finite rotation."""
-    quat_xyzw = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
-    translation = np.array([position.x, position.y, position.z])
-    if not np.isfinite(translation).all() or not np.linalg.norm(quat_xyzw) > _SHORTEST_QUATERNION:
+    numbers = _numbers_of(position, orientation)
+    return None if numbers is None else se3.transform(so3.from_quat_xyzw(numbers[3:]), numbers[:3])
+
+
+def _numbers_of(position: Any, orientation: Any) -> Array | None:
+    """[position, quaternion xyzw] (7,); None without a finite rotation."""
+    quat_xyzw = (orientation.x, orientation.y, orientation.z, orientation.w)
+    numbers = np.array([position.x, position.y, position.z, *quat_xyzw])
+    if not is_finite(numbers) or not math.hypot(*quat_xyzw) > _SHORTEST_QUATERNION:
         return None
-    if not np.isfinite(quat_xyzw).all():
-        return None
-    return se3.transform(so3.from_quat_xyzw(quat_xyzw), translation)
+    return numbers
 
 
 def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, tally: ReadTally) -> GroundTruth:
@@ -92,7 +97,7 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
         DatasetError: a message without a pose.
     """
     stamps_ns: list[int] = []
-    poses: list[Array] = []
+    poses: list[Array] = []  # [position, quaternion xyzw]
     for message in bag.messages([topic]):
         stamp_ns = clock.stamp_ns(message)
         if stamp_ns is None:
@@ -112,16 +117,17 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
             "dataset.rosbag.topics.ground_truth"
         )
     T_body_object = _mounting(config)
-    T_world_body = np.array(poses)
+    numbers = np.array(poses)
+    T_world_body = se3.transform(so3.from_quat_xyzw(numbers[:, 3:]), numbers[:, :3])
     if not np.array_equal(T_body_object, np.eye(4)):
         T_world_body = T_world_body @ se3.inverse(T_body_object)
     return GroundTruth(Trajectory(np.array(stamps_ns, dtype=np.int64), T_world_body), has_stamps=True, source=topic)
 
 
 def _pose_in(message: Any, topic: str) -> Array | None:
-    """The pose (4, 4), or None where it is not finite or has no rotation (the tracker lost the object)."""
+    """[position, quaternion xyzw] (7,); None where they are not finite or no rotation (the tracker lost the object)."""
     if hasattr(message, "transform"):
-        return pose_of(message.transform.translation, message.transform.rotation)
+        return _numbers_of(message.transform.translation, message.transform.rotation)
     pose = getattr(message, "pose", None)
     pose = getattr(pose, "pose", pose)
     if pose is None or not hasattr(pose, "orientation"):
@@ -129,7 +135,7 @@ def _pose_in(message: Any, topic: str) -> Array | None:
             f"a message on {topic} holds no pose; the types that are read are TransformStamped, PoseStamped, "
             "PoseWithCovarianceStamped and Odometry"
         )
-    return pose_of(pose.position, pose.orientation)
+    return _numbers_of(pose.position, pose.orientation)
 
 
 def _mounting(config: RosbagConfig) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
 from coclo_vio.datasets.rosbag.joints import ReadingAssembler, read_feet, wrench_force
 from coclo_vio.datasets.rosbag.stereo_pairing import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
@@ -15,6 +16,7 @@ from coclo_vio.datasets.rosbag.timing import BagClock, ReorderWindow
 from coclo_vio.datasets.rosbag.topic_roles import TopicRoles
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import is_finite
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import (
     CameraImuSample,
@@ -66,6 +68,7 @@ class BagStream:
         expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_present
         self._feet = ReadingAssembler(expected_legs, tolerance_ns)
         self._joints = ReadingAssembler(expected_joints, tolerance_ns)
+        self._imu = ImuReader(bag)
         self._pairs = StereoPairer(roles.topic("left_image") or "", tolerance_ns, tally)
 
     def in_order(self, sensors: frozenset[type], *, sorts: bool) -> Iterator[Item]:
@@ -136,11 +139,9 @@ class BagStream:
 
     def _inertial(self, sensor: type[ImuSample] | type[CameraImuSample]) -> _Handler:
         def handle(message: RawMessage, stamp_ns: int) -> Iterator[Item]:
-            imu = self._decoded(message)
-            rate, force = imu.angular_velocity, imu.linear_acceleration
-            values = np.array([rate.x, rate.y, rate.z, force.x, force.y, force.z])
-            if np.isfinite(values).all():
-                yield sensor(stamp_ns, values[:3], values[3:])
+            rate, force = self._imu.read(message.topic, message.data)
+            if is_finite(rate) and is_finite(force):
+                yield sensor(stamp_ns, rate, force)
             else:
                 self._tally.dropped[f"{message.topic}: IMU reading empty or NaN"] += 1
 

@@ -15,7 +15,7 @@ import numpy as np
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.sample import sample_path
 from coclo_vio.experiments.bench.point_world import imu, rig, tracked_walk
-from coclo_vio.experiments.bench.wall_images import frames_along_wall, stereo_rig
+from coclo_vio.experiments.bench.rectified_pair import LOOKS_LEFT, rectified_pair
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.robot.description import RobotDescription, load_robot
@@ -26,12 +26,14 @@ from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig, BodyStates
 from coclo_vio.simulation.gait import GaitConfig
+from coclo_vio.simulation.visuals.wall_images import frames_along_wall
 from coclo_vio.values.measurements import CameraImuSample, JointSample, Measurement, StereoFrame, StereoTracks
 from coclo_vio.values.outputs import Estimate, Estimator, KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
 
 _WARM_UP = 10  # units of a stage that are not counted: caches fill, kernels load
 _FRAMES = 120
+_WALL_PAIR = rectified_pair(LOOKS_LEFT, baseline_m=0.06)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,7 @@ def quadruped_with_stereo(joint_hz: float = 500.0, frame_hz: float = 15.0, walk_
     stamps_ns = trial.truth.stamps_ns
     chosen = np.searchsorted(stamps_ns, np.arange(0.0, stamps_ns[-1], NS_PER_S / frame_hz))
     at_frames = BodyStates(**{each.name: getattr(trial.body, each.name)[chosen] for each in fields(BodyStates)})
-    frames = frames_along_wall(stamps_ns[chosen], at_frames)
+    frames = frames_along_wall(_WALL_PAIR, stamps_ns[chosen], at_frames)
     merged = tuple(heapq.merge(trial.measurements, frames, key=lambda measurement: measurement.stamp_ns))
     return CombinedLoad(merged, float(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S, robot)
 
@@ -161,7 +163,7 @@ def combined_realtime_factor(load: CombinedLoad) -> float:
     Raises:
         CocloError: the estimator cannot go on.
     """
-    equipment = Equipment(RobotModel(load.robot), load.robot.imu, stereo=stereo_rig())
+    equipment = Equipment(RobotModel(load.robot), load.robot.imu, stereo=_WALL_PAIR)
     odometry = mode_of("combined").make(equipment, resolve(load.robot))
     started_s = process_time()
     estimates = sum(_estimates(odometry.push(each)) for each in load.measurements) + _estimates(odometry.finish())

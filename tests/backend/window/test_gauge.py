@@ -7,6 +7,7 @@ import pytest
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.gauge import GlobalGauge, GravityGauge, HeldGauge
 from coclo_vio.backend.window.marginalisation import removing_terms
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.geometry import se3
@@ -65,6 +66,17 @@ def test_removed_information_leaves_the_rest_as_it_is_relative_to_the_pose(direc
     np.testing.assert_allclose(vector_after[size:], after[size:, :size] @ gain[:, -1], atol=1e-4)
 
 
+def test_of_a_prior_on_the_pose_alone_all_information_is_removed() -> None:
+    """Nothing else stays in the window: there is no rest to solve for."""
+    values = gtsam.Values()
+    values.insert(factors.pose_key(0), gtsam.Pose3())
+    prior = [factors.pose_prior(0, np.eye(4), np.eye(6))]
+    terms = removing_terms(prior, factors.pose_key(0), np.eye(6), values)
+    keys = gtsam.Ordering()
+    keys.push_back(factors.pose_key(0))
+    np.testing.assert_allclose(_linear([*prior, *terms], values).hessian(keys)[0], np.zeros((6, 6)), atol=1e-12)
+
+
 def test_nothing_is_removed_from_a_prior_without_the_pose() -> None:
     values = gtsam.Values()
     values.insert(factors.pose_key(1), gtsam.Pose3())
@@ -102,7 +114,7 @@ def _smoother() -> SlidingWindowSmoother:
     T_body_camera[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
     rig = RectifiedStereo((700.0, 700.0), (600.0, 180.0), 0.5, T_body_camera)
     config = SmootherConfig(noise={"track_px": 0.4, "disparity_px": 1.0, "repeated_disparity_px": 3.0})
-    return SlidingWindowSmoother(rig, config, uses_imu=False)
+    return SlidingWindowSmoother(rig, config)
 
 
 def test_the_prior_holds_no_information_on_the_oldest_keyframe() -> None:
@@ -133,3 +145,65 @@ def test_the_reported_uncertainty_grows_along_the_path() -> None:
         assert estimate is not None
         sizes.append(float(np.trace(estimate.covariance[3:6, 3:6])))
     assert min(sizes[70:]) > 1.5 * min(sizes[20:40])
+
+
+POSE_AT = se3.exp(np.array([0.1, -0.2, 0.7, 1.0, 2.0, 0.3]))
+COVARIANCE = np.diag(np.square([0.01, 0.02, 0.03, 0.1, 0.2, 0.3]))
+
+
+def _values(number: int) -> gtsam.Values:
+    values = gtsam.Values()
+    values.insert(factors.pose_key(number), gtsam.Pose3(POSE_AT))
+    return values
+
+
+def _information(terms: list[factors.Term]) -> Array:
+    return sum((term.factor.linearize(_values(3)).information() for term in terms), np.zeros((6, 6)))
+
+
+def test_without_gravity_the_whole_pose_is_held() -> None:
+    gauge = HeldGauge()
+    prior, free = gauge.begin(3, POSE_AT, COVARIANCE)
+    assert prior == []
+    np.testing.assert_array_equal(free, np.zeros((6, 6)))
+    np.testing.assert_allclose(gauge.covariance_at(POSE_AT, POSE_AT), COVARIANCE, atol=1e-15)
+    assert gauge.term is not None
+    np.testing.assert_allclose(_information([gauge.term]) / 1e8, np.eye(6), atol=1e-9)
+
+
+def test_with_gravity_place_and_heading_are_held_and_the_tilt_has_a_prior() -> None:
+    gauge = GravityGauge()
+    prior, free = gauge.begin(3, POSE_AT, COVARIANCE)
+    heading = POSE_AT[2, :3]
+    assert gauge.term is not None
+    held, known = _information([gauge.term]), _information(prior)
+    assert heading @ held[:3, :3] @ heading == pytest.approx(1e8, rel=1e-3)
+    np.testing.assert_allclose(held[3:, 3:] / 1e8, np.eye(3), atol=1e-9)
+    across = np.linalg.svd(heading[None])[2][1:]
+    assert np.abs(across @ held[:3, :3] @ across.T).max() < 1.0
+    np.testing.assert_allclose(
+        np.linalg.inv(across @ known[:3, :3] @ across.T), across @ COVARIANCE[:3, :3] @ across.T, rtol=1e-6
+    )
+    np.testing.assert_allclose(free + gauge.covariance, COVARIANCE, atol=1e-15)
+
+
+def test_of_a_given_start_nothing_is_held() -> None:
+    gauge = GlobalGauge()
+    prior, free = gauge.begin(3, POSE_AT, COVARIANCE)
+    np.testing.assert_allclose(np.linalg.inv(_information(prior)), COVARIANCE, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(free, COVARIANCE)
+    assert gauge.term is None
+    assert gauge.pass_on(3, POSE_AT, COVARIANCE, prior, _values(3)) == []
+    assert not gauge.covariance_at(POSE_AT, np.eye(4)).any()
+
+
+@pytest.mark.parametrize("policy", [HeldGauge, GravityGauge, GlobalGauge])
+def test_a_keyframe_whose_past_is_dropped_keeps_its_uncertainty(
+    policy: type[HeldGauge] | type[GlobalGauge],
+) -> None:
+    gauge = policy()
+    prior = gauge.replace(3, POSE_AT, 4.0 * COVARIANCE * (policy is not GlobalGauge), COVARIANCE)
+    if policy is GlobalGauge:
+        np.testing.assert_allclose(np.linalg.inv(_information(prior)), COVARIANCE, rtol=1e-9, atol=1e-15)
+    else:
+        np.testing.assert_allclose(gauge.covariance_at(POSE_AT, POSE_AT)[3:, 3:], 5.0 * COVARIANCE[3:, 3:], atol=1e-12)

@@ -6,7 +6,8 @@ import pytest
 from worlds import RIG
 
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
-from coclo_vio.backend.window.landmarks import Landmark, LandmarkMap
+from coclo_vio.backend.window.landmark import Landmark
+from coclo_vio.backend.window.landmarks import LandmarkMap, triangulated
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
@@ -248,3 +249,26 @@ def test_a_point_placed_by_parallax_has_the_covariance_of_parallax_alone() -> No
     both = covariance_of_first(LandmarkMap(RIG, CONFIG), point, [LEFT, RIGHT])
     assert np.linalg.eigvalsh(alone).min() > 0.0
     assert alone[2, 2] > both[2, 2]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_point_nearest_to_the_rays_is_the_least_squares_one(seed: int) -> None:
+    """Each of 20 points by itself, of 2 to 6 disturbed rays; those of the last one are parallel."""
+    random = np.random.default_rng(seed)
+    counts = random.integers(2, 7, 20)
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    centres = random.standard_normal((starts[-1], 3))
+    rays = np.repeat(random.uniform(3.0, 6.0, (20, 3)), counts, axis=0) - centres
+    rays += 0.01 * random.standard_normal(rays.shape)
+    rays[starts[-2] :] = rays[starts[-2]]
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    points, depths = triangulated(starts, centres, rays)
+    for index in range(19):
+        own = slice(starts[index], starts[index + 1])
+        across = np.vstack([np.eye(3) - np.outer(ray, ray) for ray in rays[own]])
+        measured = np.concatenate(
+            [part @ centre for part, centre in zip(np.split(across, counts[index]), centres[own], strict=True)]
+        )
+        np.testing.assert_allclose(points[index], np.linalg.lstsq(across, measured)[0], rtol=1e-9)
+        assert depths[index] == pytest.approx(rays[own][-1] @ (points[index] - centres[own][-1]))
+    assert np.isnan(depths[19])

@@ -26,6 +26,7 @@ from worlds import (
 )
 
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
+from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.geometry import se3, so3
 from coclo_vio.simulation.body_motion import BodyMotionConfig
@@ -41,11 +42,11 @@ WORLD = scattered(count=700)
 
 
 def stereo(config: SmootherConfig | None = None) -> SlidingWindowSmoother:
-    return SlidingWindowSmoother(RIG, config, IMU, uses_imu=False)
+    return SlidingWindowSmoother(RIG, config, IMU)
 
 
 def vins(config: SmootherConfig | None = None) -> SlidingWindowSmoother:
-    return SlidingWindowSmoother(RIG, config, IMU, uses_imu=True)
+    return SlidingWindowSmoother(RIG, config, IMU, [InertialSource(IMU, config or SmootherConfig())])
 
 
 def test_before_the_first_frame_there_is_no_pose() -> None:

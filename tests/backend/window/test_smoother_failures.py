@@ -22,6 +22,7 @@ from worlds import (
     readings,
     renamed,
     scattered,
+    sources_of,
     stamps_ns,
     without_right,
     without_tracks,
@@ -39,16 +40,16 @@ IMU_NS = 5_000_000
 WORLD = scattered(count=600)
 TRACKS = frames(WALKING, stamps_ns(0.0, LONG_END_S, FRAME_NS), WORLD, noise_px=0.2)
 READINGS = readings(WALKING, stamps_ns(-0.5, LONG_END_S, IMU_NS), errors=CHEAP_IMU)
-BOTH_MODES = pytest.mark.parametrize("uses_imu", [True, False], ids=["vins", "stereo"])
+BOTH_MODES = pytest.mark.parametrize("has_imu", [True, False], ids=["vins", "stereo"])
 
 Estimates = dict[int, StateEstimate | None]
 
 
 def run(
-    tracks: Iterable[StereoTracks], inertial: Iterable[InertialReading], uses_imu: bool, end_s: float = END_S
+    tracks: Iterable[StereoTracks], inertial: Iterable[InertialReading], has_imu: bool, end_s: float = END_S
 ) -> tuple[Played, Estimates]:
-    smoother = SlidingWindowSmoother(RIG, None, IMU, uses_imu=uses_imu)
-    measurements = in_order(tracks, inertial if uses_imu else ())
+    smoother = SlidingWindowSmoother(RIG, None, IMU, sources_of(has_imu))
+    measurements = in_order(tracks, inertial if has_imu else ())
     played = play(smoother, [each for each in measurements if each.stamp_ns < end_s * NS_PER_S])
     return played, played.estimates
 
@@ -125,8 +126,8 @@ def assert_follows(estimates: Estimates, start_s: float) -> None:
 
 
 @BOTH_MODES
-def test_undisturbed_it_follows_without_any_event(uses_imu: bool) -> None:
-    played, estimates = run(TRACKS, READINGS, uses_imu)
+def test_undisturbed_it_follows_without_any_event(has_imu: bool) -> None:
+    played, estimates = run(TRACKS, READINGS, has_imu)
     assert_sound(estimates)
     assert_follows(estimates, 2.0)
     assert played.kinds == []
@@ -135,9 +136,9 @@ def test_undisturbed_it_follows_without_any_event(uses_imu: bool) -> None:
 
 @BOTH_MODES
 @pytest.mark.parametrize("dark_s", [1.0, 10.0])
-def test_a_blackout_is_an_event_and_vision_recovers(dark_s: float, uses_imu: bool) -> None:
+def test_a_blackout_is_an_event_and_vision_recovers(dark_s: float, has_imu: bool) -> None:
     end_s = 4.0 + dark_s
-    played, estimates = run(changed(4.0, end_s, without_tracks, new_identities=True), READINGS, uses_imu, end_s + 4.0)
+    played, estimates = run(changed(4.0, end_s, without_tracks, new_identities=True), READINGS, has_imu, end_s + 4.0)
     assert_sound(estimates)
     assert None not in estimates.values()
     assert played.kinds[0] == "vision_lost"
@@ -147,7 +148,7 @@ def test_a_blackout_is_an_event_and_vision_recovers(dark_s: float, uses_imu: boo
 
 
 def test_the_imu_bridges_a_second_without_vision() -> None:
-    _, estimates = run(changed(4.0, 5.0, without_tracks, new_identities=True), READINGS, uses_imu=True)
+    _, estimates = run(changed(4.0, 5.0, without_tracks, new_identities=True), READINGS, has_imu=True)
     last, after = estimates[3_900_000_000], estimates[5_500_000_000]
     assert last is not None
     assert after is not None
@@ -158,8 +159,8 @@ def test_the_imu_bridges_a_second_without_vision() -> None:
 
 
 @BOTH_MODES
-def test_the_uncertainty_grows_without_vision(uses_imu: bool) -> None:
-    _, estimates = run(changed(4.0, 6.0, without_tracks, new_identities=True), READINGS, uses_imu)
+def test_the_uncertainty_grows_without_vision(has_imu: bool) -> None:
+    _, estimates = run(changed(4.0, 6.0, without_tracks, new_identities=True), READINGS, has_imu)
     sizes = [np.trace(estimates[stamp].covariance[3:6, 3:6]) for stamp in stamps_ns(3.9, 6.0, 5 * FRAME_NS)]
     assert np.all(np.diff(sizes) > 0.0)
     assert sizes[-1] > 4.0 * sizes[0]
@@ -167,22 +168,24 @@ def test_the_uncertainty_grows_without_vision(uses_imu: bool) -> None:
 
 def test_the_reason_of_the_front_end_is_in_the_event() -> None:
     played, _ = run(
-        changed(4.0, 5.0, lambda each: replace(without_tracks(each), reason="a hand")), READINGS, uses_imu=False
+        changed(4.0, 5.0, lambda each: replace(without_tracks(each), reason="a hand")),
+        READINGS,
+        has_imu=False,
     )
     assert "a hand" in played.events[0].detail
 
 
 @BOTH_MODES
 @pytest.mark.parametrize("new_identities", [False, True])
-def test_two_seconds_of_wrong_tracks_are_an_event_and_are_recovered_from(new_identities: bool, uses_imu: bool) -> None:
-    played, estimates = run(changed(4.0, 6.0, wrong_tracks, new_identities), READINGS, uses_imu)
+def test_two_seconds_of_wrong_tracks_are_an_event_and_are_recovered_from(new_identities: bool, has_imu: bool) -> None:
+    played, estimates = run(changed(4.0, 6.0, wrong_tracks, new_identities), READINGS, has_imu)
     assert_sound(estimates)
     assert "vision_lost" in played.kinds
     assert_follows(estimates, 6.6)
 
 
 def test_with_an_imu_the_error_from_wrong_tracks_is_bounded() -> None:
-    _, estimates = run(changed(4.0, 6.0, wrong_tracks), READINGS, uses_imu=True)
+    _, estimates = run(changed(4.0, 6.0, wrong_tracks), READINGS, has_imu=True)
     last, after = estimates[3_900_000_000], estimates[6_500_000_000]
     assert last is not None
     assert after is not None
@@ -194,9 +197,9 @@ def test_with_an_imu_the_error_from_wrong_tracks_is_bounded() -> None:
 @BOTH_MODES
 @pytest.mark.parametrize("change", [behind, without_right])
 def test_without_usable_disparities_frames_are_localised_by_the_left_camera_and_known_points(
-    change: Callable[[StereoTracks], StereoTracks], uses_imu: bool
+    change: Callable[[StereoTracks], StereoTracks], has_imu: bool
 ) -> None:
-    played, estimates = run(changed(4.0, 6.0, change), READINGS, uses_imu)
+    played, estimates = run(changed(4.0, 6.0, change), READINGS, has_imu)
     assert_sound(estimates)
     assert_follows(estimates, 4.0)
     assert played.kinds == []
@@ -205,9 +208,9 @@ def test_without_usable_disparities_frames_are_localised_by_the_left_camera_and_
 @BOTH_MODES
 @pytest.mark.parametrize("change", [behind, without_right, without_tracks])
 def test_without_any_disparity_from_the_start_the_loss_of_vision_is_an_event(
-    change: Callable[[StereoTracks], StereoTracks], uses_imu: bool
+    change: Callable[[StereoTracks], StereoTracks], has_imu: bool
 ) -> None:
-    played, estimates = run(changed(-1.0, 4.0, change), READINGS, uses_imu)
+    played, estimates = run(changed(-1.0, 4.0, change), READINGS, has_imu)
     assert "vision_lost" in played.kinds
     given = {stamp: estimate for stamp, estimate in estimates.items() if estimate is not None}
     assert_sound(given)
@@ -216,20 +219,20 @@ def test_without_any_disparity_from_the_start_the_loss_of_vision_is_an_event(
 
 @BOTH_MODES
 @pytest.mark.parametrize("at_s", [0.0, 4.0])
-def test_one_frame_whose_disparities_are_all_wrong_is_detected(at_s: float, uses_imu: bool) -> None:
-    played, estimates = run(changed(at_s, at_s + 0.05, wrong_disparities), READINGS, uses_imu)
+def test_one_frame_whose_disparities_are_all_wrong_is_detected(at_s: float, has_imu: bool) -> None:
+    played, estimates = run(changed(at_s, at_s + 0.05, wrong_disparities), READINGS, has_imu)
     assert_sound(estimates)
     assert "vision_lost" in played.kinds
     assert_follows(estimates, at_s + 1.5)
 
 
 @BOTH_MODES
-def test_stamps_that_come_twice_or_too_late_are_refused_and_counted(uses_imu: bool) -> None:
+def test_stamps_that_come_twice_or_too_late_are_refused_and_counted(has_imu: bool) -> None:
     plain = [each for each in TRACKS if each.stamp_ns < 3 * NS_PER_S]
     inertial = [each for each in READINGS if each.stamp_ns < 3 * NS_PER_S]
-    _, expected = run(plain, inertial, uses_imu)
-    smoother = SlidingWindowSmoother(RIG, None, IMU, uses_imu=uses_imu)
-    for measurement in in_order(plain, inertial if uses_imu else ()):
+    _, expected = run(plain, inertial, has_imu)
+    smoother = SlidingWindowSmoother(RIG, None, IMU, sources_of(has_imu))
+    for measurement in in_order(plain, inertial if has_imu else ()):
         if isinstance(measurement, StereoTracks):
             estimate = smoother.push_tracks(measurement).estimate
             assert estimate is not None
@@ -245,7 +248,7 @@ def test_stamps_that_come_twice_or_too_late_are_refused_and_counted(uses_imu: bo
 
 def test_three_seconds_without_readings_are_an_event_and_vision_continues() -> None:
     with_pause = [each for each in READINGS if not 3.0 < each.stamp_ns / NS_PER_S < 6.0]
-    played, estimates = run(TRACKS, with_pause, uses_imu=True)
+    played, estimates = run(TRACKS, with_pause, has_imu=True)
     assert_sound(estimates)
     assert set(played.kinds) == {"imu_gap"}
     assert_follows(estimates, 2.0)
@@ -255,7 +258,7 @@ def test_three_seconds_without_readings_are_an_event_and_vision_continues() -> N
 
 
 def test_without_any_reading_vision_alone_is_used() -> None:
-    played, estimates = run(TRACKS, [], uses_imu=True)
+    played, estimates = run(TRACKS, [], has_imu=True)
     assert_sound(estimates)
     assert {"moving_start", "imu_gap"} <= set(played.kinds)
     assert_follows(estimates, 3.0)
@@ -270,7 +273,7 @@ def test_impossible_readings_have_no_effect(at_s: float, size: float) -> None:
         else each
         for each in READINGS
     ]
-    _, estimates = run(TRACKS, spoilt, uses_imu=True)
+    _, estimates = run(TRACKS, spoilt, has_imu=True)
     assert_sound(estimates)
     assert_follows(estimates, 2.0)
 
@@ -278,27 +281,27 @@ def test_impossible_readings_have_no_effect(at_s: float, size: float) -> None:
 @pytest.mark.parametrize("force", [0.0, 500.0], ids=["dead", "saturated"])
 def test_a_defective_accelerometer_raises_nothing(force: float) -> None:
     spoilt = [replace(each, specific_force=np.full(3, force)) for each in READINGS]
-    played, estimates = run(TRACKS, spoilt, uses_imu=True)
+    played, estimates = run(TRACKS, spoilt, has_imu=True)
     assert_sound(estimates)
     assert played.kinds
 
 
 @BOTH_MODES
-def test_tracks_that_jump_from_frame_to_frame_raise_nothing(uses_imu: bool) -> None:
+def test_tracks_that_jump_from_frame_to_frame_raise_nothing(has_imu: bool) -> None:
     """Identities shuffled: every point is another one in every frame."""
     shuffled = []
     for tracks in TRACKS:
         random = np.random.default_rng(tracks.stamp_ns)
         shuffled.append(replace(tracks, track_ids=random.permutation(200)[: len(tracks)]))
-    played, estimates = run(shuffled, READINGS, uses_imu, 5.0)
+    played, estimates = run(shuffled, READINGS, has_imu, 5.0)
     assert_sound(estimates)
     assert "vision_lost" in played.kinds
 
 
 @BOTH_MODES
-def test_pixels_far_outside_any_image_raise_nothing(uses_imu: bool) -> None:
+def test_pixels_far_outside_any_image_raise_nothing(has_imu: bool) -> None:
     far = changed(4.0, 5.0, lambda each: replace(each, left_px=1e7 * each.left_px, right_px=-1e7 * each.right_px))
-    played, estimates = run(far, READINGS, uses_imu)
+    played, estimates = run(far, READINGS, has_imu)
     assert_sound(estimates)
     assert "vision_lost" in played.kinds
     assert_follows(estimates, 6.5)

@@ -8,8 +8,8 @@ from worlds import RIG, WALK, frames, pose_at, scattered
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import PixelNoiseConfig
-from coclo_vio.backend.window.factors import ObservationFactors
-from coclo_vio.backend.window.solver import Minimum, minimise, ordered
+from coclo_vio.backend.window.factors import ObservationFactors, ordered
+from coclo_vio.backend.window.solver import Minimum, minimise
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.geometry import se3
 from coclo_vio.values.errors import SmootherError

@@ -10,7 +10,9 @@ from worlds import FRAME_NS, RIG, WALK, frames, pose_at, scattered
 
 from coclo_vio.backend.window import factors
 from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
-from coclo_vio.backend.window.window import Keyframe, Solution, Window
+from coclo_vio.backend.window.keyframe import Keyframe, Solution
+from coclo_vio.backend.window.variables import BIASES, VELOCITY, KeyframeVariables
+from coclo_vio.backend.window.window import Window
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
@@ -154,7 +156,7 @@ def test_landmarks_left_out_of_the_prior_lose_information() -> None:
 
 
 def test_covariance_is_of_pose_velocity_and_biases_in_this_order() -> None:
-    window = Window(RIG, EXACT)
+    window = Window(RIG, EXACT, KeyframeVariables([VELOCITY, BIASES]))
     tracks = frames(WALK, STAMPS[:1], WORLD)[0]
     pose_covariance = np.diag(np.square([0.01, 0.02, 0.03, 0.1, 0.2, 0.3]))
     terms = [
@@ -162,8 +164,9 @@ def test_covariance_is_of_pose_velocity_and_biases_in_this_order() -> None:
         factors.velocity_prior(0, np.array([1.0, 2.0, 3.0]), 0.5),
         factors.bias_prior(0, np.zeros(3), np.zeros(3), np.repeat([0.1, 0.01], 3)),
     ]
-    add(window, 0, tracks, np.eye(4), *terms)
-    window.set_inertial(0, np.zeros(3), gtsam.imuBias.ConstantBias())
+    values = {VELOCITY: np.zeros(3), BIASES: gtsam.imuBias.ConstantBias()}
+    everything = np.zeros(len(tracks), dtype=np.bool_)
+    window.add(Keyframe(0, tracks.stamp_ns, tracks, terms), np.eye(4), everything, values)
     covariance = window.solve().covariance
     np.testing.assert_allclose(covariance[:6, :6], pose_covariance, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(covariance[6:, 6:], np.diag(np.square(np.repeat([0.5, 0.1, 0.01], 3))), atol=1e-12)
@@ -213,8 +216,8 @@ def test_a_failed_marginalisation_changes_nothing() -> None:
 def test_after_discarding_the_oldest_keyframe_the_next_one_is_fixed() -> None:
     tracked = frames(WALK, STAMPS[:6], WORLD)
     window, _ = filled(EXACT, tracked, 4)
-    covariance = np.diag(np.square(np.repeat([0.01, 0.02, 0.1], 3)))
-    window.discard_oldest(covariance)
+    covariance = np.diag(np.square(np.repeat([0.01, 0.02], 3)))
+    window.discard_oldest(covariance, [])
     numbers = [each.number for each in window.keyframes]
     solution = window.solve()
     assert numbers == [2, 3, 4, 5][-len(numbers) :]

@@ -6,6 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.inertial_source import InertialSource
+from coclo_vio.backend.window.keyframe_source import KeyframeSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.geometry import se3
 from coclo_vio.simulation.body_motion import BodyMotion, BodyMotionConfig
@@ -119,6 +122,11 @@ def readings(
 def stamps_ns(start_s: float, end_s: float, step_ns: int) -> range:
     """Stamps from ``start_s`` on, before ``end_s``."""
     return range(round(start_s * NS_PER_S), round(end_s * NS_PER_S), step_ns)
+
+
+def sources_of(has_imu: bool) -> list[KeyframeSource]:
+    """Of ``vins``: the IMU; of ``stereo``: none."""
+    return [InertialSource(IMU, SmootherConfig())] if has_imu else []
 
 
 def in_order(

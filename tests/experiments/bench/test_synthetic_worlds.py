@@ -9,12 +9,10 @@ import pytest
 from coclo_vio.experiments.bench.costs import WalkKind
 from coclo_vio.experiments.bench.legged_robots import robot_with_legs, standing_rad
 from coclo_vio.experiments.bench.point_world import rig, tracked_walk
-from coclo_vio.experiments.bench.rectified_pair import FOCAL_PX, PRINCIPAL_POINT_PX
-from coclo_vio.experiments.bench.wall_images import frames_along_wall, stereo_rig
+from coclo_vio.experiments.bench.rectified_pair import FOCAL_PX, LOOKS_LEFT, PRINCIPAL_POINT_PX, rectified_pair
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import se3
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.body_motion import BodyStates
 from coclo_vio.values.measurements import CameraImuSample, StereoTracks
 
 
@@ -57,28 +55,8 @@ def test_at_rest_a_point_is_where_its_track_and_disparity_say() -> None:
     assert disparity.min() > 0.8 * FOCAL_PX * 0.1 / 7.0
 
 
-def test_images_of_the_wall_fit_the_pinhole_model() -> None:
-    """Between two poses of a camera that faces the wall, its image moves by f t / depth."""
-    pair = stereo_rig()
-    moved_m = 0.1
-    at = np.array([[0.0, 0.0, 0.0], [moved_m, 0.0, 0.0]])
-    still = np.zeros((2, 3))
-    body = BodyStates(at, still, still, np.tile(np.eye(3), (2, 1, 1)), still, still)
-    one, other = frames_along_wall(np.array([0, 100_000_000]), body)
-    depth_m = 2.5 - pair.T_body_left_camera[1, 3]
-    rows = slice(150, 330)
-    for image, moved, shift_m in ((one.left, other.left, moved_m), (one.left, one.right, pair.baseline_m)):
-        shift_px = FOCAL_PX * shift_m / depth_m
-        found = min(range(40), key=lambda px: difference(image[rows, 100:500], moved[rows, 100 - px : 500 - px]))
-        assert found == pytest.approx(shift_px, abs=0.6)
-
-
-def difference(one: np.ndarray, other: np.ndarray) -> float:
-    return float(np.abs(one.astype(float) - other).mean())
-
-
 def test_the_pair_is_rectified() -> None:
-    for pair in (rig(), stereo_rig()):
+    for pair in (rig(), rectified_pair(LOOKS_LEFT, 0.06)):
         assert pair.rectification_defects() == []
         T_left_right = se3.inverse(pair.T_body_left_camera) @ pair.T_body_right_camera
         np.testing.assert_allclose(T_left_right[:3, 3], [pair.baseline_m, 0.0, 0.0], atol=1e-12)

@@ -9,10 +9,11 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -21,6 +22,7 @@ from coclo_vio.values.errors import DatasetError, TimestampError
 from coclo_vio.values.units import NS_PER_S
 
 _IDL_RULE = "=" * 80 + "\n"
+_MOST_DEFINITIONS = 64  # of messages, whose compiled decoders are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,19 +193,22 @@ class BagFile:
         msgtype, store = self._types.get(topic, ("", None))
         if store is None:
             connection = self._definitions[topic]
-            msgtype, store = connection.msgtype, _typestore(connection, is_ros1=self.is_ros1)
+            msgtype, store = connection.msgtype, _typestore(connection.msgdef, connection.msgtype, self.is_ros1)
             self._types[topic] = (msgtype, store)
         return msgtype, store
 
 
-def _typestore(connection: Connection, *, is_ros1: bool) -> Typestore:
-    """The message definitions of a topic: those in the bag, otherwise those of the distribution (Noetic, Humble)."""
-    definition = connection.msgdef
+@lru_cache(maxsize=_MOST_DEFINITIONS)
+def _typestore(definition: MessageDefinition, msgtype: str, is_ros1: bool) -> Typestore:
+    """The message definitions of a topic: those in the bag, otherwise those of the distribution (Noetic, Humble).
+
+    Topics of one definition share them, since ``rosbags`` compiles a decoder for each.
+    """
     if definition.format == MessageDefinitionFormat.NONE:
         return get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
-        store.register(get_types_from_msg(definition.data, connection.msgtype))
+        store.register(get_types_from_msg(definition.data, msgtype))
         return store
     parts = [part.split("\n", 1)[1] for part in definition.data.split(_IDL_RULE)[1:]] or [definition.data]
     for part in parts:

@@ -4,13 +4,15 @@
 import gtsam
 import numpy as np
 import pytest
-from worlds import IMU, NS_PER_S, RIG, WALK, frames, pose_at, readings, scattered, velocity_at
+from worlds import IMU, NS_PER_S, WALK, pose_at, readings, velocity_at
 
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.inertial import Preintegration
+from coclo_vio.backend.window.inertial_source import InertialSource
+from coclo_vio.backend.window.keyframe_source import KeyframeState
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
-from coclo_vio.backend.window.motion_prediction import MotionPredictor
-from coclo_vio.backend.window.window import Keyframe, Window
+from coclo_vio.backend.window.odometry_source import ExternalOdometry
+from coclo_vio.backend.window.source_set import SourceSet
+from coclo_vio.backend.window.variables import BIASES, POSE, VELOCITY
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.keyframes import OdometryDelta
@@ -31,18 +33,21 @@ def predicted(
     off = np.zeros(15) if off is None else off
     pose = pose_at(WALK, START_NS) @ se3.exp(off[:6])
     bias = gtsam.imuBias.ConstantBias(off[9:12], off[12:])
-    window = Window(RIG, CONFIG)
-    tracks = frames(WALK, [START_NS], scattered(count=200))[0]
-    window.add(Keyframe(0, START_NS, tracks), pose, np.zeros(len(tracks), dtype=np.bool_))
-    window.set_inertial(0, velocity_at(WALK, START_NS) + off[6:9], bias)
-    imu = Preintegration(IMU, CONFIG.inertial)
+    source = InertialSource(IMU, CONFIG)
+    values = gtsam.Values()
+    values.insert(POSE.key(0), gtsam.Pose3(pose))
+    values.insert(VELOCITY.key(0), velocity_at(WALK, START_NS) + off[6:9])
+    values.insert(BIASES.key(0), bias)
     for sample in readings(WALK, range(START_NS - 4 * STEP_NS, last_ns, STEP_NS)):
-        if sample.stamp_ns > START_NS and imu.start_ns is None:
-            imu.restart(START_NS, gtsam.imuBias.ConstantBias())
-        imu.push(sample)
+        if sample.stamp_ns > START_NS and source.preintegration.start_ns is None:
+            source.begin(0, START_NS, np.zeros(3), 1.0)
+        source.push(sample)
     velocity_model = ConstantVelocityModel(CONFIG.motion, 10.0)
     velocity_model.restart(START_NS, pose)
-    return MotionPredictor(CONFIG, imu, velocity_model).predict(window, end_ns, odometry, bias, covariance), pose
+    sources = SourceSet([source], velocity_model)
+    state = KeyframeState(0, START_NS, values, covariance, sources.variables)
+    source.bias = bias
+    return sources.expect(state, end_ns, ExternalOdometry(odometry)), pose
 
 
 def test_imu_readings_predict_the_frame() -> None:

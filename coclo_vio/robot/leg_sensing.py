@@ -1,61 +1,104 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From single measurements to one reading at each joint sample: order, averaging, contact.
+"""From single measurements to one reading of legs and IMU at each joint sample, for every estimator with legs.
 
-Every refused or missing sample is counted.
+Order of the stamps, kinematics of the feet, load and contact, averaged IMU, rest: each once. Every refused or missing
+sample is counted.
 """
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.stance import Reading
-from coclo_vio.robot.contact import ContactConfig, ContactDetector
+from coclo_vio.robot.contact import ContactConfig, ContactDetector, ContactState
 from coclo_vio.robot.foot_load import FootLoad
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.robot.standstill import Rest, StandstillDetector
-from coclo_vio.values.arrays import Array
-from coclo_vio.values.errors import FilterError
+from coclo_vio.robot.model import FeetKinematics, RobotModel
+from coclo_vio.robot.standstill import ImuMeans, StandstillConfig, StandstillDetector
+from coclo_vio.values.arrays import Array, BoolArray, frozen
+from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 
 _MAX_FORCES = 200  # accelerometer samples that are kept while no joint sample comes
 
 
-class ReadingBuilder:
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """All sensors at one joint sample; missing values are None or NaN.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        feet: foot kinematics; rows of an unknown leg are NaN.
+        contact: probability and decision for each leg.
+        angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
+        gyroscope: each sample of that mean with its stamp in nanoseconds, oldest first.
+        specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
+        is_stationary: whether the robot stands still.
+        is_known: legs whose kinematics are known, (n,).
+        is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
+    """
+
+    stamp_ns: int
+    feet: FeetKinematics
+    contact: ContactState
+    angular_velocity: Array | None
+    gyroscope: tuple[tuple[int, Array], ...]
+    specific_force: Array | None
+    is_stationary: bool
+    is_known: BoolArray = field(init=False)
+    is_stance: BoolArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        is_known = np.isfinite(self.feet.velocity_body[:, 0])
+        frozen(self, "is_known", is_known)
+        frozen(self, "is_stance", is_known & (self.contact.is_stance | self.is_stationary))
+
+
+class LegSensing:
     """Collects measurements until a joint sample completes a reading.
 
     A sample whose stamp is not later than the last of its kind is refused and counted, and changes nothing.
     """
 
-    def __init__(self, robot: RobotModel, config: FilterConfig, contact: ContactConfig, counts: Counter[str]) -> None:
+    def __init__(
+        self, robot: RobotModel, contact: ContactConfig, standstill: StandstillConfig, *, force_timeout_s: float
+    ) -> None:
+        """Take a robot.
+
+        Args:
+            robot: the legs.
+            contact: how the load on a foot becomes contact.
+            standstill: limits of a standstill.
+            force_timeout_s: foot forces older than this count as missing, s.
+        """
         self._robot = robot
-        self._config = config
         self._contact = ContactDetector(contact, len(robot.leg_names))
-        self._standstill = StandstillDetector(config.standstill)
-        self._counts = counts
+        self._standstill = StandstillDetector(standstill.limits)
+        self._load = FootLoad(robot, contact, force_timeout_s)
+        self._counts: Counter[str] = Counter()
         self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
-        self._imu_ns: int | None = None
+        self._imu: ImuSample | None = None
         self._force_sum: Array = np.zeros(3)
         self._force_count = 0
         self._rates: list[tuple[int, Array]] = []  # stamp and rate of each sample since the last joint sample
         self._forces_body: list[Array] = []  # since the last joint sample, and the one before
-        self._load = FootLoad(robot, contact, config.force_timeout_s)
         self._joint_ns: int | None = None
+        self._rest: ImuMeans | None = None
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Counts of contact and standstill."""
-        return {**self._contact.counts, **self._standstill.counts}
+        """Samples refused or missing, unknown legs, standstills and loads, by name."""
+        return {**self._counts, **self._contact.counts, **self._standstill.counts}
 
     @property
-    def rest(self) -> Rest | None:
-        """Mean IMU samples while the robot stands still, rotated to the body frame; None while it moves."""
-        rest = self._standstill.rest
-        if rest is None:
-            return None
-        turn = self._rotation_body_imu
-        return Rest(rest.stamp_ns, turn @ rest.angular_velocity, turn @ rest.specific_force, rest.sample_count)
+    def rest(self) -> ImuMeans | None:
+        """Mean IMU samples at the last joint sample if the robot stood still then, in the body frame."""
+        return self._rest
+
+    @property
+    def imu(self) -> ImuSample | None:
+        """The newest IMU sample that was in order."""
+        return self._imu
 
     @property
     def mean_force(self) -> Array | None:
@@ -80,8 +123,7 @@ class ReadingBuilder:
             up_body: the upward direction in the body frame, (3,), or None before the start.
 
         Raises:
-            FilterError: the sample has another number of joints than the robot.
-            RobotModelError: it has another number of legs.
+            RobotModelError: the sample has another number of joints or legs than the robot.
         """
         match measurement:
             case ImuSample():
@@ -93,10 +135,10 @@ class ReadingBuilder:
         return None
 
     def _take_imu(self, sample: ImuSample) -> None:
-        if self._imu_ns is not None and sample.stamp_ns <= self._imu_ns:
+        if self._imu is not None and sample.stamp_ns <= self._imu.stamp_ns:
             self._counts["imu_stamp_refused"] += 1
             return
-        self._imu_ns = sample.stamp_ns
+        self._imu = sample
         self._standstill.push(sample)
         self._rates.append((sample.stamp_ns, self._rotation_body_imu @ sample.angular_velocity))
         force_body = self._rotation_body_imu @ sample.specific_force
@@ -112,7 +154,7 @@ class ReadingBuilder:
     def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
         joints = len(self._robot.joint_names)
         if len(sample.position) != joints:
-            raise FilterError(
+            raise RobotModelError(
                 f"a joint sample has {len(sample.position)} joints, robot {self._robot.description.name!r} has "
                 f"{joints}; give them in the order of its joint_names"
             )
@@ -126,16 +168,21 @@ class ReadingBuilder:
         feet = self._robot.feet(sample.position, sample.velocity)
         rates = tuple(self._rates)
         rate = _mean([each for _, each in rates]) if rates else None
-        contact = self._contact.update(sample.stamp_ns, self._load.loads_at(sample, up_body, rate))
-        if rate is None:
-            self._counts["imu_missing"] += 1
+        load = self._load.loads_at(sample, up_body, rate, feet.jacobian)
+        contact = self._contact.update(sample.stamp_ns, load)
+        self._rest = self._rest_now()
+        self._counts["imu_missing"] += rate is None
         self._rates = []
         self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
-        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._standstill.is_stationary)
+        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._rest is not None)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading
+
+    def _rest_now(self) -> ImuMeans | None:
+        means = self._standstill.rest
+        return None if means is None else means.rotated(self._rotation_body_imu)
 
 
 def _mean(vectors: Sequence[Array]) -> Array:

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``LegOdometryFilter`` asks of a profile."""
+
+from typing import Protocol
+
+from coclo_vio.filter.initialisation import FootPrior
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.stance import Reading
+from coclo_vio.filter.state import StateLayout
+from coclo_vio.values.arrays import Array, BoolArray
+
+
+class Profile(Protocol):
+    """The steps of the filter, and the blocks of its state.
+
+    Attributes:
+        layout: of the state.
+        is_wide: sigma points as far away as in the paper, see ``SquareRootFilter``.
+        can_coast: whether ``coast`` is there, which predicts across gaps of the joints.
+    """
+
+    layout: StateLayout
+    is_wide: bool
+    can_coast: bool
+
+    def start(self, reading: Reading) -> None:
+        """Take the first reading."""
+
+    def foot_prior(self, reading: Reading) -> FootPrior:
+        """Uncertainty of the feet at the start."""
+
+    def step(
+        self, core: SquareRootFilter, reading: Reading, dt_s: float, gyroscope_noise_radps: float, *, is_gap: bool
+    ) -> BoolArray:
+        """Predict to the reading and update by it; returns the legs that were used as stance, (n,)."""
+
+    def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
+        """One step without joints, with the rate of the gyroscope alone, body frame, rad/s, (3,)."""
