@@ -85,7 +85,7 @@ _MOUNTING: Mapping[str, Condition] = {
 }
 _SURFACES: Mapping[str, Condition] = {
     "poor_texture": Condition("vision", "little texture", _scene(texture="poor", contrast=1.0)),
-    "weak_texture": Condition("vision", "hardly any texture", _scene(texture="poor", contrast=0.55)),
+    "weak_texture": Condition("vision", "hardly any texture", _scene(texture="poor", contrast=0.45)),
     "textureless_end": Condition("vision", "no texture on the last third of the way", _scene(bare_from=2.0 / 3.0)),
     "tiles": Condition("vision", "ground and walls of tiles that look the same", _scene(pattern="tiles")),
     "bricks": Condition("vision", "ground and walls of bricks", _scene(pattern="bricks")),
