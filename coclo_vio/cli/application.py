@@ -4,6 +4,7 @@
 A command's module is imported when the command runs, so that ``--help`` and ``--version`` load no stage.
 """
 
+import os
 import sys
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
@@ -16,6 +17,8 @@ from coclo_vio import __version__
 from coclo_vio.cli.mode_help import ModeCommand
 from coclo_vio.cli.terminal import err, out
 from coclo_vio.values.errors import CocloError, ConfigError
+
+_THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # read as NumPy is loaded
 
 
 class _Entry(NamedTuple):
@@ -91,6 +94,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry of the console script."""
+    for name in _THREAD_COUNTS:
+        os.environ.setdefault(name, "1")  # matrices are small: further threads would only wait for one another
     try:
         app()
     except ConfigError as error:

@@ -58,7 +58,7 @@ if IS_COMPILED:
             package = __name__.partition(".")[0]
             if event.data["dispatcher"].py_func.__module__.partition(".")[0] == package:
                 _event.unregister("numba:compile", self)
-                _LOG.warning("compiling the kernels of %s, once: this takes 10 to 20 s", package)
+                _LOG.warning("compiling the kernels of %s, once: this takes 20 to 50 s", package)
 
         def on_end(self, event: Any) -> None:
             pass

@@ -3,6 +3,7 @@
 
 import inspect
 import json
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -62,3 +63,20 @@ def test_the_listing_has_every_command_with_its_summary() -> None:
     rows = {line.split()[1]: line for line in shown.splitlines() if len(line.split()) > 2}
     for name, entry in COMMANDS.items():
         assert entry.summary in rows[name]
+
+
+def test_one_thread_computes_unless_the_environment_says_otherwise() -> None:
+    """More threads of BLAS than one double the processor time of ``combined``."""
+    script = (
+        "import os, sys; sys.argv = ['coclo-vio', '--version']\n"
+        "from coclo_vio.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "assert 'numpy' not in sys.modules\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    )
+    plain = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    for given, expected in (({}, "1 1"), ({"OMP_NUM_THREADS": "2"}, "1 2")):
+        done = subprocess.run(
+            [sys.executable, "-c", script], env={**plain, **given}, capture_output=True, text=True, check=True
+        )
+        assert done.stdout.splitlines()[-1] == expected
