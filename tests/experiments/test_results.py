@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from coclo_vio.experiments.results.blocks import BLOCKS, ResultFiles
+from coclo_vio.experiments.results.blocks import BLOCKS
 from coclo_vio.experiments.results.pages import PAGES, rendered
 from coclo_vio.experiments.results.provenance import Provenance, Provenances
+from coclo_vio.experiments.results.result_files import ResultFiles
 from coclo_vio.values.errors import DatasetError
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +51,7 @@ def test_another_number_in_a_file_changes_the_page(tmp_path: Path) -> None:
 
 
 def test_an_unknown_place_names_those_there_are(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="'speeed'; there are: demo"):
+    with pytest.raises(DatasetError, match="'speeed'; there are: bench"):
         rendered("<!-- results: speeed -->\n<!-- end of results -->", ResultFiles(tmp_path))
 
 

@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Results as Markdown, each from its JSON file and with its origin."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from coclo_vio.experiments.grid.grid_record import GridRecord
 from coclo_vio.experiments.grid.grid_text import SHARE_HEAD, cell_head, cell_rows, share_rows
-from coclo_vio.experiments.results.provenance import Provenances
-from coclo_vio.experiments.table.table_record import FigureSpreads, TableRecord, TableSummary
+from coclo_vio.experiments.results.performance_blocks import PERFORMANCE_BLOCKS
+from coclo_vio.experiments.results.result_files import ResultFiles, markdown_table
+from coclo_vio.experiments.table.table_record import FigureSpreads, TableSummary
 from coclo_vio.runs.modes.registry import modes
-from coclo_vio.values.record import read_json
 from coclo_vio.values.trajectory_kind import trajectory_kind
 
 _TRIALS = ("flat", "ramp", "stairs")
 _COLUMNS = ("coclo", "vins", "combined_coclo", "combined_vins")
-_NEXT = "measure again with `make results`"
 _SPEED = (
     ("filter_cycles_per_s", "filter, predict and update, cycles a second", "{:.0f}"),
     ("filter_vs_filterpy", "the same against filterpy's UKF of equal models, times as fast", "{:.1f}"),
@@ -30,43 +26,6 @@ _SPEED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ResultFiles:
-    """The folder of measured results."""
-
-    folder: Path
-
-    def read(self, name: str) -> Any:
-        """The values of a file of results.
-
-        Raises:
-            DatasetError: it is missing or no JSON.
-        """
-        return read_json(self.folder / name, _NEXT)
-
-    def table(self) -> TableSummary:
-        """The summary of Table I.
-
-        Raises:
-            DatasetError: the table is missing or of another version.
-        """
-        return TableRecord.read(self.folder / "table.json").summary
-
-    def origin(self, name: str) -> str:
-        """A line on where a file comes from.
-
-        Raises:
-            DatasetError: that is not noted.
-        """
-        return f"*{Provenances.read(self.folder / 'provenance.json').of(name).sentence}*"
-
-
-def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    titles = list(head)
-    lines = [f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
-
-
 def _demo(files: ResultFiles) -> str:
     """What the demo prints."""
     return f"```text\n{files.read('demo.json')['printed']}\n```\n\n{files.origin('demo.json')}"
@@ -76,7 +35,7 @@ def _trials(files: ResultFiles) -> str:
     """The paper's trials over seeds: median drift / RPE (worst), wins, and consistency."""
     summary = files.table()
     rows = [[trial, *(_drift_and_rpe(summary.trials[trial][name].vicon) for name in _COLUMNS)] for trial in _TRIALS]
-    table = _table(["trial", *(_head(name) for name in _COLUMNS)], rows)
+    table = markdown_table(["trial", *(_head(name) for name in _COLUMNS)], rows)
     return f"{table}\n\n{_wins(summary)}\n{_consistency(summary)}\n\n{files.origin('table.json')}"
 
 
@@ -87,7 +46,7 @@ def _trials_in_short(files: ResultFiles) -> str:
         [trial, *(_drift_and_rpe(trials[trial][name].vicon, with_worst=False) for name in _COLUMNS)]
         for trial in _TRIALS
     ]
-    table = _table(["trial", *(_head(name) for name in _COLUMNS)], rows)
+    table = markdown_table(["trial", *(_head(name) for name in _COLUMNS)], rows)
     return f"{table}\n\n{files.origin('table.json')}"
 
 
@@ -146,7 +105,7 @@ def _go1(files: ResultFiles) -> str:
         [f"`{name}`", *("" if one[key] is None else form.format(one[key]) for key, _, form in keys)]
         for name, one in metrics.items()
     ]
-    return f"{_table(['', *(title for _, title, _ in keys)], rows)}\n\n{files.origin('go1.json')}"
+    return f"{markdown_table(['', *(title for _, title, _ in keys)], rows)}\n\n{files.origin('go1.json')}"
 
 
 def _legs(files: ResultFiles) -> str:
@@ -167,7 +126,7 @@ def _legs(files: ResultFiles) -> str:
                 ]
             )
     head = ("trial", "", "drift [%], mean (worst)", "RPE [%], mean (worst)", "path ratio", "ANEES", "contact right [%]")
-    return f"{_table(head, rows)}\n\n{files.origin('leg_odometry.json')}"
+    return f"{markdown_table(head, rows)}\n\n{files.origin('leg_odometry.json')}"
 
 
 def _vision(files: ResultFiles) -> str:
@@ -186,7 +145,7 @@ def _vision(files: ResultFiles) -> str:
                 ]
             )
     head = ("trial", "", "seeds", "drift [%], median (worst)", "RPE [%], median (worst)", "yaw [deg]")
-    return f"{_table(head, rows)}\n\n{files.origin('visual_odometry.json')}"
+    return f"{markdown_table(head, rows)}\n\n{files.origin('visual_odometry.json')}"
 
 
 def _median_and_worst(spread: Mapping[str, float]) -> str:
@@ -197,14 +156,14 @@ def _speed(files: ResultFiles) -> str:
     """Rates and latencies on one core."""
     figures = files.read("speed.json")
     rows = [[title, form.format(figures[key])] for key, title, form in _SPEED if figures.get(key) is not None]
-    return f"{_table(('one core', ''), rows)}\n\n{files.origin('speed.json')}"
+    return f"{markdown_table(('one core', ''), rows)}\n\n{files.origin('speed.json')}"
 
 
 def _grid(files: ResultFiles) -> str:
     """The grid of conditions, a cell a line."""
     modes()  # registers the kinds
     record = GridRecord.read(files.folder / "grid.json")
-    shares, cells = _table(SHARE_HEAD, share_rows(record)), _table(cell_head(record), cell_rows(record))
+    shares, cells = markdown_table(SHARE_HEAD, share_rows(record)), markdown_table(cell_head(record), cell_rows(record))
     return f"{shares}\n\n{cells}\n\n{files.origin('grid.json')}"
 
 
@@ -217,5 +176,6 @@ BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "vision": _vision,
     "speed": _speed,
     "grid": _grid,
+    **PERFORMANCE_BLOCKS,
 }
 """What pages can show, by name."""

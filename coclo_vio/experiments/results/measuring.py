@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measures what is quick to measure into the folder of results: the demo, a real Go1, and speed."""
+"""Measures into the folder of results: the demo, a real Go1, speed and costs."""
 
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,6 +18,8 @@ RESULTS = Path("docs") / "results"
 IMAGES = Path("docs") / "images"
 _GO1_MODES = "naive,naive_rolling,naive_weighted,coclo,coclo_leg_scale,coclo_paper,inekf"
 _GO1 = Path("..") / "shared" / "data" / "go1_mocap"
+BEFORE_SPEED = "8fd7be3"
+"""The commit before filter, front end and window were compiled, with which speed is compared."""
 _NEXT = "measure again with `make results`"
 
 
@@ -72,7 +74,28 @@ def _speed(root: Path) -> str:
     return "coclo-vio benchmark --json"
 
 
-MEASURED: Mapping[str, Callable[[Path], str]] = {"demo": _demo, "go1": _go1, "speed": _speed}
+def _bench(root: Path) -> str:
+    """Cost of every stage, how it grows, and an hour of input at a stretch; takes about half an hour."""
+    arguments = ["--scaling", "--minutes", "60"]
+    plot = IMAGES / "scaling.png"
+    _run_bench(root, *arguments, "--plot", str(plot), "-o", str(RESULTS / "bench.json"))
+    return f"python -m coclo_vio.experiments.bench {' '.join(arguments)}"
+
+
+def _commit_speed(root: Path) -> str:
+    """How many times as fast as the commit before the work on speed, and what a second core brings."""
+    arguments = ["--before", BEFORE_SPEED]
+    _run_bench(root, *arguments, "-o", str(RESULTS / "commit_speed.json"))
+    return f"python -m coclo_vio.experiments.bench {' '.join(arguments)}"
+
+
+MEASURED: Mapping[str, Callable[[Path], str]] = {
+    "demo": _demo,
+    "go1": _go1,
+    "speed": _speed,
+    "bench": _bench,
+    "commit_speed": _commit_speed,
+}
 """What ``measure`` can do; the larger studies write their files themselves."""
 
 
@@ -82,9 +105,22 @@ def _run(root: Path, *arguments: str) -> str:
     Raises:
         DatasetError: it fails.
     """
+    return _output(root, "coclo_vio", arguments)
+
+
+def _run_bench(root: Path, *arguments: str) -> None:
+    """The benchmark of costs, which binds the processes that it starts to a core itself.
+
+    Raises:
+        DatasetError: it fails.
+    """
+    print(_output(root, "coclo_vio.experiments.bench", arguments), file=sys.stderr)
+
+
+def _output(root: Path, module: str, arguments: Sequence[str]) -> str:
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "COLUMNS": "100"}
     done = subprocess.run(
-        [sys.executable, "-m", "coclo_vio", *arguments],
+        [sys.executable, "-m", module, *arguments],
         cwd=root,
         env={**os.environ, **one_thread},
         capture_output=True,
@@ -92,5 +128,5 @@ def _run(root: Path, *arguments: str) -> str:
         check=False,
     )
     if done.returncode:
-        raise DatasetError(f"coclo-vio {' '.join(arguments)} ended with status {done.returncode}: {done.stderr[-500:]}")
+        raise DatasetError(f"{module} {' '.join(arguments)} ended with status {done.returncode}: {done.stderr[-500:]}")
     return done.stdout

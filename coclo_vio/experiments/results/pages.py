@@ -5,10 +5,17 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from coclo_vio.experiments.results.blocks import BLOCKS, ResultFiles
+from coclo_vio.experiments.results.blocks import BLOCKS
+from coclo_vio.experiments.results.result_files import ResultFiles
 from coclo_vio.values.errors import DatasetError, listing
 
-PAGES = (Path("README.md"), Path("docs") / "results.md", Path("docs") / "index.md", Path("docs") / "grid.md")
+PAGES = (
+    Path("README.md"),
+    Path("docs") / "results.md",
+    Path("docs") / "index.md",
+    Path("docs") / "performance.md",
+    Path("docs") / "grid.md",
+)
 _PLACE = re.compile(r"<!-- results: (?P<name>[a-z0-9_]+) -->\n.*?<!-- end of results -->", re.DOTALL)
 
 

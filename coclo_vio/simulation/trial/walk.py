@@ -88,7 +88,8 @@ class Walk:
         return motion
 
     def _simulate(self, progress: Callable[[float], None] | None) -> Motion:
-        model, config = RobotModel(self.robot), self.config
+        model = RobotModel(self.robot, is_compiled=False)  # contacts make much of rounding: same bytes without numba
+        config = self.config
         simulator = Simulator(self.spec().compile(), model, self.slippery)
         gait = self.generators["gait"]
         controller = GaitController(model, self.terrain, config.gait, simulator.spring, gait, config.stand_s)
