@@ -27,6 +27,7 @@ from coclo_vio.simulation.analytic import AnalyticTrial, AnalyticTrialConfig, ge
 from coclo_vio.simulation.body_motion import BodyMotionConfig, BodyStates
 from coclo_vio.simulation.gait import GaitConfig
 from coclo_vio.simulation.visuals.wall_images import frames_along_wall
+from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import CameraImuSample, JointSample, Measurement, StereoFrame, StereoTracks
 from coclo_vio.values.outputs import Estimate, Estimator, KeyframeHealth
 from coclo_vio.values.units import MS_PER_S, NS_PER_S
@@ -161,7 +162,7 @@ def combined_realtime_factor(load: CombinedLoad) -> float:
     """Seconds of recording per second of processor time through ``combined``.
 
     Raises:
-        CocloError: the estimator cannot go on.
+        CocloError: the estimator cannot go on, or gave no estimate.
     """
     equipment = Equipment(RobotModel(load.robot), load.robot.imu, stereo=_WALL_PAIR)
     odometry = mode_of("combined").make(equipment, resolve(load.robot))
@@ -169,7 +170,7 @@ def combined_realtime_factor(load: CombinedLoad) -> float:
     estimates = sum(_estimates(odometry.push(each)) for each in load.measurements) + _estimates(odometry.finish())
     taken_s = process_time() - started_s
     if not estimates:
-        raise RuntimeError("combined gave no estimate on the benchmark's own walk")
+        raise CocloError("combined gave no estimate on the benchmark's own walk; look at its events")
     return load.recorded_s / taken_s
 
 
