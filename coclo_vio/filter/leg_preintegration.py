@@ -12,6 +12,10 @@ Since ``a`` and ``b`` are the filter's full states, footholds that stand across 
 in one factor only. A shift of the world or a rotation about the vertical is not measured. With feet relative to the
 body the right-invariant errors carry it unchanged, so its columns are known and set: ``Phi`` the identity, the
 information zero.
+
+Poses of keyframes are as the cameras measure them, with constant errors of their mounting and stereo scale
+(``remembered_poses.as_measured``, from a fixed anchor). These are the last four of a keyframe's states: neither process
+nor measurements of the legs touch them, they only change coordinates.
 Source: Forster et al. 2017 (preintegration); derivatives by statistical linearisation.
 """
 
@@ -19,15 +23,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
+from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.passive_states import PassiveStates
+from coclo_vio.filter.remembered_poses import as_measured, as_true
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import BODY_ERRORS, POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import KNOWN_SIGMA, ZERO_SIGMA, StateBlock
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.leg_motion import LegMotion, LegState
+from coclo_vio.values.outputs import Calibration
 
 START = "start"
 _KNOWN = 1e-10  # sigma at the filter's start below which a state is known and no state of a keyframe
@@ -50,9 +57,13 @@ class LegPreintegration:
         core: the filter that has started, with the block of ``start_block``.
         extrapolation: from a frame's stamp to the time from the last sample on, s, and sigmas of what the body may
             do beyond constant velocity until then, rad and m.
+        initial: sigmas of the cameras' errors at the start.
+        anchor_ns: time of the anchor, the first frame.
     """
 
-    def __init__(self, core: SquareRootFilter, extrapolation: Extrapolation) -> None:
+    def __init__(
+        self, core: SquareRootFilter, extrapolation: Extrapolation, initial: InitialConfig, anchor_ns: int
+    ) -> None:
         self._core, self._extrapolation = core, extrapolation
         layout = core.mean.layout
         sigmas = layout.sigmas(is_moving=False)[: layout.active]
@@ -66,32 +77,65 @@ class LegPreintegration:
         self._relative = relative[np.ix_(self._used, self._used)]
         self._floor = np.maximum(_FLOOR, _FLOOR_SHARE * sigmas[self._used])
         self._floor[:6] = _FLOOR
+        camera = np.maximum([*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma], _FLOOR)
+        self._camera, self._camera_covariance = np.zeros(4), np.diag(np.square(camera))
+        self._camera_floor = np.maximum(_FLOOR, _FLOOR_SHARE * camera)
+        self._anchor = _frame_pose(core.mean, extrapolation(anchor_ns)[0])
         self._start: LegState | None = None
         self._prior_factor = np.eye(len(self._used))
-        self._to_start = np.eye(len(self._used))
+        self._to_start, self._to_start_true = np.eye(len(self._used) + 4), np.eye(len(self._used))
+
+    def true_pose(self, T_measured: Array) -> Array:
+        """The pose of the body, (4, 4), that the cameras measure as ``T_measured``."""
+        return np.asarray(self._anchor @ as_true(se3.inverse(self._anchor) @ T_measured, self._camera))
+
+    def true_covariance(self, T_measured: Array, covariance: Array) -> Array:
+        """Covariance of the true pose at a frame, (6, 6), which the cameras measure as ``T_measured``.
+
+        Args:
+            T_measured: the pose as measured, (4, 4).
+            covariance: of the same, as propagated from the last keyframe, (6, 6); that keyframe's share of it is
+                exchanged for the covariance of its true pose, in which errors of the cameras do not add up.
+        """
+        assert self._start is not None, "restart() comes first"
+        rows = self._to_start_true[:6] @ self._prior_factor
+        moved = se3.adjoint(se3.inverse(T_measured) @ self._start.T_world_body)
+        return np.asarray(covariance + moved @ (rows @ rows.T - self._start.covariance[:6, :6]) @ moved.T)
+
+    def calibration(self, stamp_ns: int) -> Calibration:
+        """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""
+        sigma = np.sqrt(np.diag(self._camera_covariance))
+        camera = self._camera
+        return Calibration(stamp_ns, camera[:3], sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
 
     def state(self, stamp_ns: int) -> LegState:
         """The filter's state at a frame, from the last sample on with constant rate and velocity."""
         dt_s, noise = self._extrapolation(stamp_ns)
         mean = self._core.mean
-        T_world_body = _frame_pose(mean, dt_s)
-        to_local = self._to_local(mean, dt_s)
-        rows = to_local @ self._relative @ self._core.active_factor[self._used]
-        covariance = rows @ rows.T + self._noise(noise)
-        return LegState(stamp_ns, T_world_body, self._legs_of(mean, T_world_body), covariance)
+        T_measured, to_local = self._to_local(mean, dt_s)
+        rows = self._relative @ self._core.active_factor[self._used]
+        covariance = to_local @ block_diag(rows @ rows.T, self._camera_covariance) @ to_local.T
+        covariance[np.diag_indices_from(covariance)] += np.concatenate((self._noise(noise), self._camera_floor**2))
+        legs = np.concatenate((self._legs_of(mean, _frame_pose(mean, dt_s)), self._camera))
+        return LegState(stamp_ns, T_measured, legs, covariance)
 
     def restart(self, state: LegState) -> None:
         """Take over the state at a frame; from now on motion is measured from there."""
         core, (dt_s, noise) = self._core, self._extrapolation(state.stamp_ns)
+        self._camera = state.legs[-4:]
         mean = self._mean_of(state, dt_s)
-        self._to_start = self._to_local(mean, dt_s)
-        back = np.linalg.inv(self._to_start @ self._relative)
-        beyond = np.diag(np.concatenate((np.repeat(np.square(noise), 3), np.zeros(len(self._legs)))))
-        covariance = back @ (state.covariance + beyond) @ back.T
+        self._to_start, self._to_start_true = self._to_local(mean, dt_s)[1], self._to_true(mean, dt_s)
+        back = np.linalg.inv(self._to_start)
+        beyond = np.zeros(len(back))
+        beyond[:6] = np.repeat(np.square(noise), 3)
+        covariance = back @ (state.covariance + np.diag(beyond)) @ back.T
+        self._camera_covariance = covariance[-4:, -4:]
+        to_filter = np.linalg.inv(self._relative)
+        own = to_filter @ covariance[:-4, :-4] @ to_filter.T
         order = np.argsort(self._used)  # the filter's factor is lower in its own order
         in_order = np.ix_(self._used[order], self._used[order])
         factor = np.diag(np.full(len(core.active_factor), KNOWN_SIGMA))
-        factor[in_order] = _lower(covariance[np.ix_(order, order)])
+        factor[in_order] = _lower(own[np.ix_(order, order)])
         joint = factor @ factor.T
         self._prior_factor = _lower(self._relative @ joint[np.ix_(self._used, self._used)] @ self._relative.T)
         core.mean, core.passive = mean, PassiveStates(joint.copy(), joint)
@@ -103,7 +147,7 @@ class LegPreintegration:
         assert self._start is not None, "restart() comes first"
         core, (dt_s, noise) = self._core, self._extrapolation(stamp_ns)
         used, relative, end = self._used, self._relative, self.state(stamp_ns)
-        to_end = self._to_local(core.mean, dt_s)
+        to_end = self._to_local(core.mean, dt_s)[1]
         back, to_back = np.linalg.inv(self._to_start), np.linalg.inv(to_end)
         cross = relative @ core.passive.cross[np.ix_(used, used)] @ relative.T
         own = relative @ core.passive.own[np.ix_(used, used)] @ relative.T
@@ -114,34 +158,36 @@ class LegPreintegration:
             cross,
             rows @ rows.T,
             relative @ core.mean.vector[core.mean.layout.at(START)][used],
-            noise=to_back @ self._noise(noise) @ to_back.T,
+            noise=to_back[:-4, :-4] @ np.diag(self._noise(noise)) @ to_back[:-4, :-4].T,
             unmeasured=self._unmeasured,
         )
         size = len(used)
-        in_local = np.concatenate((measured.rows[:, :size] @ back, measured.rows[:, size:] @ to_back), axis=1)
+        constant = np.eye(4) / self._camera_floor
+        start_rows = block_diag(measured.rows[:, :size], -constant) @ back
+        end_rows = block_diag(measured.rows[:, size:], constant) @ to_back
         return LegMotion(
             self._start,
             end,
-            in_local,
-            measured.values,
+            np.concatenate((start_rows, end_rows), axis=1),
+            np.concatenate((measured.values, np.zeros(4))),
             core.mean.vector[VELOCITY],
             self._motion_covariance(end, own, cross, to_end),
         )
 
     def _motion_covariance(self, end: LegState, own: Array, cross: Array, to_end: Array) -> Array:
-        """Of the motion between the poses, right/local, (6, 6)."""
+        """Of the motion between the poses as measured, right/local, (6, 6)."""
         assert self._start is not None
         T_start_end = se3.inverse(self._start.T_world_body) @ end.T_world_body
-        before, after = self._to_start[:6], to_end[:6]
-        back = -se3.adjoint(se3.inverse(T_start_end))
-        mixed = after @ cross @ before.T @ back.T
-        return np.asarray(back @ before @ own @ before.T @ back.T + mixed + mixed.T + end.covariance[:6, :6])
+        before, after = -se3.adjoint(se3.inverse(T_start_end)) @ self._to_start[:6], to_end[:6]
+        mixed = after @ block_diag(cross, self._camera_covariance) @ before.T
+        start = before @ block_diag(own, self._camera_covariance) @ before.T
+        return np.asarray(start + mixed + mixed.T + end.covariance[:6, :6])
 
     def _noise(self, beyond: tuple[float, float]) -> Array:
-        """Covariance of what the body does beyond constant velocity until a frame, and a floor, (n, n)."""
+        """Variances of what the body does beyond constant velocity until a frame, and a floor, (n,)."""
         variances = np.square(self._floor)
         variances[:6] += np.repeat(np.square(beyond), 3)
-        return np.diag(variances)
+        return np.asarray(variances)
 
     def _legs_of(self, mean: State, T_world_body: Array) -> Array:
         """The states of a keyframe besides its pose: velocity and feet in body axes at the frame, the others as is."""
@@ -154,16 +200,29 @@ class LegPreintegration:
     def _mean_of(self, state: LegState, dt_s: float) -> State:
         """The filter's state at its last sample; the inverse of ``state``."""
         layout, vector = self._core.mean.layout, self._core.mean.vector.copy()
-        R, position = state.T_world_body[:3, :3], state.T_world_body[:3, 3]
-        vector[self._legs] = state.legs
+        T_world_body = self.true_pose(state.T_world_body)
+        R, position = T_world_body[:3, :3], T_world_body[:3, 3]
+        vector[self._legs] = state.legs[:-4]
         vector[VELOCITY] = R @ vector[VELOCITY]
         vector[layout.feet] = (vector[layout.feet].reshape(-1, 3) @ R.T + position).ravel()
         vector[POSITION] = position - vector[VELOCITY] * dt_s
         vector[layout.at(START)] = 0.0
         return State(layout, R @ so3.exp(-vector[RATE] * dt_s), vector, self._core.mean.remembered)
 
-    def _to_local(self, mean: State, dt_s: float) -> Array:
-        """d(errors of a keyframe's state) / d(used errors of the filter, feet relative to the body), (n, n)."""
+    def _to_local(self, mean: State, dt_s: float) -> tuple[Array, Array]:
+        """The pose as the cameras measure it, and d(errors of a keyframe's state) / d(errors of filter and cameras).
+
+        The filter's errors are the used ones, with feet relative to the body, (n + 4, n + 4).
+        """
+        from_anchor = se3.inverse(self._anchor) @ _frame_pose(mean, dt_s)
+        measured, by_pose, by_camera = as_measured(from_anchor, self._camera)
+        jacobian = block_diag(self._to_true(mean, dt_s), np.eye(4))
+        jacobian[:6] = by_pose @ jacobian[:6]
+        jacobian[:6, -4:] = by_camera
+        return self._anchor @ measured, jacobian
+
+    def _to_true(self, mean: State, dt_s: float) -> Array:
+        """d(errors of the true pose and the legs) / d(used errors of the filter), (n, n)."""
         layout = mean.layout
         T_world_body = _frame_pose(mean, dt_s)
         to_body = T_world_body[:3, :3].T

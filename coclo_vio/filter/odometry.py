@@ -146,8 +146,11 @@ class LegOdometryFilter:
             self._exchange = KeyframeExchange(core, self._gate, self._extrapolation)
         return self._exchange.first_frame(stamp_ns)
 
-    def preintegration(self) -> LegPreintegration:
+    def preintegration(self, anchor_ns: int) -> LegPreintegration:
         """The filter's states at keyframes and what it measures between them, for one estimator of all sensors.
+
+        Args:
+            anchor_ns: time of the first frame, from which poses by cameras are counted, in nanoseconds.
 
         Raises:
             FilterError: the filter has not started yet, or was made without ``extra_blocks=[start_block(legs)]``.
@@ -156,7 +159,7 @@ class LegOdometryFilter:
         if core is None:
             raise FilterError(_NOT_STARTED)
         core.mean.layout.at(START)
-        return LegPreintegration(core, self._extrapolation)
+        return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.

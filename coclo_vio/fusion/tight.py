@@ -6,7 +6,7 @@ state as the window estimated it, and what it measured until the next keyframe, 
 Between keyframes the same filter gives the estimate at the joint rate.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import StereoCalibration
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.keyframes import PoseMarginal
+from coclo_vio.values.keyframes import FrameResult, PoseMarginal
 from coclo_vio.values.leg_motion import LegState
 from coclo_vio.values.measurements import (
     FootForceSample,
@@ -109,7 +109,7 @@ class TightOdometry(StreamingEstimator):
             self._counted["frame_late"] += 1
             return
         if self._legs is None:
-            self._legs = self._filter.preintegration()
+            self._legs = self._filter.preintegration(frame.stamp_ns)
         if self._window is None:
             yield from self._begin(self._legs, self._latest, frame)
         else:
@@ -123,8 +123,9 @@ class TightOdometry(StreamingEstimator):
         smoother, source = self._make_smoother(state)
         smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]))
         self._window = smoother, source
-        yield from self._track(smoother, latest, frame, state.T_world_body)
+        result = yield from self._track(smoother, frame, state.T_world_body)
         legs.restart(source.newest)
+        yield from self._outputs_of(legs, result, latest)
 
     def _add(
         self,
@@ -137,27 +138,36 @@ class TightOdometry(StreamingEstimator):
         """A later frame: where it becomes a keyframe, the filter goes on from its state in the window."""
         motion = legs.motion(frame.stamp_ns)
         source.take(motion)
-        yield from self._track(smoother, latest, frame, motion.end.T_world_body)
+        result = yield from self._track(smoother, frame, motion.end.T_world_body)
         if source.newest.stamp_ns == frame.stamp_ns:
             legs.restart(source.newest)
+            yield legs.calibration(frame.stamp_ns)
+        yield from self._outputs_of(legs, result, latest)
 
     def _track(
-        self, smoother: Smoother, latest: StateEstimate, frame: StereoFrame | StereoTracks, expected: Array
-    ) -> Iterator[Output]:
+        self, smoother: Smoother, frame: StereoFrame | StereoTracks, expected: Array
+    ) -> Generator[Output, None, FrameResult]:
+        """Track a frame, whose pose is expected there as the cameras measure it, and give the tracks to the window."""
         before, self._last_pose = self._last_pose, expected
         tracked = self._vision.track(frame, before, expected)
         if tracked is None:
-            return
+            return FrameResult()
         yield from tracked.pictures
         result = smoother.push_tracks(tracked.tracks)
+        if result.estimate is not None:
+            self._last_pose = result.estimate.nav.T_world_body
+        return result
+
+    def _outputs_of(self, legs: LegPreintegration, result: FrameResult, latest: StateEstimate) -> Iterator[Output]:
+        """What the window gives for a frame; angular velocity, velocity and biases of the estimate are the filter's."""
         yield from result.events
         yield from result.health
         if result.estimate is None:
             return
-        covariance = np.array(result.estimate.covariance)
+        covariance, measured = np.zeros((9, 9)), result.estimate.nav.T_world_body
+        covariance[:6, :6] = legs.true_covariance(measured, result.estimate.covariance[:6, :6])
         covariance[6:, 6:] = latest.covariance[6:, 6:]
-        nav = replace(latest.nav, T_world_body=result.estimate.nav.T_world_body)
-        self._last_pose = nav.T_world_body
+        nav = replace(latest.nav, T_world_body=legs.true_pose(measured))
         yield Estimate(self._frame_name, replace(result.estimate, nav=nav, covariance=covariance))
 
 

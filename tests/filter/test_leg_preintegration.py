@@ -15,7 +15,7 @@ from coclo_vio.simulation.analytic import AnalyticTrial
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.leg_motion import LegMotion
+from coclo_vio.values.leg_motion import LegMotion, LegState
 from coclo_vio.values.measurements import Measurement
 
 EVERY = 25  # estimates from keyframe to keyframe
@@ -39,7 +39,7 @@ def walked(
             continue
         estimates.append(estimate)
         if legs is None:
-            legs = odometry.preintegration()
+            legs = odometry.preintegration(estimate.stamp_ns + FRAME_NS)
             legs.restart(legs.state(estimate.stamp_ns + FRAME_NS))
         elif len(estimates) % EVERY == 0:
             motion = legs.motion(estimate.stamp_ns + FRAME_NS)
@@ -133,10 +133,85 @@ def test_a_filter_that_has_not_started_or_remembers_no_keyframe_says_so(
     daisy: RobotModel, noisy_walk: AnalyticTrial
 ) -> None:
     with pytest.raises(FilterError, match="has not started"):
-        fresh(daisy).preintegration()
+        fresh(daisy).preintegration(0)
     odometry = LegOdometryFilter(daisy)
     for measurement in noisy_walk.measurements:
         if odometry.push(measurement) is not None:
             break
     with pytest.raises(FilterError, match=f"no block '{START}'"):
-        odometry.preintegration()
+        odometry.preintegration(0)
+
+
+def shifted(state: LegState) -> LegState:
+    """The same state with errors of the cameras: a rotation and a scale."""
+    legs = np.array(state.legs)
+    legs[-4:] = 0.02, -0.01, 0.03, 0.05
+    return replace(state, legs=legs)
+
+
+def test_the_filter_takes_over_a_state_as_it_is_cameras_included(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    odometry = fresh(daisy)
+    estimates = [one for one in map(odometry.push, noisy_walk.measurements) if one is not None]
+    stamp_ns = estimates[-1].stamp_ns + FRAME_NS
+    legs = odometry.preintegration(stamp_ns - 2_000_000_000)
+    state = shifted(legs.state(stamp_ns))
+    legs.restart(state)
+    again = legs.state(stamp_ns)
+    np.testing.assert_allclose(again.T_world_body, state.T_world_body, atol=1e-12)
+    np.testing.assert_allclose(again.legs, state.legs, atol=1e-12)
+    np.testing.assert_allclose(np.diag(again.covariance), np.diag(state.covariance), rtol=1e-2)
+
+
+def test_errors_of_the_cameras_change_how_a_motion_is_measured_and_not_the_motion(
+    daisy: RobotModel, noisy_walk: AnalyticTrial
+) -> None:
+    """Lengths are measured too long by the scale; the factor of both keyframes fits the poses as measured."""
+    motions = []
+    for change in (lambda state: state, shifted):
+        odometry, legs = fresh(daisy), None
+        for count, estimate in enumerate(filter(None, map(odometry.push, noisy_walk.measurements))):
+            if count == 100:
+                legs = odometry.preintegration(estimate.stamp_ns)
+                exact = legs.state(estimate.stamp_ns)
+                legs.restart(change(exact))
+            elif count == 200:
+                assert legs is not None
+                motions.append(legs.motion(estimate.stamp_ns))
+                break
+    lengths = [np.linalg.norm((se3.inverse(one.start.T_world_body) @ one.end.T_world_body)[:3, 3]) for one in motions]
+    assert lengths[1] / lengths[0] == pytest.approx(1.05, abs=1e-4)
+
+
+def test_rows_are_the_derivatives_of_the_change_of_coordinates(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    """A filter that starts from a moved state ends in another one, which the rows of the first predict."""
+    random = np.random.default_rng(2)
+    ends, moved = [], np.zeros(0)
+    for is_moved in (False, True):
+        odometry = fresh(daisy)
+        legs = None
+        for count, estimate in enumerate(filter(None, map(odometry.push, noisy_walk.measurements))):
+            if count == 150:
+                legs = odometry.preintegration(estimate.stamp_ns - 1_000_000_000)
+                state = shifted(legs.state(estimate.stamp_ns + FRAME_NS))
+                if is_moved:
+                    moved = 0.1 * np.sqrt(np.diag(state.covariance)) * random.normal(size=len(state.covariance))
+                    T = state.T_world_body @ se3.exp(moved[:6])
+                    state = replace(state, T_world_body=T, legs=state.legs + moved[6:])
+                legs.restart(state)
+            elif count == 175:
+                assert legs is not None
+                ends.append(legs.motion(estimate.stamp_ns + FRAME_NS))
+                break
+    first, second = ends
+    size = len(first.start.covariance)
+    information = first.rows.T @ first.rows
+    vector = first.rows.T @ first.measured
+    information[:size, :size] += np.linalg.inv(first.start.covariance)
+    vector[:size] += np.linalg.inv(first.start.covariance) @ moved  # the prior's mean is the moved state
+    expected = np.linalg.solve(information, vector)[size:]
+    found = np.concatenate(
+        (se3.log(se3.inverse(first.end.T_world_body) @ second.end.T_world_body), second.end.legs - first.end.legs)
+    )
+    sigmas = np.sqrt(np.diag(first.end.covariance))
+    assert np.abs(expected / sigmas).max() > 0.1
+    np.testing.assert_allclose(found / sigmas, expected / sigmas, atol=0.01)
