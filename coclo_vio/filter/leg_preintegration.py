@@ -100,7 +100,9 @@ class LegPreintegration:
         assert self._start is not None, "restart() comes first"
         rows = self._to_start_true[:6] @ self._prior_factor
         moved = se3.adjoint(se3.inverse(T_measured) @ self._start.T_world_body)
-        return np.asarray(covariance + moved @ (rows @ rows.T - self._start.covariance[:6, :6]) @ moved.T)
+        exchanged = covariance + moved @ (rows @ rows.T - self._start.covariance[:6, :6]) @ moved.T
+        is_covariance = float(np.linalg.eigvalsh(exchanged)[0]) > 0.0  # not after the keyframe was solved for again
+        return np.asarray(exchanged if is_covariance else covariance)
 
     def calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""

@@ -6,6 +6,7 @@ state as the window estimated it, and what it measured until the next keyframe, 
 Between keyframes the same filter gives the estimate at the joint rate.
 """
 
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -23,14 +24,16 @@ from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefi
 from coclo_vio.fusion.visual_odometry import stereo_stages
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.calibration import StereoCalibration
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.keyframes import FrameResult, PoseMarginal
 from coclo_vio.values.leg_motion import LegState
 from coclo_vio.values.measurements import (
+    CameraImuSample,
     FootForceSample,
     ImuSample,
+    InertialReading,
     JointSample,
     Measurement,
     StereoFrame,
@@ -41,6 +44,8 @@ from coclo_vio.values.units import NS_PER_S
 
 if TYPE_CHECKING:
     from coclo_vio.backend.window.leg_source import LegSource
+
+_MOST_READINGS = 1000
 
 SmootherOfLegs = Callable[[LegState], tuple[Smoother, "LegSource"]]
 """From the legs' first state to a smoother whose keyframes have it, and its source."""
@@ -61,6 +66,7 @@ class TightOdometry(StreamingEstimator):
         frontend: Frontend | None,
         *,
         names: tuple[str, str] = ("tight", "tight_vins"),
+        imu_kind: type[InertialReading] | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
     ) -> None:
@@ -71,6 +77,7 @@ class TightOdometry(StreamingEstimator):
             make_smoother: makes a fresh smoother once the legs' first state is known.
             frontend: a fresh one; None where a recording has tracks, not frames.
             names: of the trajectory at the joint rate and of that at the rate of the frames.
+            imu_kind: the kind of readings, of another IMU than the filter's, that the smoother gets; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
         """
@@ -78,6 +85,9 @@ class TightOdometry(StreamingEstimator):
         self._joint_name, self._frame_name = names
         self._filter, self._make_smoother = leg_filter, make_smoother
         self._vision = VisionChain(frontend, pictures_every)
+        self._imu_kind = imu_kind
+        self._readings: deque[InertialReading] = deque(maxlen=_MOST_READINGS)  # before the window
+        self._reading_ns: int | None = None
         self._legs: LegPreintegration | None = None
         self._window: tuple[Smoother, LegSource] | None = None
         self._last_pose: Array | None = None  # of the last frame
@@ -91,6 +101,8 @@ class TightOdometry(StreamingEstimator):
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
+            case InertialReading() if type(measurement) is self._imu_kind:
+                self._take_reading(measurement)
             case JointSample() | ImuSample() | FootForceSample():
                 state = self._filter.push(measurement)
                 if state is not None:
@@ -98,6 +110,16 @@ class TightOdometry(StreamingEstimator):
                     yield Estimate(self._joint_name, state)
             case StereoFrame() | StereoTracks():
                 yield from self._process_frame(measurement)
+
+    def _take_reading(self, reading: InertialReading) -> None:
+        if self._reading_ns is not None and reading.stamp_ns <= self._reading_ns:
+            self._counted["imu_stamp_refused"] += 1
+            return
+        self._reading_ns = reading.stamp_ns
+        if self._window is None:
+            self._readings.append(reading)
+        else:
+            self._window[0].push_imu(reading)
 
     def _process_frame(self, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         if self._latest is None:
@@ -123,6 +145,8 @@ class TightOdometry(StreamingEstimator):
         smoother, source = self._make_smoother(state)
         smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]))
         self._window = smoother, source
+        while self._readings:
+            smoother.push_imu(self._readings.popleft())
         result = yield from self._track(smoother, frame, state.T_world_body)
         legs.restart(source.newest)
         yield from self._outputs_of(legs, result, latest)
@@ -178,6 +202,7 @@ def tight_odometry(
     frontend: FrontendConfig,
     smoother: SmootherConfig,
     *,
+    camera_imu: ImuCalibration | None = None,
     has_frames: bool = True,
     pictures_every: int | None = None,
 ) -> TightOdometry:
@@ -189,6 +214,7 @@ def tight_odometry(
         stereo: the cameras.
         frontend: parameters of the front end.
         smoother: parameters of the smoother.
+        camera_imu: mounting and noise of the cameras' own IMU, which ties keyframes too; None where there is none.
         has_frames: whether there are images; otherwise tracks of rectified ones.
         pictures_every: draw the tracks on every n-th frame; on none if None.
 
@@ -196,7 +222,8 @@ def tight_odometry(
         ConfigError: the paper's profile, or cameras that cannot be rectified.
         CalibrationMissing: tracks, and cameras that are not rectified.
     """
-    from coclo_vio.backend.window.leg_source import LegSource  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.inertial_source import InertialSource  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.leg_source import LegSource  # noqa: PLC0415
     from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415
 
     if filter_config.profile != "robust":
@@ -208,12 +235,14 @@ def tight_odometry(
 
     def make_smoother(state: LegState) -> tuple[Smoother, LegSource]:
         source = LegSource(state)
-        return SlidingWindowSmoother(rig, smoother, sources=[source]), source
+        inertial = [] if camera_imu is None else [InertialSource(camera_imu, smoother)]
+        return SlidingWindowSmoother(rig, smoother, camera_imu, [source, *inertial]), source
 
     return TightOdometry(
         LegOdometryFilter(robot, filter_config, extra_blocks=[start_block(len(robot.leg_names))]),
         make_smoother,
         stages,
+        imu_kind=None if camera_imu is None else CameraImuSample,
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
     )

@@ -4,6 +4,7 @@
 from typing import TYPE_CHECKING
 
 from coclo_vio.runs.modes.mode import Compared, Mode, Need
+from coclo_vio.values.measurements import CameraImuSample
 from coclo_vio.values.outputs import Estimator
 from coclo_vio.values.trajectory_kind import TrajectoryKind
 
@@ -21,6 +22,7 @@ def _tight(equipment: "Equipment", config: "RunConfig") -> Estimator:
         equipment.require_cameras(),
         config.frontend,
         config.smoother,
+        camera_imu=equipment.camera_imu if equipment.vision_imu is CameraImuSample else None,
         has_frames=equipment.has_frames,
         pictures_every=equipment.pictures_every,
     )
@@ -36,6 +38,7 @@ MODES = (
             TrajectoryKind("tight", "tight", "#d55e00", 1.4, layer=6, standalone="coclo"),
             TrajectoryKind("tight_vins", "tight VINS", "#f0a878", 2.4, layer=5, standalone="vins"),
         ),
+        uses=frozenset({Need.IMU}),
         rank=35,
         compared=Compared.ON_REQUEST,
     ),
