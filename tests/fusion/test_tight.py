@@ -39,14 +39,14 @@ from coclo_vio.values.outputs import Estimate, Output
 
 KEYFRAMES, STEPS, LANDMARKS = 6, 4, 2
 PROCESS = np.diag([0.05, 0.01, 1e-3]) ** 2  # of [place, foothold, bias of the measured step] a step
-FOOT_NOISE, SIGHT_NOISE = 0.02, 0.1
+FOOT_NOISE, VISION_NOISE = 0.02, 0.1
 START = np.diag([1e-3, 0.1, 0.2]) ** 2
 FORWARD = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])  # the step is measured, and has the bias
 FOOT = np.array([[-1.0, 1.0, 0.0]])  # measured: the foothold from the place
 
 
 class LinearLegs:
-    """A foothold that stands across all keyframes, a step with a constant bias, and landmarks seen from keyframes."""
+    """A foothold that stands across all keyframes, a step with a constant bias, and landmarks."""
 
     def __init__(self, seed: int) -> None:
         random = np.random.default_rng(seed)
@@ -75,8 +75,8 @@ class LinearLegs:
                 at, point = 3 * STEPS * keyframe, 3 * count + landmark
                 row = np.zeros(size)
                 row[at], row[point] = -1.0, 1.0
-                information += np.outer(row, row) / SIGHT_NOISE**2
-                vector += row * self.observed[keyframe, landmark] / SIGHT_NOISE**2
+                information += np.outer(row, row) / VISION_NOISE**2
+                vector += row * self.observed[keyframe, landmark] / VISION_NOISE**2
         covariance = np.linalg.inv(information)
         last = slice(3 * count - 3, 3 * count)
         return (covariance @ vector)[last], covariance[last, last]
@@ -100,7 +100,7 @@ class LinearLegs:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_in_a_linear_world_the_window_estimates_as_all_measurements_at_once(seed: int) -> None:
-    """The filter starts at every keyframe from all that the window knows, landmarks seen before included."""
+    """The filter starts at every keyframe from all that the window knows, landmarks observed before included."""
     world = LinearLegs(seed)
     size = 3 * KEYFRAMES + LANDMARKS
     information, vector = 1e-9 * np.eye(size), np.zeros(size)
@@ -109,8 +109,8 @@ def test_in_a_linear_world_the_window_estimates_as_all_measurements_at_once(seed
         for landmark in range(LANDMARKS):
             row = np.zeros(size)
             row[3 * number], row[3 * KEYFRAMES + landmark] = -1.0, 1.0
-            information += np.outer(row, row) / SIGHT_NOISE**2
-            vector += row * world.observed[number, landmark] / SIGHT_NOISE**2
+            information += np.outer(row, row) / VISION_NOISE**2
+            vector += row * world.observed[number, landmark] / VISION_NOISE**2
         covariance = np.linalg.inv(information)
         newest = slice(3 * number, 3 * number + 3)
         mean = covariance @ vector
@@ -186,10 +186,10 @@ def test_an_imu_of_the_cameras_makes_the_tilt_more_certain() -> None:
 
 
 def test_without_any_landmark_the_estimate_is_that_of_leg_odometry() -> None:
-    blind = in_order(without_tracks(one) if isinstance(one, StereoTracks) else one for one in stream())
+    without_landmarks = in_order(without_tracks(one) if isinstance(one, StereoTracks) else one for one in stream())
     legs = LegOdometryFilter(DAISY)
-    expected = [one for one in map(legs.push, blind) if one is not None]
-    found = states(outputs_of(tight(), blind), "tight")
+    expected = [one for one in map(legs.push, without_landmarks) if one is not None]
+    found = states(outputs_of(tight(), without_landmarks), "tight")
     assert len(found) == len(expected)
     np.testing.assert_allclose(found[-1].nav.T_world_body, expected[-1].nav.T_world_body, atol=1e-3)
 
