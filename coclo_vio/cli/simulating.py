@@ -32,6 +32,10 @@ FormatOption = Annotated[
     typer.Option("--format", help="By the suffix of the path if not given; a folder is euroc unless it is ros2."),
 ]
 IdealOption = Annotated[bool, typer.Option("--ideal", help="A robot that equals its description.")]
+ConditionOption = Annotated[
+    list[str] | None,
+    typer.Option("--condition", metavar="NAME", help="A condition of legs, vision or IMUs by name; may be repeated."),
+]
 ImagesOption = Annotated[bool, typer.Option("--images/--no-images", help="Whether the cameras record.")]
 FrictionOption = Annotated[float | None, typer.Option(help="Coulomb coefficient of feet on the ground.")]
 TileOption = Annotated[
@@ -65,6 +69,7 @@ def simulate(
     seed: SeedOption = 0,
     format_: FormatOption = None,
     ideal: IdealOption = False,
+    condition: ConditionOption = None,
     images: ImagesOption = True,
     friction: FrictionOption = None,
     slippery_tile: TileOption = None,
@@ -83,6 +88,7 @@ def simulate(
     """Simulate one of the paper's trials: a Daisy walks, records and is tracked by Vicon; the truth is kept apart."""
     check_simulator("simulating", "sim")
     from coclo_vio.simulation import simulated_recording as simulator  # noqa: PLC0415 -- an extra
+    from coclo_vio.simulation.conditions import condition_changes  # noqa: PLC0415
 
     from_file, from_settings = read_yaml(config) if config else {}, parse_settings(settings or ())
     from_options = {
@@ -94,7 +100,8 @@ def simulate(
         "scene": _given(texture=texture),
         "camera": _given(encoding=image_encoding) | {"lighting": _lighting(lighting, blackout or ())},
     }
-    changes = (from_file, simulator.IDEAL_ROBOT if ideal else {}, from_settings, from_options)
+    conditions = condition_changes(condition or ())
+    changes = (from_file, simulator.IDEAL_ROBOT if ideal else {}, *conditions, from_settings, from_options)
     resolved = simulator.at_gait_speed(simulator.simulation_config(trial, *changes), gait_speed)
     with _progress_bars() as (on_simulated, on_rendered):
         simulated = simulator.simulate_recording(

@@ -21,10 +21,11 @@ from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.bag_writer import write_bag
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.robot.description import RobotDescription, load_robot
+from coclo_vio.simulation.trial.config import TrialConfig, preset
 from coclo_vio.simulation.trial.gait_controller import planned_path
 from coclo_vio.simulation.trial.imperfection import IDEAL
 from coclo_vio.simulation.trial.terrain import TerrainName, make_terrain
-from coclo_vio.simulation.trial.trial import Trial, TrialConfig, Truth, preset, simulate
+from coclo_vio.simulation.trial.trial import Trial, Truth, simulate
 from coclo_vio.simulation.visuals.cameras import add_cameras
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
 from coclo_vio.simulation.visuals.opengl import choose_backend
@@ -95,11 +96,13 @@ class Execution:
         workers: number of rendering processes.
         on_simulated: called with the simulated time and its planned end, s.
         on_rendered: called with the number of rendered stereo frames and their total.
+        motions: folder of true motions, which recordings that differ in their sensors only share; None: none is kept.
     """
 
     workers: int = 2
     on_simulated: Callable[[float, float], None] = lambda time_s, planned_s: None
     on_rendered: Callable[[int, int], None] = lambda done, total: None
+    motions: Path | None = None
 
 
 def simulation_config(name: TerrainName, *changes: Mapping[str, Any]) -> SimulationConfig:
@@ -170,6 +173,7 @@ def simulate_recording(
             seed,
             until_s=until_s,
             progress=lambda time_s: execution.on_simulated(time_s, planned_s),
+            motions=execution.motions,
         )
         frames = _frames(trial, config, seed, scratch / "model.mjb", execution) if images else ()
         _write(scratch / path.name, recording_format, _contents(trial, robot, frames, images=images))

@@ -65,6 +65,10 @@ def test_options_change_the_configuration_that_is_kept_with_the_truth(coclo: Coc
             "poor",
             "--image-encoding",
             "jpeg",
+            "--condition",
+            "shadows",
+            "--condition",
+            "relief",
             "--set",
             "trial.imperfection.link_length=0.02",
         ),
@@ -80,10 +84,12 @@ def test_options_change_the_configuration_that_is_kept_with_the_truth(coclo: Coc
     assert config["trial"]["slippery_tile"] == 0.3
     assert [config["trial"][imu]["shock_scale"] for imu in ("imu", "camera_imu")] == [1.0, 3.0]
     assert config["trial"]["camera_imu"]["rate_hz"] == 200.0
-    assert config["scene"]["texture"] == "poor"
+    assert (config["scene"]["texture"], config["scene"]["rubble"]) == ("poor", 200)
     assert config["camera"]["encoding"] == "jpeg"
     blackouts = [{"start_s": 3.0, "duration_s": 1.5}, {"start_s": 9.0, "duration_s": 2.0}]
-    assert config["camera"]["lighting"] == {"level": "dark", "dark_share": 0.05, "blackouts": blackouts}
+    lighting = config["camera"]["lighting"]
+    assert (lighting["level"], lighting["dark_share"], lighting["blackouts"]) == ("dark", 0.05, blackouts)
+    assert lighting["bars"] == 0.6  # of the condition
     assert imperfection.pop("link_length") == 0.02  # --set wins over --ideal, and that over the file
     assert set(imperfection.values()) == {0.0}
 
@@ -111,6 +117,7 @@ def test_the_kept_configuration_and_the_seed_repeat_the_recording(coclo: Coclo, 
         (["-o", "walk", "--shock-scale", "-1"], 2, "trial.camera_imu.shock_scale = -1.0: "),
         (["-o", "walk", "--gait-speed", "5", "--set", "trial.gait.speed_mps=0.3"], 2, "gait speed 5.0: "),
         (["-o", "walk", "--set", "trial.gait.sped_mps=1"], 2, "there is no trial.gait.sped_mps; the keys there are: "),
+        (["-o", "walk", "--condition", "fog"], 2, "there is no condition 'fog'; choose from bricks, "),
         (["-o", "walk", "-c", "none.yaml"], 2, "cannot read the configuration none.yaml"),
     ],
 )

@@ -51,7 +51,7 @@ def test_another_number_in_a_file_changes_the_page(tmp_path: Path) -> None:
 
 
 def test_an_unknown_place_names_those_there_are(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="'speeed'; there are: demo"):
+    with pytest.raises(DatasetError, match="'speeed'; there are: bench"):
         rendered("<!-- results: speeed -->\n<!-- end of results -->", ResultFiles(tmp_path))
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a benchmark measured, as JSON, and the change against an earlier one."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -36,6 +37,7 @@ class Sweep(BaseModel):
         size: what grows, in words.
         sizes: ascending.
         ms: processor time at each size, ms.
+        units: the same in calibration loops timed beside each, for the speed of a shared core varies.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -44,17 +46,23 @@ class Sweep(BaseModel):
     size: str
     sizes: tuple[float, ...]
     ms: tuple[float, ...]
+    units: tuple[float, ...]
+
+    @property
+    def ms_at_one_speed(self) -> tuple[float, ...]:
+        """The costs at the mean speed of the core, ms."""
+        return _at_one_speed(self.ms, self.units)
 
     @property
     def exponent(self) -> float:
         """The power of the size with which the cost grows, by least squares of the logarithms over all sizes."""
-        slope, _ = np.polyfit(np.log(self.sizes), np.log(self.ms), 1)
+        slope, _ = np.polyfit(np.log(self.sizes), np.log(self.units), 1)
         return float(slope)
 
     @property
     def last_exponent(self) -> float:
         """The same from the last but one size to the last, where fixed costs count least."""
-        return float(np.log(self.ms[-1] / self.ms[-2]) / np.log(self.sizes[-1] / self.sizes[-2]))
+        return float(np.log(self.units[-1] / self.units[-2]) / np.log(self.sizes[-1] / self.sizes[-2]))
 
 
 class Endurance(BaseModel):
@@ -64,6 +72,7 @@ class Endurance(BaseModel):
         what: is counted, in words.
         minutes: of input, ascending.
         ms: processor time a sample in the stretch that ends there, ms.
+        units: the same in calibration loops timed at its end.
         resident_mb: memory of the process there, MiB.
     """
 
@@ -72,7 +81,18 @@ class Endurance(BaseModel):
     what: str
     minutes: tuple[float, ...]
     ms: tuple[float, ...]
+    units: tuple[float, ...]
     resident_mb: tuple[float, ...]
+
+    @property
+    def ms_at_one_speed(self) -> tuple[float, ...]:
+        """The costs at the mean speed of the core, ms."""
+        return _at_one_speed(self.ms, self.units)
+
+
+def _at_one_speed(ms: Sequence[float], units: Sequence[float]) -> tuple[float, ...]:
+    unit_ms = float(np.mean(np.array(ms) / np.array(units)))
+    return tuple(unit_ms * each for each in units)
 
 
 class BenchRecord(Record):

@@ -28,6 +28,7 @@ from coclo_vio.values.record import Record
 _COMMAND_LINE = "from coclo_vio.cli import main; main()"
 _BENCHMARK_FIGURES = ("frontend_ms_median", "smoother_ms_median", "vision_ms_per_frame")
 _ONE_CORE = {0}
+_FRAME_THREADS = ("--set", "bridge.frame_threads=1", "--set", "dataset.reading_threads=1")
 _THREADS = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 
 
@@ -146,8 +147,14 @@ def processor_ratios(
     return ratios
 
 
-def second_core(checkout: Path, command: TimedCommand, rounds: int) -> SecondCore:
-    """Wall time on one and on two cores, in turns.
+def second_core(checkout: Path, command: TimedCommand, threads: Sequence[str], rounds: int) -> SecondCore:
+    """Wall time on one core, and on two with threads, in turns.
+
+    Args:
+        checkout: of the commit.
+        command: what is run.
+        threads: further arguments with which it uses threads, on two cores only.
+        rounds: repetitions in turns; the least of each counts.
 
     Raises:
         DatasetError: the command fails.
@@ -157,8 +164,9 @@ def second_core(checkout: Path, command: TimedCommand, rounds: int) -> SecondCor
         for number in range(rounds):
             for cores, seconds in taken.items():
                 folder = Path(scratch) / f"{number}_{cores}"
+                arguments = [*command.arguments, *(threads if cores > 1 else ()), "-o", str(folder)]
                 started_s = perf_counter()
-                _processor_s(checkout, [*command.arguments, "-o", str(folder)], set(range(cores)))
+                _processor_s(checkout, arguments, set(range(cores)))
                 seconds.append(perf_counter() - started_s)
         one, two = ({path.name: path.read_bytes() for path in _trajectories(scratch, cores)} for cores in taken)
     return SecondCore(one_s=min(taken[1]), two_s=min(taken[2]), is_same=bool(one) and one == two)
@@ -243,7 +251,7 @@ def measure_commits(before: str, root: Path, shared: Path | None, rounds: int) -
         finally:
             _git(root, "worktree", "remove", "--force", str(checkout))
     cores = len(os.sched_getaffinity(0))
-    second = second_core(root.resolve(), commands["combined"], rounds) if cores > 1 else None
+    second = second_core(root.resolve(), commands["combined"], _FRAME_THREADS, rounds) if cores > 1 else None
     command = f"make bench-commits BEFORE={short}"
     return CommitSpeed(origin=Provenance.now(command, root), before=short, ratios=ratios, second_core=second)
 

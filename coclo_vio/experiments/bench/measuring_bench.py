@@ -2,6 +2,8 @@
 """Measures all costs into one record."""
 
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 from coclo_vio.experiments.bench.bench_record import BenchRecord, StageCost
@@ -94,7 +96,8 @@ def measure_bench(
     long = {}
     for name, endure in ENDURANCE.items() if endurance_min else ():
         say(f"{endurance_min:g} min of {name}")
-        long[name] = endure(endurance_min)
+        with ProcessPoolExecutor(1, get_context("spawn")) as fresh:  # for its memory
+            long[name] = fresh.submit(endure, endurance_min).result()
     return BenchRecord(
         origin=Provenance.now(command, root),
         calibration_ms=unit_ms,

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How costs grow: with legs, joint rate, tracks, keyframes in the window, and with the length of the input."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 
 from coclo_vio.experiments.bench.bench_record import Endurance, Sweep
+from coclo_vio.experiments.bench.calibration_loop import calibration_s
 from coclo_vio.experiments.bench.costs import WalkKind, front_end_ms, keyframe_ms, leg_sample_ms, window_of_tracks
 from coclo_vio.experiments.bench.legged_robots import robot_with_legs, standing_rad
 from coclo_vio.experiments.bench.point_world import tracked_walk
@@ -25,45 +26,53 @@ _KEYFRAMES = (5, 10, 20, 30)
 _MARKS_MIN = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 
 
+def _swept(what: str, size: str, sizes: Sequence[float], measure: Callable[[int], float]) -> Sweep:
+    """Measure at every index of the sizes, each with the calibration loop before and after."""
+    ms, units = [], []
+    for index in range(len(sizes)):
+        unit_ms = 0.5 * MS_PER_S * calibration_s()
+        ms.append(measure(index))
+        unit_ms += 0.5 * MS_PER_S * calibration_s()
+        units.append(ms[-1] / unit_ms)
+    return Sweep(what=what, size=size, sizes=tuple(sizes), ms=tuple(ms), units=tuple(units))
+
+
 def by_legs() -> Sweep:
     """Leg odometry of robots with 2 to 12 legs."""
-    with TemporaryDirectory() as folder:
-        ms = [
-            leg_sample_ms(robot_with_legs(legs, Path(folder)), WalkKind(100.0, standing_rad=standing_rad(legs)))
-            for legs in _LEGS
-        ]
-    return Sweep(what="leg odometry, ms a joint sample", size="legs", sizes=_LEGS, ms=tuple(ms))
+
+    def measure(index: int) -> float:
+        legs = _LEGS[index]
+        with TemporaryDirectory() as folder:
+            robot = robot_with_legs(legs, Path(folder))
+            return leg_sample_ms(robot, WalkKind(100.0, standing_rad=standing_rad(legs)))
+
+    return _swept("leg odometry, ms a joint sample", "legs", _LEGS, measure)
 
 
 def by_joint_rate() -> Sweep:
     """Leg odometry of four legs at 50 to 1,000 Hz."""
     robot = load_robot("go1")
-    ms = [rate_hz * leg_sample_ms(robot, WalkKind(rate_hz)) for rate_hz in _RATES_HZ]
-    what = "leg odometry of four legs, ms a second of recording"
-    return Sweep(what=what, size="joint rate, Hz", sizes=_RATES_HZ, ms=tuple(ms))
+
+    def measure(index: int) -> float:
+        return _RATES_HZ[index] * leg_sample_ms(robot, WalkKind(_RATES_HZ[index]))
+
+    return _swept("four legs, ms a second of input", "joint rate, Hz", _RATES_HZ, measure)
 
 
 def front_end_by_tracks() -> Sweep:
-    """The front end with 50 to 400 points to track; those that were found count."""
-    measured = [front_end_ms(tracks) for tracks in _TRACKS]
-    return Sweep(
-        what="front end, ms a frame",
-        size="tracks",
-        sizes=tuple(found for _, found in measured),
-        ms=tuple(ms for ms, _ in measured),
-    )
+    """The front end with 50 to 400 points to track."""
+    return _swept("front end, ms a frame", "tracks", _TRACKS, lambda index: front_end_ms(_TRACKS[index])[0])
 
 
 def window_by_tracks() -> Sweep:
     """The window with 50 to 400 tracks a frame."""
-    ms = [keyframe_ms(tracks) for tracks in _TRACKS]
-    return Sweep(what="window of 10, ms a keyframe", size="tracks", sizes=_TRACKS, ms=tuple(ms))
+    return _swept("window of 10, ms a keyframe", "tracks", _TRACKS, lambda index: keyframe_ms(_TRACKS[index]))
 
 
 def window_by_keyframes() -> Sweep:
     """A window of 5 to 30 keyframes."""
-    ms = [keyframe_ms(keyframes=keyframes) for keyframes in _KEYFRAMES]
-    return Sweep(what="window of 150 tracks, ms a keyframe", size="keyframes", sizes=_KEYFRAMES, ms=tuple(ms))
+    what = "window of 150 tracks, ms a keyframe"
+    return _swept(what, "keyframes", _KEYFRAMES, lambda index: keyframe_ms(keyframes=_KEYFRAMES[index]))
 
 
 SWEEPS: Mapping[str, Callable[[], Sweep]] = {
@@ -84,7 +93,7 @@ def legs_endurance(minutes: float) -> Endurance:
     robot = RobotModel(load_robot("daisy"))
     walk = WalkKind(100.0, walk_s=20.0).trial(robot).measurements
     odometry = LegOdometryFilter(robot)
-    return endured("leg odometry, six legs, ms a joint sample", _repeated(walk), odometry.push, JointSample, minutes)
+    return endured("six legs, ms a joint sample", _repeated(walk), odometry.push, JointSample, minutes)
 
 
 def window_endurance(minutes: float) -> Endurance:
@@ -120,6 +129,7 @@ def endured(
     """Push until the end; only pushing is timed."""
     marks = [mark for mark in _MARKS_MIN if mark <= minutes] or [minutes]
     ms: list[float] = []
+    units: list[float] = []
     held: list[float] = []
     taken_s, samples = 0.0, 0
     for measurement in measurements:
@@ -129,9 +139,10 @@ def endured(
         samples += isinstance(measurement, counted)
         if measurement.stamp_ns >= marks[len(ms)] * 60.0 * NS_PER_S:
             ms.append(MS_PER_S * taken_s / samples)
+            units.append(ms[-1] / (MS_PER_S * calibration_s()))
             held.append(resident_mb())
             taken_s, samples = 0.0, 0
             if len(ms) == len(marks):
                 break
     reached = tuple(marks[: len(ms)])
-    return Endurance(what=what, minutes=reached, ms=tuple(ms), resident_mb=tuple(held))
+    return Endurance(what=what, minutes=reached, ms=tuple(ms), units=tuple(units), resident_mb=tuple(held))

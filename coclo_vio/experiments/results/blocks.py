@@ -3,6 +3,8 @@
 
 from collections.abc import Callable, Mapping
 
+from coclo_vio.experiments.grid.grid_record import GridRecord
+from coclo_vio.experiments.grid.grid_text import SHARE_HEAD, cell_head, cell_rows, share_rows
 from coclo_vio.experiments.results.performance_blocks import PERFORMANCE_BLOCKS
 from coclo_vio.experiments.results.result_files import ResultFiles, markdown_table
 from coclo_vio.experiments.table.table_record import FigureSpreads, TableSummary
@@ -157,6 +159,14 @@ def _speed(files: ResultFiles) -> str:
     return f"{markdown_table(('one core', ''), rows)}\n\n{files.origin('speed.json')}"
 
 
+def _grid(files: ResultFiles) -> str:
+    """The grid of conditions, a cell a line."""
+    modes()  # registers the kinds
+    record = GridRecord.read(files.folder / "grid.json")
+    shares, cells = markdown_table(SHARE_HEAD, share_rows(record)), markdown_table(cell_head(record), cell_rows(record))
+    return f"{shares}\n\n{cells}\n\n{files.origin('grid.json')}"
+
+
 BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "demo": _demo,
     "trials": _trials,
@@ -165,6 +175,7 @@ BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "legs": _legs,
     "vision": _vision,
     "speed": _speed,
+    "grid": _grid,
     **PERFORMANCE_BLOCKS,
 }
 """What pages can show, by name."""

@@ -14,6 +14,7 @@ PAGES = (
     Path("docs") / "results.md",
     Path("docs") / "index.md",
     Path("docs") / "performance.md",
+    Path("docs") / "grid.md",
 )
 _PLACE = re.compile(r"<!-- results: (?P<name>[a-z0-9_]+) -->\n.*?<!-- end of results -->", re.DOTALL)
 

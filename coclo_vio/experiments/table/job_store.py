@@ -85,6 +85,10 @@ class JobStore:
             )
         return records
 
+    def forget_run(self, job: Job) -> None:
+        """Remove the trajectories of a job; its result stays."""
+        shutil.rmtree(self.run_of(job), ignore_errors=True)
+
     def forget(self) -> None:
         """Remove all finished jobs and their trajectories."""
         with run_folder.writing(self.folder):

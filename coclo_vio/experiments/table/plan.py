@@ -99,6 +99,7 @@ class TablePlan:
         simulation: changes to the trials beyond the paper's and JPEG images.
         images: whether the cameras record.
         until_s: trials end after this long, s; None for whole trials.
+        commit: of the code, where results of different commits are kept apart.
     """
 
     config: RunConfig = field(default_factory=lambda: resolve(SIMULATED_ROBOT))
@@ -111,6 +112,7 @@ class TablePlan:
     simulation: Mapping[str, Any] = field(default_factory=dict)
     images: bool = True
     until_s: float | None = None
+    commit: str = ""
 
     @property
     def variants(self) -> tuple[Variant, ...]:
@@ -155,6 +157,7 @@ class TablePlan:
             trial=job.trial,
             seed=job.seed,
             variant=job.variant.name,
+            commit=self.commit,
         )
 
 

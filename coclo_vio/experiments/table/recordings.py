@@ -26,11 +26,13 @@ class Recordings:
         folder: of all recordings of the table.
         plan: decides how they are simulated.
         keeps: whether a recording stays once all its jobs are finished.
+        motions: folder of true motions, shared by recordings that differ in their sensors only; None: none is kept.
     """
 
     folder: Path
     plan: TablePlan
     keeps: bool = True
+    motions: Path | None = None
 
     def path(self, trial: TerrainName, seed: int) -> Path:
         """Where a recording is, or will be."""
@@ -76,9 +78,8 @@ class Recordings:
                 shutil.rmtree(left, ignore_errors=True)
             simulation = self.plan.simulation_of(trial)
             images, until_s = self.plan.images, self.plan.until_s
-            simulate_recording(
-                path, trial, simulation, seed, images=images, until_s=until_s, execution=Execution(workers=1)
-            )
+            execution = Execution(workers=1, motions=self.motions)
+            simulate_recording(path, trial, simulation, seed, images=images, until_s=until_s, execution=execution)
 
     def truth(self, trial: TerrainName, seed: int) -> GroundTruth:
         """The exact poses, on the clock of the recording."""

@@ -31,6 +31,7 @@ class Fingerprint(_Part):
         trial: name of the terrain.
         seed: of the trial.
         variant: name of the variant.
+        commit: of the code; empty where it does not decide which results belong together.
     """
 
     version: str
@@ -40,6 +41,7 @@ class Fingerprint(_Part):
     trial: str
     seed: int
     variant: str
+    commit: str = ""
 
 
 class EventTime(_Part):

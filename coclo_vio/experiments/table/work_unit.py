@@ -33,17 +33,26 @@ ProgressCallback = Callable[[WorkProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class WorkUnit:
-    """One recording and its unfinished jobs; can be pickled for another process."""
+    """One recording and its unfinished jobs; can be pickled for another process.
+
+    Attributes:
+        jobs: of one recording.
+        plan: of the table.
+        recordings: make the recording.
+        store: keeps the results.
+        prefix: of the names in progress reports, where several tables are worked on.
+    """
 
     jobs: tuple[Job, ...]
     plan: TablePlan
     recordings: Recordings
     store: JobStore
+    prefix: str = ""
 
     @property
     def name(self) -> str:
         """Name of the recording."""
-        return self.jobs[0].recording
+        return f"{self.prefix}{self.jobs[0].recording}"
 
 
 def units(plan: TablePlan, recordings: Recordings, store: JobStore, kept: Mapping[Job, JobRecord]) -> list[WorkUnit]:
@@ -72,14 +81,15 @@ def run_unit(unit: WorkUnit, report: ProgressCallback) -> None:
         reason = reason_of(error, unit.recordings)
     is_complete = True
     for job in unit.jobs:
-        report(WorkProgress("running", job.name))
+        name = f"{unit.prefix}{job.name}"
+        report(WorkProgress("running", name))
         record = (
             run_job(job, unit.plan, unit.recordings, unit.store) if reason is None else failed(job, unit.plan, reason)
         )
         unit.store.write(job, record)
         failure = record.failure
         is_complete = is_complete and failure is None
-        report(WorkProgress("done", job.name) if failure is None else WorkProgress("failed", job.name, failure))
+        report(WorkProgress("done", name) if failure is None else WorkProgress("failed", name, failure))
     if is_complete:
         unit.recordings.discard(first.trial, first.seed)
     report(WorkProgress("ended", unit.name))

@@ -4,12 +4,13 @@
 A real robot's legs are not those of its drawing (a Go1's are up to 17 % shorter), so an ideal robot tests little.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
+from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 
@@ -46,6 +47,14 @@ class ImperfectionConfig(StageConfig):
     baseline_rotation_rad: Annotated[
         float, Field(ge=0, le=0.01, description="of the right imager against the left, each axis, rad (0.02 deg)")
     ] = 0.00035
+    camera_turn_rad: Annotated[
+        float,
+        Field(ge=0, le=0.5, description="further rotation of the camera, exactly so far, about a drawn axis, rad"),
+    ] = 0.0
+    wrong_zero_rad: Annotated[
+        float,
+        Field(ge=-1, le=1, description="further error of the zero of one encoder, a drawn one, exactly so far, rad"),
+    ] = 0.0
 
 
 IDEAL = ImperfectionConfig(
@@ -98,7 +107,7 @@ def draw_imperfection(
     def spread(sigma: float, *shape: int) -> Array:
         return sigma * np.clip(generator.standard_normal(shape), -_TRUNCATED_AT, _TRUNCATED_AT)
 
-    return Imperfection(
+    drawn = Imperfection(
         link_scale=1.0 + spread(config.link_length, joints),
         joint_zero_rad=spread(config.joint_zero_rad, joints),
         leg_base_m=spread(config.leg_base_m, legs, 3),
@@ -109,3 +118,17 @@ def draw_imperfection(
         camera_move=np.concatenate((spread(config.camera_rotation_rad, 3), spread(config.camera_position_m, 3))),
         baseline_move=np.concatenate((spread(config.baseline_rotation_rad, 3), spread(config.baseline_m, 3))),
     )
+    return _with_exact_errors(drawn, config, generator)
+
+
+def _with_exact_errors(drawn: Imperfection, config: ImperfectionConfig, generator: np.random.Generator) -> Imperfection:
+    """The robot with errors whose size is given; only where they are is drawn."""
+    if config.camera_turn_rad > 0.0:
+        axis = generator.standard_normal(3)
+        turned = so3.exp(drawn.camera_move[:3]) @ so3.exp(config.camera_turn_rad * axis / np.linalg.norm(axis))
+        drawn = replace(drawn, camera_move=np.concatenate((so3.log(turned), drawn.camera_move[3:])))
+    if config.wrong_zero_rad != 0.0:
+        wrong = np.zeros_like(drawn.joint_zero_rad)
+        wrong[generator.integers(len(wrong))] = config.wrong_zero_rad
+        drawn = replace(drawn, joint_zero_rad=drawn.joint_zero_rad + wrong)
+    return drawn

@@ -12,13 +12,15 @@ from pydantic import Field
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.gait_controller import Command, GaitController
-from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
+from coclo_vio.simulation.trial.motion import Motion
+from coclo_vio.simulation.trial.slippery_ground import SlipperyGround
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import SimulationError
 from coclo_vio.values.measurements import JointSample
 from coclo_vio.values.units import NS_PER_S
 
+_TRUNK = 6  # the first six velocities are those of the trunk
 _SETTLING_S = 2.0  # settling on its springs, before the trial begins
 _CONTROL_EVERY = 5  # steps of the physics, 5 ms
 _FALLEN_COSINE = 0.5  # of the trunk's tilt (60 deg)
@@ -33,45 +35,6 @@ class PushConfig(StageConfig):
     torque_nm: Annotated[float, Field(ge=0, le=50, description="largest torque, Nm")] = 0.0
     every_s: Annotated[float, Field(gt=0, description="mean time between pushes, s")] = 4.0
     duration_s: Annotated[float, Field(gt=0, le=5, description="mean length of a push, s")] = 0.4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """The true motion, sampled at the physics' step.
-
-    Attributes:
-        time_s: since the beginning, (N,).
-        qpos: MuJoCo's coordinates: trunk position, quaternion wxyz, joints and foot springs, (N, nq).
-        qvel: MuJoCo's velocities, (N, nv).
-        joint_position: true angles, rad, (N, J).
-        joint_velocity: rad/s, (N, J).
-        spring_torque: Nm, (N, J).
-        imus: for each IMU's name [rate 3, specific force 3] of its site, without noise, (N, 6).
-        foot_force: normal force on each foot, N, (N, legs).
-        T_world_body: (N, 4, 4).
-        velocity_world: of the trunk's origin, m/s, (N, 3).
-        angular_velocity_body: of the trunk, rad/s, (N, 3).
-        self_contacts: control periods at whose end a leg touched another leg.
-        ground_contacts: control periods at whose end a leg, not a foot, touched the ground; the trunk touches nothing.
-        max_penetration_m: largest penetration of two bodies in contact then, m.
-        on_tile_s: first and last time of a foot on the slippery tile, s; None without.
-    """
-
-    time_s: Array
-    qpos: Array
-    qvel: Array
-    joint_position: Array
-    joint_velocity: Array
-    spring_torque: Array
-    imus: dict[str, Array]
-    foot_force: Array
-    T_world_body: Array
-    velocity_world: Array
-    angular_velocity_body: Array
-    self_contacts: int
-    ground_contacts: int
-    max_penetration_m: float
-    on_tile_s: tuple[float, float] | None = None
 
 
 @dataclass(slots=True)
@@ -99,22 +62,27 @@ class _ContactCounts:
 
 
 class _FootFriction:
-    """The friction of each foot, by its position.
+    """The friction of each foot, by its position and the time since it landed.
 
     MuJoCo takes the larger friction of two bodies unless one has priority; so the feet have it, with the ground's.
     """
 
-    def __init__(self, model: mujoco.MjModel, feet: list[int], sensors: Array, tile: SlipperyTile) -> None:
-        self._model, self._feet, self._sensors, self._tile = model, feet, sensors, tile
+    def __init__(self, model: mujoco.MjModel, feet: list[int], sensors: Array, ground: SlipperyGround) -> None:
+        self._model, self._feet, self._sensors, self._ground = model, feet, sensors, ground
         self._nominal: Array = model.geom_friction[feet, 0].copy()
+        self._in_air_s: Array = np.full(len(feet), -np.inf)
         self.on_tile_s: tuple[float, float] | None = None
         model.geom_priority[feet] = 1
 
     def update(self, data: mujoco.MjData) -> None:
-        """Set the friction for the next steps, by the present positions of the feet."""
-        is_over = self._tile.contains(data.geom_xpos[self._feet])
-        self._model.geom_friction[self._feet, 0] = np.where(is_over, self._tile.friction, self._nominal)
-        if (is_over & (data.sensordata[self._sensors] > 0.0)).any():
+        """Set the friction for the next steps, by the present positions and loads of the feet."""
+        places, touches = data.geom_xpos[self._feet], data.sensordata[self._sensors] > 0.0
+        self._in_air_s[~touches] = data.time
+        self._model.geom_friction[self._feet, 0] = self._ground.friction(
+            places, data.time - self._in_air_s, self._nominal
+        )
+        tile = self._ground.tile
+        if tile is not None and (tile.contains(places) & touches).any():
             first_s = data.time if self.on_tile_s is None else self.on_tile_s[0]
             self.on_tile_s = (first_s, data.time)
 
@@ -123,28 +91,24 @@ class Simulator:
     """Simulates a robot in a compiled model.
 
     Args:
-        model: made by ``robot_spec.make_spec``, with IMUs.
+        model: made by ``robot_spec.make_spec``.
         robot: the described robot.
-        imus: names of the IMUs in the model.
-        tile: the slippery tile, if there is one.
+        slippery: areas of low friction, if there are any.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, robot: RobotModel, imus: tuple[str, ...], tile: SlipperyTile | None = None
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, robot: RobotModel, slippery: SlipperyGround | None = None) -> None:
         self.model = model
         self._robot = robot
         self._data = mujoco.MjData(model)
         joints = [model.joint(name) for name in robot.joint_names]
         self._q = np.array([joint.qposadr[0] for joint in joints])
         self._v = np.array([joint.dofadr[0] for joint in joints])
-        self._imus = {name: self._imu_columns(name) for name in imus}
         feet = [leg.foot_frame for leg in robot.description.legs]
         self._feet = np.array([model.sensor(f"{foot}_touch").adr[0] for foot in feet])
         ground = [index for index in range(model.ngeom) if model.geom(index).name.startswith("ground")]
         soles = [int(model.geom(foot).id) for foot in feet]
         self._contact_counts = _ContactCounts(frozenset(soles), frozenset(ground))
-        self._foot_friction = None if tile is None else _FootFriction(model, soles, self._feet, tile)
+        self._foot_friction = None if slippery is None else _FootFriction(model, soles, self._feet, slippery)
         self.spring: Array = model.actuator_gainprm[: len(joints), 0].copy()
 
     def walk(
@@ -185,8 +149,8 @@ class Simulator:
             data.xfrc_applied[1] = push.at(data.time) if controller.path_time_s > 0.0 and stop_s is None else 0.0
             for _ in range(_CONTROL_EVERY):
                 before = (data.qpos.copy(), data.qvel.copy(), self._spring_torque())
-                mujoco.mj_step(self.model, data)
-                log.append((*before, data.sensordata.copy()))  # sensor data belong to the state before the step
+                mujoco.mj_step(self.model, data)  # acceleration and forces then belong to the state before the step
+                log.append((*before, data.qacc[:_TRUNK].copy(), data.sensordata[self._feet]))
             self._contact_counts.count(data)
             self._check(controller, limit_s)
             if stop_s is None and controller.is_done:
@@ -239,28 +203,17 @@ class Simulator:
                 f"walked after {data.time:.0f} s; a swing foot found no ground: raise trial.gait.period_s"
             )
 
-    def _imu_columns(self, name: str) -> list[int]:
-        gyroscope = self.model.sensor(f"{name}_gyroscope").adr[0]
-        accelerometer = self.model.sensor(f"{name}_accelerometer").adr[0]
-        return [*range(gyroscope, gyroscope + 3), *range(accelerometer, accelerometer + 3)]
-
     def _motion(self, log: list[tuple[Array, ...]]) -> Motion:
-        qpos, qvel, torque, sensors = (np.array(column) for column in zip(*log, strict=True))
-        rotations = so3.from_quat_wxyz(qpos[:, 3:7])
-        poses = np.tile(np.eye(4), (len(qpos), 1, 1))
-        poses[:, :3, :3], poses[:, :3, 3] = rotations, qpos[:, :3]
+        qpos, qvel, torque, acceleration, force = (np.array(column) for column in zip(*log, strict=True))
         return Motion(
             time_s=self.model.opt.timestep * np.arange(len(qpos)),
             qpos=qpos,
             qvel=qvel,
-            joint_position=qpos[:, self._q],
-            joint_velocity=qvel[:, self._v],
+            trunk_acceleration=acceleration,
+            joint_columns=self._q,
+            joint_velocity_columns=self._v,
             spring_torque=torque,
-            imus={name: sensors[:, columns] for name, columns in self._imus.items()},
-            foot_force=sensors[:, self._feet],
-            T_world_body=poses,
-            velocity_world=qvel[:, :3],
-            angular_velocity_body=qvel[:, 3:6],
+            foot_force=force,
             self_contacts=self._contact_counts.self_contacts,
             ground_contacts=self._contact_counts.ground_contacts,
             max_penetration_m=self._contact_counts.max_penetration_m,

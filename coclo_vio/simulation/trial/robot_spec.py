@@ -46,7 +46,7 @@ class BodyConfig(StageConfig):
 def make_spec(
     description: RobotDescription, config: BodyConfig, imperfection: Imperfection, terrain: Terrain
 ) -> mujoco.MjSpec:
-    """The robot on its terrain: URDF, differences, actuators, collision bodies, IMU sites, foot sensors.
+    """The robot on its terrain: URDF, differences, actuators, collision bodies, foot sensors.
 
     Every foot hangs on a stiff spring along its lower link where the imperfection gives it compliance. Actuators are,
     for each joint in the description's order, the spring and then, for each joint, its damping.
@@ -198,15 +198,3 @@ def _add_actuators(spec: mujoco.MjSpec, description: RobotDescription, config: B
     for name in description.joint_names:
         damper = spec.add_actuator(name=f"{name}_damper", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         damper.set_to_velocity(kv=config.spring_damping)
-
-
-def add_imu(spec: mujoco.MjSpec, name: str, T_body_imu: Array) -> None:
-    """An accelerometer ``<name>_accelerometer`` and a gyroscope ``<name>_gyroscope`` on the trunk."""
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_body_imu[:3, :3]).ravel())
-    spec.bodies[1].add_site(name=name, pos=T_body_imu[:3, 3], quat=quat, group=4)
-    for kind, sensor in (
-        ("accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
-        ("gyroscope", mujoco.mjtSensor.mjSENS_GYRO),
-    ):
-        spec.add_sensor(name=f"{name}_{kind}", type=sensor, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)

@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy import signal
 
 from coclo_vio.simulation.trial.imperfection import Imperfection
-from coclo_vio.simulation.trial.physics import Motion
+from coclo_vio.simulation.trial.motion import Motion
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.config import StageConfig
@@ -105,11 +105,11 @@ def interpolated_at(time_s: Array, values: Array, offsets_ns: IntArray) -> Array
 
 
 def imu_readings(
-    kind: type[Reading], motion: Motion, name: str, config: ImuConfig, generator: np.random.Generator
+    kind: type[Reading], motion: Motion, T_body_imu: Array, config: ImuConfig, generator: np.random.Generator
 ) -> tuple[list[Reading], ImuTruth]:
-    """The readings of the IMU ``name``, and its true biases."""
+    """The readings of an IMU at ``T_body_imu`` (4, 4), and its true biases."""
     step_s = float(motion.time_s[1] - motion.time_s[0])
-    truth = _with_scaled_shocks(motion.imus[name], config.shock_scale, step_s)
+    truth = _with_scaled_shocks(motion.inertial(T_body_imu), config.shock_scale, step_s)
     cutoff = config.low_pass_hz / (0.5 / step_s)
     numerator, denominator = signal.butter(2, cutoff)
     settled = signal.lfilter_zi(numerator, denominator)[:, None] * truth[0]

@@ -1,27 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A trial from a name, a configuration and a seed: measurements, motion capture, and the truth."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from pathlib import Path
 
 import mujoco
 import numpy as np
-from pydantic import Field
 
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.robot.model import RobotModel
-from coclo_vio.simulation.trial.gait_controller import GaitController, WaveGaitConfig, planned_path
-from coclo_vio.simulation.trial.imperfection import Imperfection, ImperfectionConfig, draw_imperfection
-from coclo_vio.simulation.trial.mounting import MountingConfig, perturbed
-from coclo_vio.simulation.trial.physics import Motion, PushConfig, Simulator
-from coclo_vio.simulation.trial.robot_spec import BodyConfig, add_imu, make_spec
+from coclo_vio.simulation.trial.config import TrialConfig
+from coclo_vio.simulation.trial.imperfection import Imperfection
+from coclo_vio.simulation.trial.motion import Motion
+from coclo_vio.simulation.trial.mounting import perturbed
 from coclo_vio.simulation.trial.sensors import (
     EPOCH_NS,
-    CameraImuConfig,
-    ImuConfig,
     ImuTruth,
-    JointSensorConfig,
     imu_readings,
     interpolated_at,
     joint_samples,
@@ -29,57 +23,16 @@ from coclo_vio.simulation.trial.sensors import (
     sample_times,
 )
 from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
-from coclo_vio.simulation.trial.terrain import Terrain, TerrainName, make_terrain
-from coclo_vio.simulation.trial.vicon import ViconConfig, vicon_poses
+from coclo_vio.simulation.trial.terrain import Terrain, TerrainName
+from coclo_vio.simulation.trial.vicon import vicon_poses
+from coclo_vio.simulation.trial.walk import Walk
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 from coclo_vio.values.units import NS_PER_S
 
-BODY_IMU, CAMERA_IMU = "imu", "camera_imu"
 _CONTACT_FORCE_N = 1.0  # a foot with a larger normal force is in contact
-_STREAMS = ("imperfection", "gait", "push", "imu", "camera_imu", "joints", "vicon")
-
-
-class TrialConfig(StageConfig):
-    """Configuration of a trial, without its images."""
-
-    stand_s: Annotated[float, Field(ge=1, le=60, description="standing at the beginning, s")] = 2.0
-    end_s: Annotated[float, Field(ge=0, le=60, description="standing at the end, s")] = 1.0
-    gait: Annotated[WaveGaitConfig, Field(description="how the robot walks")] = WaveGaitConfig()
-    body: Annotated[BodyConfig, Field(description="joints, feet, friction")] = BodyConfig()
-    slippery_tile: Annotated[
-        float | None,
-        Field(gt=0, le=2, description="Coulomb coefficient of a tile of 1 m beside the path; null: no tile"),
-    ] = None
-    push: Annotated[PushConfig, Field(description="pushes on the trunk")] = PushConfig()
-    imperfection: Annotated[ImperfectionConfig, Field(description="how the robot differs from its description")] = (
-        ImperfectionConfig()
-    )
-    imu: Annotated[ImuConfig, Field(description="the body's IMU")] = ImuConfig()
-    camera_imu: Annotated[CameraImuConfig, Field(description="the IMU inside the camera")] = CameraImuConfig()
-    joints: Annotated[JointSensorConfig, Field(description="encoders and torque")] = JointSensorConfig()
-    vicon: Annotated[ViconConfig, Field(description="the motion capture")] = ViconConfig()
-    mounting: Annotated[MountingConfig, Field(description="extrinsics of camera and IMUs")] = MountingConfig()
-    frame_rate_hz: Annotated[float, Field(gt=0.1, le=120, description="stereo frames a second, Hz")] = 15.0
-
-
-_PRESETS: Mapping[TerrainName, Mapping[str, Mapping[str, float]]] = {
-    "flat": {},
-    "ramp": {"gait": {"period_s": 3.6, "speed_mps": 0.08}, "push": {"force_n": 40.0, "torque_nm": 5.0}},
-    "stairs": {
-        "gait": {
-            "period_s": 6.0,
-            "speed_mps": 0.045,
-            "swing_share": 0.8,
-            "vertical_speed_mps": 0.45,
-            "rear_reach_m": 0.31,
-            "wall_distance_m": 0.12,
-        }
-    },
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,11 +103,6 @@ class Trial:
     truth: Truth
 
 
-def preset(name: TerrainName) -> dict[str, Any]:
-    """How a trial's configuration differs from the defaults."""
-    return dict(_PRESETS[name])
-
-
 def simulate(
     name: TerrainName,
     robot: RobotDescription,
@@ -163,6 +111,7 @@ def simulate(
     *,
     until_s: float | None = None,
     progress: Callable[[float], None] | None = None,
+    motions: Path | None = None,
 ) -> Trial:
     """Walk a trial; the same arguments give the same values.
 
@@ -173,47 +122,29 @@ def simulate(
         seed: decides everything random.
         until_s: cut the trial short after so many seconds.
         progress: called with the simulated time (s) now and then.
+        motions: folder of true motions, which trials that differ in their sensors only share; None: none is kept.
 
     Raises:
         SimulationError: the robot fell or stuck.
+        DatasetError: the folder of motions cannot be written or read.
     """
-    generators = _generators(seed)
-    model = RobotModel(robot, is_compiled=False)  # contacts make much of rounding: the same bytes without numba
-    terrain = make_terrain(name)
-    imperfection = draw_imperfection(
-        config.imperfection, len(robot.legs), len(robot.joint_names), generators["imperfection"]
-    )
-    stereo = perturbed(config.mounting.stereo(), imperfection)
-    spec = make_spec(robot, config.body, imperfection, terrain)
-    add_imu(spec, BODY_IMU, config.mounting.T_body_imu)
-    add_imu(spec, CAMERA_IMU, stereo.T_body_left_camera @ config.mounting.T_left_camera_imu)
-    tile = _slippery_tile(terrain, config)
-    simulator = Simulator(spec.compile(), model, (BODY_IMU, CAMERA_IMU), tile)
-    controller = GaitController(model, terrain, config.gait, simulator.spring, generators["gait"], config.stand_s)
-    motion = simulator.walk(
-        controller, config.end_s, config.push, generators["push"], until_s=until_s, progress=progress
-    )
-    readings = _read_sensors(motion, config, imperfection, generators)
-    truth = _truth(motion, readings, stereo, imperfection, tile)
-    return _trial(terrain, robot, config, motion, readings, spec, truth)
+    walk = Walk.draw(name, robot, config, seed, until_s)
+    stereo = perturbed(config.mounting.stereo(), walk.imperfection)
+    motion = walk.motion(progress, motions)
+    readings = _read_sensors(motion, walk, stereo)
+    return _trial(walk, motion, readings, _truth(motion, readings, stereo, walk))
 
 
-def _trial(
-    terrain: Terrain,
-    robot: RobotDescription,
-    config: TrialConfig,
-    motion: Motion,
-    readings: "_Readings",
-    spec: mujoco.MjSpec,
-    truth: Truth,
-) -> Trial:
+def _trial(walk: Walk, motion: Motion, readings: "_Readings", truth: Truth) -> Trial:
     """The readings with nominal calibrations and the states at the frames."""
+    config = walk.config
     mounting = config.mounting
     nominal = mounting.stereo()
     frame_ns, offsets_ns = sample_times(float(motion.time_s[-1]), config.frame_rate_hz)
+    offsets_ns = np.maximum(offsets_ns - round(config.frame_delay_s * NS_PER_S), 0)
     return Trial(
-        terrain=terrain,
-        robot=robot,
+        terrain=walk.terrain,
+        robot=walk.robot,
         measurements=readings.in_time_order(),
         vicon=readings.vicon,
         imu=nominal_calibration(config.imu, mounting.T_body_imu),
@@ -222,15 +153,9 @@ def _trial(
         frame_ns=frame_ns,
         frame_qpos=interpolated_at(motion.time_s, motion.qpos, offsets_ns),
         frame_qvel=interpolated_at(motion.time_s, motion.qvel, offsets_ns),
-        spec=spec,
+        spec=walk.spec(),
         truth=truth,
     )
-
-
-def _generators(seed: int) -> dict[str, np.random.Generator]:
-    """An independent random generator for each part of a trial."""
-    sequences = np.random.SeedSequence(seed).spawn(len(_STREAMS))
-    return {stream: np.random.default_rng(sequence) for stream, sequence in zip(_STREAMS, sequences, strict=True)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,25 +175,19 @@ class _Readings:
         return tuple(sorted([*self.imu, *self.joints, *self.camera_imu], key=lambda sample: sample.stamp_ns))
 
 
-def _read_sensors(
-    motion: Motion, config: TrialConfig, imperfection: Imperfection, generators: Mapping[str, np.random.Generator]
-) -> _Readings:
-    imu, imu_truth = imu_readings(ImuSample, motion, BODY_IMU, config.imu, generators["imu"])
+def _read_sensors(motion: Motion, walk: Walk, stereo: StereoCalibration) -> _Readings:
+    config, generators, mounting = walk.config, walk.generators, walk.config.mounting
+    imu, imu_truth = imu_readings(ImuSample, motion, mounting.T_body_imu, config.imu, generators["imu"])
+    T_body_camera_imu = stereo.T_body_left_camera @ mounting.T_left_camera_imu
     camera_imu, camera_imu_truth = imu_readings(
-        CameraImuSample, motion, CAMERA_IMU, config.camera_imu, generators["camera_imu"]
+        CameraImuSample, motion, T_body_camera_imu, config.camera_imu, generators["camera_imu"]
     )
-    joints = list(joint_samples(motion, config.joints, imperfection, generators["joints"]))
+    joints = list(joint_samples(motion, config.joints, walk.imperfection, generators["joints"]))
     vicon, vicon_offset_s = vicon_poses(motion, config.vicon, generators["vicon"])
     return _Readings(imu, imu_truth, camera_imu, camera_imu_truth, joints, vicon, vicon_offset_s)
 
 
-def _truth(
-    motion: Motion,
-    readings: _Readings,
-    stereo: StereoCalibration,
-    imperfection: Imperfection,
-    tile: SlipperyTile | None,
-) -> Truth:
+def _truth(motion: Motion, readings: _Readings, stereo: StereoCalibration, walk: Walk) -> Truth:
     return Truth(
         trajectory=_trajectory(motion, np.array([sample.stamp_ns for sample in readings.joints])),
         contact=motion.foot_force > _CONTACT_FORCE_N,
@@ -276,20 +195,14 @@ def _truth(
         imu=readings.imu_truth,
         camera_imu=readings.camera_imu_truth,
         stereo=stereo,
-        imperfection=imperfection,
+        imperfection=walk.imperfection,
         vicon_offset_s=readings.vicon_offset_s,
         self_contacts=motion.self_contacts,
         ground_contacts=motion.ground_contacts,
         max_penetration_m=motion.max_penetration_m,
-        tile=tile,
+        tile=None if walk.slippery is None else walk.slippery.tile,
         on_tile_s=motion.on_tile_s,
     )
-
-
-def _slippery_tile(terrain: Terrain, config: TrialConfig) -> SlipperyTile | None:
-    if config.slippery_tile is None:
-        return None
-    return SlipperyTile.on_path(planned_path(terrain, config.gait), config.slippery_tile)
 
 
 def _trajectory(motion: Motion, stamps_ns: IntArray) -> Trajectory:

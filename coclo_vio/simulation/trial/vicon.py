@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from coclo_vio.geometry import se3, so3
-from coclo_vio.simulation.trial.physics import Motion
+from coclo_vio.simulation.trial.motion import Motion
 from coclo_vio.simulation.trial.sensors import sample_times
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.trajectory import GroundTruth, Trajectory

@@ -45,7 +45,7 @@ class CameraModel:
         self._sensitivity = self._pattern(width_px, height_px)
 
     def record(
-        self, image: ByteImage, inverse_depth: FloatImage, twist: Array, exposure: Exposure, frame: int
+        self, image: ByteImage | FloatImage, inverse_depth: FloatImage, twist: Array, exposure: Exposure, frame: int
     ) -> ByteImage:
         """The recorded image (rows, columns).
 
@@ -82,13 +82,17 @@ class CameraModel:
         spread = 1.0 + imager.pattern_noise * rng.standard_normal((height_px, width_px))
         return (level * (1.0 - imager.vignetting * corner_share) * spread).astype(np.float32)
 
-    def _blurred(self, image: ByteImage, inverse_depth: FloatImage, twist: Array, duration_s: float) -> FloatImage:
+    def _blurred(
+        self, image: ByteImage | FloatImage, inverse_depth: FloatImage, twist: Array, duration_s: float
+    ) -> FloatImage:
         """The image (rows, columns) with motion and lens blur, 0..255."""
         instants = self._instants(image.shape, inverse_depth, twist, duration_s)
         total: Any = np.zeros(image.shape, dtype=np.float32)
         for homography in instants:
             total += _warped(image, homography)
         light = total / np.float32(len(instants)) if instants else image.astype(np.float32)
+        if self._config.imager.readout_s > 0.0:
+            light = self._rolled(light, float(inverse_depth[::8, ::8].mean()), twist)
         sigma = self._config.imager.lens_blur_px
         return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma) if sigma > 0.0 else light, dtype=np.float32)
 
@@ -102,18 +106,32 @@ class CameraModel:
         Empty where the blur is negligible.
         """
         mean_inverse_depth = float(inverse_depth[::8, ::8].mean())
-        inverse_matrix = np.linalg.inv(self._matrix)
 
         def homography(time_s: float) -> Array:
-            motion = so3.exp(-twist[:3] * time_s)
-            motion[:, 2] -= twist[3:] * time_s * mean_inverse_depth
-            return np.asarray(self._matrix @ motion @ inverse_matrix)
+            return self._homography(time_s, mean_inverse_depth, twist)
 
         length_px = _greatest_shift_px(homography(duration_s), shape)
         if length_px < _LEAST_BLUR_PX:
             return []
         count = int(np.clip(np.ceil(length_px / _BLUR_STEP_PX), 2, _MOST_INSTANTS))
         return [homography(duration_s * ((number + 0.5) / count - 0.5)) for number in range(count)]
+
+    def _homography(self, time_s: float, mean_inverse_depth: float, twist: Array) -> Array:
+        """From the rendered image to that of the camera ``time_s`` later, (3, 3)."""
+        motion = so3.exp(-twist[:3] * time_s)
+        motion[:, 2] -= twist[3:] * time_s * mean_inverse_depth
+        return np.asarray(self._matrix @ motion @ np.linalg.inv(self._matrix))
+
+    def _rolled(self, light: FloatImage, mean_inverse_depth: float, twist: Array) -> FloatImage:
+        """The image of a shutter that reads row after row, the middle row at the frame's time."""
+        rows, columns = light.shape
+        times_s = (np.arange(rows) / max(rows - 1, 1) - 0.5) * self._config.imager.readout_s
+        back = np.array([self._homography(-time_s, mean_inverse_depth, twist) for time_s in times_s])
+        pixels = np.stack((np.arange(columns), np.zeros(columns), np.ones(columns)))
+        source = back @ pixels + np.arange(rows)[:, None, None] * back[:, :, 1:2]
+        source = (source[:, :2] / source[:, 2:]).astype(np.float32)
+        moved = cv2.remap(light, source[:, 0], source[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(moved, dtype=np.float32)
 
     def _digitised(self, mean: FloatImage, gain: float, frame: int) -> ByteImage:
         imager = self._config.imager
@@ -125,7 +143,7 @@ class CameraModel:
         return image
 
 
-def _warped(image: ByteImage, homography: Array) -> npt.NDArray[Any]:
+def _warped(image: ByteImage | FloatImage, homography: Array) -> npt.NDArray[Any]:
     size = (image.shape[1], image.shape[0])
     return np.asarray(cv2.warpPerspective(image, homography, size, borderMode=cv2.BORDER_REPLICATE))
 

@@ -96,6 +96,14 @@ def camera_twist(model: mujoco.MjModel, data: mujoco.MjData, side: int) -> Array
     return np.concatenate((OPTICAL_FROM_MUJOCO @ twist[:3], OPTICAL_FROM_MUJOCO @ twist[3:]))
 
 
+def camera_pose(model: mujoco.MjModel, data: mujoco.MjData, side: int) -> Array:
+    """Pose of a camera, optical axes, in the world, after ``place``, (4, 4)."""
+    pose, index = np.eye(4), camera_id(model, side)
+    pose[:3, :3] = data.cam_xmat[index].reshape(3, 3) @ OPTICAL_FROM_MUJOCO
+    pose[:3, 3] = data.cam_xpos[index]
+    return pose
+
+
 def _check_lens(name: str, lens: CameraCalibration) -> None:
     ideal = pinhole(lens.width_px, lens.height_px, lens.focal_px[1])
     same = np.allclose(lens.focal_px + lens.principal_point_px, ideal.focal_px + ideal.principal_point_px, 0, _SAME_PX)

@@ -30,6 +30,20 @@ class SceneConfig(StageConfig):
         float, Field(ge=2e-4, le=0.02, description="side of a texture's pixel on the surface, m; 1 px at 0.8 m")
     ] = 0.002
     texture_px: Annotated[int, Field(ge=64, le=4096, description="side of the square texture tiles, px")] = 1024
+    contrast: Annotated[float, Field(gt=0, le=2, description="further factor on the contrast of all textures")] = 1.0
+    pattern: Annotated[
+        Literal["leaves", "tiles", "bricks"],
+        Field(description="of ground and walls: random shapes, tiles of 17 cm with one motif, or bricks of 20 x 10 cm"),
+    ] = "leaves"
+    rubble: Annotated[int, Field(ge=0, le=1000, description="stones of 4 to 30 cm beside the way, at any attitude")] = 0
+    wall_relief: Annotated[int, Field(ge=0, le=1000, description="boxes that stand out from the walls")] = 0
+    moving: Annotated[int, Field(ge=0, le=20, description="persons that walk to and fro beside the way")] = 0
+    mirrors: Annotated[int, Field(ge=0, le=20, description="specular patches of 1 m by 0.6 m on the ground")] = 0
+    mirror_share: Annotated[float, Field(ge=0, le=1, description="of the light that these patches reflect")] = 0.6
+    bare_from: Annotated[
+        float | None,
+        Field(ge=0, le=1, description="share of the recorded way from which all surfaces are bare; null: never"),
+    ] = None
 
     @model_validator(mode="after")
     def _walls_are_beyond_the_clutter(self) -> Self:
@@ -58,6 +72,9 @@ class ImagerConfig(StageConfig):
     gain_mismatch: Annotated[
         float, Field(ge=0, le=0.5, description="spread of the two cameras' sensitivity, share, fixed by the seed")
     ] = 0.005
+    readout_s: Annotated[
+        float, Field(ge=0, le=0.05, description="from the first to the last row, s; 0: global shutter")
+    ] = 0.0
 
 
 class ExposureConfig(StageConfig):
@@ -83,6 +100,10 @@ class ExposureConfig(StageConfig):
     lag_s: Annotated[float, Field(gt=0, le=10, description="time constant of the controller, s")] = 0.12
     drift: Annotated[float, Field(ge=0, le=1, description="standard deviation of the gain's slow drift, share")] = 0.06
     drift_time_s: Annotated[float, Field(gt=0, le=1000, description="time constant of that drift, s")] = 8.0
+    jump: Annotated[
+        float, Field(ge=0, le=2, description="standard deviation of the logarithm of the gain after each jump")
+    ] = 0.0
+    jump_every_s: Annotated[float, Field(gt=0, le=1000, description="mean time between jumps, s")] = 2.0
 
     @model_validator(mode="after")
     def _limits_hold_the_nominal_values(self) -> Self:
@@ -109,6 +130,19 @@ class LightingConfig(StageConfig):
     )
     dark_share: Annotated[float, Field(gt=0, le=1, description="light of a dark room, share of normal light")] = 0.05
     blackouts: Annotated[tuple[Blackout, ...], Field(description="times without light")] = ()
+    bars: Annotated[
+        float, Field(ge=0, le=1, description="share of the light that bars before a window take away, in stripes")
+    ] = 0.0
+    bar_m: Annotated[float, Field(gt=0.02, le=10, description="distance from stripe to stripe, m")] = 1.2
+    bar_edge_m: Annotated[
+        float, Field(gt=0, le=5, description="breadth of a stripe's edge, m; soft edges are no landmarks")
+    ] = 0.15
+    own_shadow: Annotated[
+        float, Field(ge=0, le=1, description="share of the light that the robot's own shadow takes away")
+    ] = 0.0
+    lamp: Annotated[
+        float, Field(ge=0, le=1, description="share of the light that comes from a lamp beside the camera")
+    ] = 0.0
 
 
 class CameraConfig(StageConfig):

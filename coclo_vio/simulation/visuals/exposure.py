@@ -39,6 +39,8 @@ def exposures(stamps_ns: IntArray, config: CameraConfig, seed: int) -> list[Expo
     durations_s = np.minimum(setting.nominal_s * control, setting.longest_s)
     gains = np.clip(nominal * control / durations_s, 1.0, setting.largest_gain)
     drifted = gains * np.exp(_drift(times_s, config, np.random.default_rng([seed, 3])))
+    if setting.jump > 0.0:
+        drifted = drifted * np.exp(_jumps(times_s, config, np.random.default_rng([seed, 7])))
     brightness = setting.white_level * light * durations_s * drifted / nominal
     columns = (durations_s.tolist(), drifted.tolist(), brightness.tolist())
     return [Exposure(*row) for row in zip(*columns, strict=True)]
@@ -72,3 +74,16 @@ def _drift(times_s: Array, config: CameraConfig, rng: np.random.Generator) -> Ar
         kept = float(np.exp(-(times_s[frame] - times_s[frame - 1]) / config.exposure.drift_time_s))
         drift[frame] = kept * drift[frame - 1] + np.sqrt(1.0 - kept**2) * drift[frame]
     return drift
+
+
+def _jumps(times_s: Array, config: CameraConfig, rng: np.random.Generator) -> Array:
+    """Logarithm of the gain's jumps (N,): another level from a random time to the next."""
+    setting = config.exposure
+    levels = np.empty(len(times_s))
+    level, until_s = 0.0, float(rng.exponential(setting.jump_every_s))
+    for frame, time_s in enumerate(times_s):
+        if time_s >= until_s:
+            level = setting.jump * float(rng.standard_normal())
+            until_s = time_s + float(rng.exponential(setting.jump_every_s))
+        levels[frame] = level
+    return levels

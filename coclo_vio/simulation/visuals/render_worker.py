@@ -13,13 +13,15 @@ import cv2
 import mujoco
 import numpy as np
 
+from coclo_vio.simulation.visuals.bareness import bareness
 from coclo_vio.simulation.visuals.camera_model import CameraModel
 from coclo_vio.simulation.visuals.cameras import focal_px, image_size
 from coclo_vio.simulation.visuals.config import CameraConfig
 from coclo_vio.simulation.visuals.exposure import Exposure, exposures
+from coclo_vio.simulation.visuals.illumination import FloatImage, Illumination, View
 from coclo_vio.simulation.visuals.opengl import RenderingError
 from coclo_vio.simulation.visuals.renderer import SceneRenderer, load_model
-from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.arrays import Array, ByteImage, IntArray
 from coclo_vio.values.measurements import EncodedStereoFrame
 
 
@@ -61,6 +63,9 @@ class RenderWorker:
         self._cameras = [
             CameraModel(job.config, side, *image_size(model, side), focal_px(model, side), job.seed) for side in (0, 1)
         ]
+        self._focal_px = [focal_px(model, side) for side in (0, 1)]
+        self._bareness = bareness(model, job.qpos, job.stamps_ns)
+        self._illumination = Illumination(job.config.lighting, job.seed)
         self._renderer = SceneRenderer(model)
 
     def close(self) -> None:
@@ -69,14 +74,19 @@ class RenderWorker:
 
     def frame(self, number: int) -> EncodedStereoFrame:
         """Render, degrade and encode one frame."""
-        self._renderer.place(self._job.qpos[number], self._qvel[number])
+        time_s = float(self._job.stamps_ns[number] - self._job.stamps_ns[0]) * 1e-9
+        self._renderer.place(self._job.qpos[number], self._qvel[number], time_s)
         left, right = (self._image(side, number) for side in (0, 1))
         return EncodedStereoFrame(int(self._job.stamps_ns[number]), left, right, self._job.config.encoding)
 
     def _image(self, side: int, number: int) -> bytes:
-        view, camera = self._renderer.draw(side), self._cameras[side]
+        view, camera = self._renderer.draw(side, float(self._bareness[number])), self._cameras[side]
+        image: ByteImage | FloatImage = view.image
+        if not self._illumination.is_even:
+            seen = View(view.T_world_camera, view.T_world_body, view.inverse_depth, self._focal_px[side])
+            image = np.asarray(view.image * self._illumination.on(seen), dtype=np.float32)
         exposure = self._exposures[number]
-        return camera.encode(camera.record(view.image, view.inverse_depth, view.twist, exposure, number))
+        return camera.encode(camera.record(image, view.inverse_depth, view.twist, exposure, number))
 
 
 def neighbour_velocities(model: mujoco.MjModel, qpos: Array, stamps_ns: IntArray) -> Array:

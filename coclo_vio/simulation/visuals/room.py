@@ -4,7 +4,7 @@
 For rendering only: nothing here is solid. Everything follows from the seed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -76,6 +76,19 @@ class Face:
         signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         placed: Array = self.center + (signs * self.half_extent) @ self.rotation[:, :2].T
         return placed
+
+
+def ground_at(faces: Sequence[Face], x: float, y: float) -> tuple[float, Array]:
+    """Height (m) and upward normal (3,) of the highest face that looks upwards at a point; the floor beside all."""
+    highest, upward = 0.0, np.array([0.0, 0.0, 1.0])
+    for face in faces:
+        normal = face.rotation[:, 2]
+        if normal[2] > 0.2:
+            z = face.center[2] - (normal[0] * (x - face.center[0]) + normal[1] * (y - face.center[1])) / normal[2]
+            local = face.rotation.T @ (np.array([x, y, z]) - face.center)
+            if z > highest and (np.abs(local[:2]) <= face.half_extent).all():
+                highest, upward = float(z), normal
+    return highest, upward
 
 
 def room_faces(walked: RoomBounds, config: SceneConfig, rng: np.random.Generator) -> list[Face]:

@@ -12,7 +12,12 @@ from typing import Final, Literal, get_args
 import mujoco
 import numpy as np
 
+from coclo_vio.simulation.visuals.bareness import add_bare_surfaces
 from coclo_vio.simulation.visuals.config import SceneConfig
+from coclo_vio.simulation.visuals.mirrors import add_mirrors
+from coclo_vio.simulation.visuals.moving import add_walker
+from coclo_vio.simulation.visuals.patterns import REPEATED, bricks, tiles
+from coclo_vio.simulation.visuals.relief import box_faces, relief_faces
 from coclo_vio.simulation.visuals.room import Face, RoomBounds, room_faces
 from coclo_vio.simulation.visuals.textures import CONTRAST_FACTOR, RECIPES, dead_leaves
 from coclo_vio.values.arrays import Array, checked, frozen
@@ -23,6 +28,13 @@ __all__ = ["RoomBounds", "Surface", "SurfaceKind", "add_visuals"]
 SurfaceKind = Literal["floor", "ramp", "tread", "riser", "side"]
 
 _VISUAL_GROUP = 1
+_VISUAL: Final = "visual_"
+_CLOTHES: Final = "poster"  # texture of persons
+_PERSON: Final = (  # middle and half edges of trunk with legs, and of the head, m
+    ((0.0, 0.0, 0.75), (0.15, 0.25, 0.75)),
+    ((0.0, 0.0, 1.62), (0.10, 0.10, 0.12)),
+)
+_PATTERNS: Final = {"leaves": dead_leaves, "tiles": tiles, "bricks": bricks}
 _NEAR_M = 0.02  # nothing nearer than this is rendered
 _HEADROOM_M = 2.8
 _AMBIENT = 0.4
@@ -81,10 +93,16 @@ def add_visuals(
     """
     rng = np.random.default_rng([seed, 1])
     terrain = [Face(each.center, each.half_extent, each.rotation, each.kind) for each in surfaces]
-    faces = terrain + room_faces(walked or _box_around(terrain), config, rng)
+    bounds = walked or _box_around(terrain)
+    room = room_faces(bounds, config, rng)
+    faces = terrain + room + relief_faces(bounds, terrain, room, config, np.random.default_rng([seed, 6]))
     for texture in dict.fromkeys(face.texture for face in faces):
         _add_material(spec, texture, config, seed)
         _add_mesh(spec, texture, [face for face in faces if face.texture == texture], config, rng)
+    _add_walkers(spec, bounds, config, seed)
+    add_mirrors(spec, terrain, bounds, config, np.random.default_rng([seed, 10]))
+    if config.bare_from is not None:
+        add_bare_surfaces(spec, list(dict.fromkeys(face.texture for face in faces)), config.bare_from)
     spec.compiler.discardvisual = False  # set by MuJoCo's URDF reader: it drops everything that is not solid
     _light(spec)
     _frame(spec, np.concatenate([face.corners() for face in faces]))
@@ -102,8 +120,9 @@ def _add_material(spec: mujoco.MjSpec, texture: str, config: SceneConfig, seed: 
     """A matt material of a dead-leaves tile. MuJoCo's renderer takes three channels, never one."""
     number = list(RECIPES).index(texture)
     tile_seed = int(np.random.SeedSequence([seed, 2, number]).generate_state(1)[0])
-    factor = CONTRAST_FACTOR[config.texture]
-    tile = dead_leaves(RECIPES[texture], config.texture_px, _texel_m(texture, config), factor, tile_seed)
+    factor = CONTRAST_FACTOR[config.texture] * config.contrast
+    draw = _PATTERNS[config.pattern] if texture in REPEATED else dead_leaves
+    tile = draw(RECIPES[texture], config.texture_px, _texel_m(texture, config), factor, tile_seed)
     added = spec.add_texture(
         name=f"visual_{texture}",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -116,10 +135,31 @@ def _add_material(spec: mujoco.MjSpec, texture: str, config: SceneConfig, seed: 
     material.textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = f"visual_{texture}"
 
 
+def _add_walkers(spec: mujoco.MjSpec, walked: RoomBounds, config: SceneConfig, seed: int) -> None:
+    """Moving persons: a trunk and a head, textured."""
+    rng = np.random.default_rng([seed, 9])
+    if config.moving > 0 and spec.material(_VISUAL + _CLOTHES) is None:
+        _add_material(spec, _CLOTHES, config, seed)
+    for number in range(config.moving):
+        body = add_walker(spec, number, walked, rng)
+        faces = [
+            face
+            for center, half in _PERSON
+            for face in box_faces(np.array(center), np.array(half), np.eye(3), _CLOTHES)
+        ]
+        _add_mesh(spec, _CLOTHES, faces, config, rng, body)
+
+
 def _add_mesh(
-    spec: mujoco.MjSpec, texture: str, faces: Sequence[Face], config: SceneConfig, rng: np.random.Generator
+    spec: mujoco.MjSpec,
+    texture: str,
+    faces: Sequence[Face],
+    config: SceneConfig,
+    rng: np.random.Generator,
+    body: mujoco.MjsBody | None = None,
 ) -> None:
-    """All faces of a texture as one mesh, each face with its own part of the tile."""
+    """All faces of a texture as one mesh, each face with its own part of the tile; of the world or of a body."""
+    name = _VISUAL + texture if body is None else f"{_VISUAL}{body.name}"
     tile_m = _texel_m(texture, config) * config.texture_px
     local = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     corners = np.concatenate([face.corners() for face in faces])
@@ -127,17 +167,17 @@ def _add_mesh(
     coordinates = [local * face.half_extent / tile_m + rng.uniform(0.0, 1.0, 2) for face in faces]
     triangles = 4 * np.arange(len(faces))[:, None] + np.array([0, 1, 2, 0, 2, 3])
     spec.add_mesh(
-        name=f"visual_{texture}",
+        name=name,
         uservert=corners.ravel(),
         usernormal=normals.ravel(),
         usertexcoord=np.concatenate(coordinates).ravel(),
         userface=triangles.ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
-    spec.worldbody.add_geom(
-        name=f"visual_{texture}",
+    (spec.worldbody if body is None else body).add_geom(
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname=f"visual_{texture}",
+        meshname=name,
         material=f"visual_{texture}",
         contype=0,
         conaffinity=0,

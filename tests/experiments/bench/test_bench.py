@@ -20,8 +20,8 @@ _ORIGIN = Provenance(commit="abc1234", date="2026-01-02", machine="one", version
 
 def record(units: float) -> BenchRecord:
     stage = StageCost(what="a step", ms=10.0 * units, units=units)
-    sweep = Sweep(what="a step", size="legs", sizes=(2.0, 4.0, 8.0), ms=(1.0, 2.0, 4.0))
-    long = Endurance(what="a step", minutes=(1.0, 2.0), ms=(1.0, 1.0), resident_mb=(100.0, 101.0))
+    sweep = Sweep(what="a step", size="legs", sizes=(2.0, 4.0, 8.0), ms=(1.0, 2.0, 4.0), units=(0.1, 0.2, 0.4))
+    long = Endurance(what="a step", minutes=(1.0, 2.0), ms=(1.0, 1.0), units=(0.1, 0.1), resident_mb=(100.0, 101.0))
     return BenchRecord(
         origin=_ORIGIN,
         calibration_ms=10.0,
@@ -33,17 +33,24 @@ def record(units: float) -> BenchRecord:
     )
 
 
+def swept(sizes: tuple[float, ...], units: tuple[float, ...]) -> Sweep:
+    """Units as given, on a core whose speed halves on the way."""
+    slow = [10.0 if index < len(units) // 2 else 20.0 for index in range(len(units))]
+    ms = tuple(each * unit_ms for each, unit_ms in zip(units, slow, strict=True))
+    return Sweep(what="a cost", size="n", sizes=sizes, ms=ms, units=units)
+
+
 @pytest.mark.parametrize("power", [0.0, 1.0, 2.5])
 def test_the_exponent_of_a_power_is_the_power(power: float) -> None:
     sizes = (2.0, 3.0, 7.0, 20.0)
-    sweep = Sweep(what="a cost", size="n", sizes=sizes, ms=tuple(0.3 * size**power for size in sizes))
+    sweep = swept(sizes, tuple(0.3 * size**power for size in sizes))
     assert sweep.exponent == pytest.approx(power, abs=1e-12)
     assert sweep.last_exponent == pytest.approx(power, abs=1e-12)
 
 
 def test_fixed_costs_count_less_at_the_end() -> None:
     sizes = (1.0, 10.0, 100.0)
-    sweep = Sweep(what="a cost", size="n", sizes=sizes, ms=tuple(5.0 + size for size in sizes))
+    sweep = swept(sizes, tuple(5.0 + size for size in sizes))
     assert sweep.exponent < sweep.last_exponent < 1.0
 
 
@@ -105,6 +112,6 @@ def test_two_checkouts_are_compared_by_processor_time(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are bound to cores, which Linux can")
 def test_a_second_core_has_to_give_the_same_bytes(tmp_path: Path) -> None:
-    second = second_core(checkout(tmp_path / "one", 10), TimedCommand("counting", ("run",)), rounds=1)
+    second = second_core(checkout(tmp_path / "one", 10), TimedCommand("counting", ("run",)), ("--threads",), rounds=1)
     assert second.is_same
     assert second.one_s > 0.0

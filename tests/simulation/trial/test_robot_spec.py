@@ -5,23 +5,21 @@ import mujoco
 import numpy as np
 import pytest
 
-from coclo_vio.geometry import se3, so3
+from coclo_vio.geometry import so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.trial.imperfection import IDEAL, draw_imperfection
-from coclo_vio.simulation.trial.robot_spec import BodyConfig, add_imu, make_spec
+from coclo_vio.simulation.trial.robot_spec import BodyConfig, make_spec
 from coclo_vio.simulation.trial.terrain import make_terrain
 
 DAISY = load_robot("daisy")
 ROBOT = RobotModel(DAISY)
-T_BODY_IMU = se3.exp(np.array([0.4, -0.2, 1.1, 0.1, -0.05, 0.03]))
 BODY = BodyConfig()
 
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
     spec = make_spec(DAISY, BODY, draw_imperfection(IDEAL, 6, 18, np.random.default_rng(0)), make_terrain("flat"))
-    add_imu(spec, "imu", T_BODY_IMU)
     return spec.compile()
 
 
@@ -75,13 +73,6 @@ def test_springs_come_first_and_dampers_after_in_the_order_of_joints(model) -> N
     assert names == [f"{joint}_{kind}" for kind in ("spring", "damper") for joint in DAISY.joint_names]
     np.testing.assert_allclose(model.actuator_gainprm[:18, 0], np.tile(BODY.spring_nm_per_rad, 6))
     np.testing.assert_allclose(model.actuator_gainprm[18:, 0], BODY.spring_damping)
-
-
-def test_an_imu_sits_where_it_is_mounted(model, posed) -> None:
-    data, _, rotation = posed
-    site = data.site("imu")
-    np.testing.assert_allclose((site.xpos - data.qpos[:3]) @ rotation, T_BODY_IMU[:3, 3], atol=1e-9)
-    np.testing.assert_allclose(rotation.T @ site.xmat.reshape(3, 3), T_BODY_IMU[:3, :3], atol=1e-9)
 
 
 def test_feet_and_legs_touch_what_they_should() -> None:

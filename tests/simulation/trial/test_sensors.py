@@ -35,7 +35,7 @@ AS_DESCRIBED = draw_imperfection(IDEAL, LEGS, JOINTS, np.random.default_rng(0))
 
 def read(moved, config: ImuConfig, seed: int = 1):
     """Rates (N, 3), specific forces (N, 3) and the true biases of the readings of a motion."""
-    samples, truth = imu_readings(ImuSample, moved, "imu", config, np.random.default_rng(seed))
+    samples, truth = imu_readings(ImuSample, moved, np.eye(4), config, np.random.default_rng(seed))
     rates = np.array([sample.angular_velocity for sample in samples])
     return rates, np.array([sample.specific_force for sample in samples]), truth
 
