@@ -11,6 +11,7 @@ from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
+from coclo_vio.filter.leg_preintegration import START, LegPreintegration
 from coclo_vio.filter.paper_profile import PaperProfile
 from coclo_vio.filter.profile import Profile
 from coclo_vio.filter.robust_profile import RobustProfile
@@ -31,6 +32,7 @@ from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import Calibration
 from coclo_vio.values.units import NS_PER_S
 
+_NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
 _ADVICE = (
     "earlier estimates stay valid; look at the samples before that time for outliers, or for stamps in another unit "
     "than given by the name of their column"
@@ -144,6 +146,21 @@ class LegOdometryFilter:
             self._exchange = KeyframeExchange(core, self._gate, self._extrapolation)
         return self._exchange.first_frame(stamp_ns)
 
+    def preintegration(self, anchor_ns: int) -> LegPreintegration:
+        """The filter's states at keyframes and what it measures between them, for one estimator of all sensors.
+
+        Args:
+            anchor_ns: time of the first frame, from which poses by cameras are counted, in nanoseconds.
+
+        Raises:
+            FilterError: the filter has not started yet, or was made without ``extra_blocks=[start_block(legs)]``.
+        """
+        core = self._core
+        if core is None:
+            raise FilterError(_NOT_STARTED)
+        core.mean.layout.at(START)
+        return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
+
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.
 
@@ -242,9 +259,7 @@ class LegOdometryFilter:
     def _remembering(self) -> SquareRootFilter:
         """The filter, once it has started, where it remembers frames."""
         if self._core is None:
-            raise FilterError(
-                "the filter has not started: it waits for the robot to stand still; push measurements first"
-            )
+            raise FilterError(_NOT_STARTED)
         if not self._core.mean.layout.has_frame:
             raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
         return self._core

@@ -51,11 +51,8 @@ def in_world(core: SquareRootFilter, T_anchor_measured: Array, covariance: Array
     mean, layout = core.mean, core.mean.layout
     camera_at = layout.at("camera")
     camera = mean.vector[camera_at]
-    E = se3.exp(np.concatenate((camera[:3], np.zeros(3))))
-    T_anchor_body = np.array(T_anchor_measured)
-    T_anchor_body[:3, 3] /= 1.0 + camera[3]
-    T_anchor_body = se3.inverse(E) @ T_anchor_body @ E
-    _, by_pose, by_camera = _as_measured(T_anchor_body, camera)
+    T_anchor_body = as_true(T_anchor_measured, camera)
+    _, by_pose, by_camera = as_measured(T_anchor_body, camera)
     back = np.asarray(np.linalg.inv(by_pose), dtype=np.float64)
     jacobian = se3.adjoint(se3.inverse(T_anchor_body)) @ _local(mean, ANCHOR)
     jacobian[:, camera_at] -= back @ by_camera
@@ -110,7 +107,7 @@ def _pair(mean: State) -> tuple[Array, Array, Array]:
     for name in (KEYFRAME, FRAME):
         T_anchor_pose = se3.inverse(T_world_anchor) @ mean.remembered_pose(name)
         from_anchor = se3.adjoint(se3.inverse(T_anchor_pose)) @ of_anchor
-        T_measured, by_pose, by_camera = _as_measured(T_anchor_pose, mean.vector[camera_at])
+        T_measured, by_pose, by_camera = as_measured(T_anchor_pose, mean.vector[camera_at])
         jacobian = by_pose @ (_local(mean, name) - from_anchor)
         jacobian[:, camera_at] += by_camera
         poses.append(T_measured)
@@ -118,7 +115,15 @@ def _pair(mean: State) -> tuple[Array, Array, Array]:
     return poses[0], poses[1], np.concatenate(jacobians)
 
 
-def _as_measured(T: Array, camera: Array) -> tuple[Array, Array, Array]:
+def as_true(T_measured: Array, camera: Array) -> Array:
+    """The pose from the anchor, (4, 4), that cameras with these errors (4,) measure so; inverse of ``as_measured``."""
+    E = se3.exp(np.concatenate((camera[:3], np.zeros(3))))
+    T = np.array(T_measured)
+    T[:3, 3] /= 1.0 + camera[3]
+    return np.asarray(se3.inverse(E) @ T @ E)
+
+
+def as_measured(T: Array, camera: Array) -> tuple[Array, Array, Array]:
     """A pose from the anchor as cameras measure it whose mounting and baseline differ from their calibration.
 
     ``E T E^-1`` with the rotation error ``E = exp(camera[:3])``, its translation scaled by ``1 + camera[3]``.

@@ -252,18 +252,24 @@ class SlidingWindowSmoother:
             )
             self._log.add(tracks.stamp_ns, "moving_start", detail)
         self._outputs_from_ns, self._vision_ns = start.outputs_from_ns, tracks.stamp_ns
-        sigma = self.config.inertial.gyroscope_bias
-        if start.rest is not None:
-            sigma = self._standstill_bias.rate_sigma(start.rest.span_s)
-        for source in self._inertial:
-            source.level(start.rest, sigma)
+        self._level(start.rest)
         self._last = self._updater.begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._state_estimate(self._last) if tracks.stamp_ns >= self._outputs_from_ns else None
+
+    def _level(self, rest: ImuMeans | None) -> None:
+        """The biases of the IMU before the start."""
+        sigma = self.config.inertial.gyroscope_bias
+        if rest is not None:
+            sigma = self._standstill_bias.rate_sigma(rest.span_s)
+        for source in self._inertial:
+            source.level(rest, sigma)
 
     def _start_as_given(self, tracks: StereoTracks, given: PoseMarginal) -> StateEstimate:
         if self._updater.window is not None:
             detail = "a start was given for this frame; the window starts anew from its pose"
             self._log.add(tracks.stamp_ns, "window_restart", detail)
+        self._vision_ns = tracks.stamp_ns
+        self._level(self._rest_detector.rest)
         covariance = np.zeros((9, 9))
         covariance[:6, :6] = given.covariance
         covariance[6:, 6:] = np.eye(3) * self.config.start.rest_velocity_mps**2

@@ -75,7 +75,7 @@ def walked(name: str, *settings: str) -> tuple[StateEstimate, StateEstimate]:
 
 def test_the_modes_of_the_design_are_there() -> None:
     assert set(modes()) == {
-        *("coclo", "coclo_leg_scale", "coclo_paper", "combined", "inekf", "vins", "stereo", "stereo_twist"),
+        *("coclo", "coclo_leg_scale", "coclo_paper", "combined", "tight", "inekf", "vins", "stereo", "stereo_twist"),
         *("naive", "naive_rolling", "naive_weighted"),
     }
     assert [name for name, mode in modes().items() if mode.table] == ["coclo", "vins", "combined"]

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leg odometry between two keyframes as a factor: the filter runs from one keyframe's state, whose prior is removed.
+
+At a keyframe the filter takes over a state with its covariance ``P_0`` and remembers it beside the present one. At the
+next keyframe the joint covariance of remembered state ``a`` and present state ``b`` gives what was measured meanwhile:
+
+    b given a      b - Phi (a - m_a) ~ N(0, Q),  Phi = P_ba P_aa^-1,  Q = P_bb - Phi P_ab
+    on a alone     information P_aa^-1 - P_0^-1, vector P_aa^-1 m_a
+
+On a linear model both are exact and independent of ``P_0``, which only spreads the sigma points and opens the gates.
+Since ``a`` and ``b`` are the filter's full states, footholds that stand across a keyframe and readings of its stamp are
+in one factor only. A shift of the world or a rotation about the vertical is not measured. With feet relative to the
+body the right-invariant errors carry it unchanged, so its columns are known and set: ``Phi`` the identity, the
+information zero.
+
+Poses of keyframes are as the cameras measure them, with constant errors of their mounting and stereo scale
+(``remembered_poses.as_measured``, from a fixed anchor). These are the last four of a keyframe's states: neither process
+nor measurements of the legs touch them, they only change coordinates.
+Source: Forster et al. 2017 (preintegration); derivatives by statistical linearisation.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, solve_triangular
+
+from coclo_vio.filter.config import InitialConfig
+from coclo_vio.filter.passive_states import PassiveStates
+from coclo_vio.filter.remembered_poses import as_measured, as_true
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.state import BODY_ERRORS, POSITION, RATE, ROTATION, VELOCITY, State
+from coclo_vio.filter.state_blocks import KNOWN_SIGMA, ZERO_SIGMA, StateBlock
+from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.leg_motion import LegMotion, LegState
+from coclo_vio.values.outputs import Calibration
+
+START = "start"
+_KNOWN = 1e-10  # sigma at the filter's start below which a state is known and no state of a keyframe
+_FLOOR = 1e-6  # least sigma that is added to every state, in its own unit, so that the covariances have inverses
+_FLOOR_SHARE = 5e-4  # the same as a share of the sigma at the start of what has a prior of its own: biases, slip
+_LEAST_INFORMATION = 1e-7  # share of the prior's information below which a direction counts as not measured
+
+Extrapolation = Callable[[int], tuple[float, tuple[float, float]]]
+
+
+def start_block(legs: int) -> StateBlock:
+    """The remembered state of a keyframe, as a block of the robust profile's state for a number of legs."""
+    return StateBlock(START, BODY_ERRORS + 3 * legs, sigma=ZERO_SIGMA, is_passive=True)
+
+
+class LegPreintegration:
+    """A filter's states at keyframes, and what it measures between them.
+
+    Args:
+        core: the filter that has started, with the block of ``start_block``.
+        extrapolation: from a frame's stamp to the time from the last sample on, s, and sigmas of what the body may
+            do beyond constant velocity until then, rad and m.
+        initial: sigmas of the cameras' errors at the start.
+        anchor_ns: time of the anchor, the first frame.
+    """
+
+    def __init__(
+        self, core: SquareRootFilter, extrapolation: Extrapolation, initial: InitialConfig, anchor_ns: int
+    ) -> None:
+        self._core, self._extrapolation = core, extrapolation
+        layout = core.mean.layout
+        sigmas = layout.sigmas(is_moving=False)[: layout.active]
+        used = np.flatnonzero(sigmas > _KNOWN)
+        pose = np.r_[ROTATION, POSITION]
+        self._legs: IntArray = np.setdiff1d(used, pose)
+        self._used: IntArray = np.concatenate((pose, self._legs))
+        self._unmeasured = (2, 3, 4, 5)  # heading and position among the used errors
+        relative = np.eye(layout.active)  # the filter's errors with feet relative to the body
+        relative[layout.feet, POSITION] = np.tile(-np.eye(3), (layout.legs, 1))
+        self._relative = relative[np.ix_(self._used, self._used)]
+        self._floor = np.maximum(_FLOOR, _FLOOR_SHARE * sigmas[self._used])
+        self._floor[:6] = _FLOOR
+        camera = np.maximum([*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma], _FLOOR)
+        self._camera, self._camera_covariance = np.zeros(4), np.diag(np.square(camera))
+        self._camera_floor = np.maximum(_FLOOR, _FLOOR_SHARE * camera)
+        self._anchor = _frame_pose(core.mean, extrapolation(anchor_ns)[0])
+        self._start: LegState | None = None
+        self._prior_factor = np.eye(len(self._used))
+        self._to_start, self._to_start_true = np.eye(len(self._used) + 4), np.eye(len(self._used))
+
+    def true_pose(self, T_measured: Array) -> Array:
+        """The pose of the body, (4, 4), that the cameras measure as ``T_measured``."""
+        return np.asarray(self._anchor @ as_true(se3.inverse(self._anchor) @ T_measured, self._camera))
+
+    def true_covariance(self, T_measured: Array, covariance: Array) -> Array:
+        """Covariance of the true pose at a frame, (6, 6), which the cameras measure as ``T_measured``.
+
+        Args:
+            T_measured: the pose as measured, (4, 4).
+            covariance: of the same, as propagated from the last keyframe, (6, 6); that keyframe's share of it is
+                exchanged for the covariance of its true pose, in which errors of the cameras do not add up.
+        """
+        assert self._start is not None, "restart() comes first"
+        rows = self._to_start_true[:6] @ self._prior_factor
+        moved = se3.adjoint(se3.inverse(T_measured) @ self._start.T_world_body)
+        exchanged = covariance + moved @ (rows @ rows.T - self._start.covariance[:6, :6]) @ moved.T
+        is_covariance = float(np.linalg.eigvalsh(exchanged)[0]) > 0.0  # not after the keyframe was solved for again
+        return np.asarray(exchanged if is_covariance else covariance)
+
+    def calibration(self, stamp_ns: int) -> Calibration:
+        """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""
+        sigma = np.sqrt(np.diag(self._camera_covariance))
+        camera = self._camera
+        return Calibration(stamp_ns, camera[:3], sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
+
+    def state(self, stamp_ns: int) -> LegState:
+        """The filter's state at a frame, from the last sample on with constant rate and velocity."""
+        dt_s, noise = self._extrapolation(stamp_ns)
+        mean = self._core.mean
+        T_measured, to_local = self._to_local(mean, dt_s)
+        rows = self._relative @ self._core.active_factor[self._used]
+        covariance = to_local @ block_diag(rows @ rows.T, self._camera_covariance) @ to_local.T
+        covariance[np.diag_indices_from(covariance)] += np.concatenate((self._noise(noise), self._camera_floor**2))
+        legs = np.concatenate((self._legs_of(mean, _frame_pose(mean, dt_s)), self._camera))
+        return LegState(stamp_ns, T_measured, legs, covariance)
+
+    def restart(self, state: LegState) -> None:
+        """Take over the state at a frame; from now on motion is measured from there."""
+        core, (dt_s, noise) = self._core, self._extrapolation(state.stamp_ns)
+        self._camera = state.legs[-4:]
+        mean = self._mean_of(state, dt_s)
+        self._to_start, self._to_start_true = self._to_local(mean, dt_s)[1], self._to_true(mean, dt_s)
+        back = np.linalg.inv(self._to_start)
+        beyond = np.zeros(len(back))
+        beyond[:6] = np.repeat(np.square(noise), 3)
+        covariance = back @ (state.covariance + np.diag(beyond)) @ back.T
+        self._camera_covariance = covariance[-4:, -4:]
+        to_filter = np.linalg.inv(self._relative)
+        own = to_filter @ covariance[:-4, :-4] @ to_filter.T
+        order = np.argsort(self._used)  # the filter's factor is lower in its own order
+        in_order = np.ix_(self._used[order], self._used[order])
+        factor = np.diag(np.full(len(core.active_factor), KNOWN_SIGMA))
+        factor[in_order] = _lower(own[np.ix_(order, order)])
+        joint = factor @ factor.T
+        self._prior_factor = _lower(self._relative @ joint[np.ix_(self._used, self._used)] @ self._relative.T)
+        core.mean, core.passive = mean, PassiveStates(joint.copy(), joint)
+        core.replace_active(factor)
+        self._start = state
+
+    def motion(self, stamp_ns: int) -> LegMotion:
+        """What was measured from the last ``restart`` on to a frame."""
+        assert self._start is not None, "restart() comes first"
+        core, (dt_s, noise) = self._core, self._extrapolation(stamp_ns)
+        used, relative, end = self._used, self._relative, self.state(stamp_ns)
+        to_end = self._to_local(core.mean, dt_s)[1]
+        back, to_back = np.linalg.inv(self._to_start), np.linalg.inv(to_end)
+        cross = relative @ core.passive.cross[np.ix_(used, used)] @ relative.T
+        own = relative @ core.passive.own[np.ix_(used, used)] @ relative.T
+        rows = relative @ core.active_factor[used]
+        measured = between(
+            self._prior_factor,
+            own,
+            cross,
+            rows @ rows.T,
+            relative @ core.mean.vector[core.mean.layout.at(START)][used],
+            noise=to_back[:-4, :-4] @ np.diag(self._noise(noise)) @ to_back[:-4, :-4].T,
+            unmeasured=self._unmeasured,
+        )
+        size = len(used)
+        constant = np.eye(4) / self._camera_floor
+        start_rows = block_diag(measured.rows[:, :size], -constant) @ back
+        end_rows = block_diag(measured.rows[:, size:], constant) @ to_back
+        return LegMotion(
+            self._start,
+            end,
+            np.concatenate((start_rows, end_rows), axis=1),
+            np.concatenate((measured.values, np.zeros(4))),
+            core.mean.vector[VELOCITY],
+            self._motion_covariance(end, own, cross, to_end),
+        )
+
+    def _motion_covariance(self, end: LegState, own: Array, cross: Array, to_end: Array) -> Array:
+        """Of the motion between the poses as measured, right/local, (6, 6)."""
+        assert self._start is not None
+        T_start_end = se3.inverse(self._start.T_world_body) @ end.T_world_body
+        before, after = -se3.adjoint(se3.inverse(T_start_end)) @ self._to_start[:6], to_end[:6]
+        mixed = after @ block_diag(cross, self._camera_covariance) @ before.T
+        start = before @ block_diag(own, self._camera_covariance) @ before.T
+        return np.asarray(start + mixed + mixed.T + end.covariance[:6, :6])
+
+    def _noise(self, beyond: tuple[float, float]) -> Array:
+        """Variances of what the body does beyond constant velocity until a frame, and a floor, (n,)."""
+        variances = np.square(self._floor)
+        variances[:6] += np.repeat(np.square(beyond), 3)
+        return np.asarray(variances)
+
+    def _legs_of(self, mean: State, T_world_body: Array) -> Array:
+        """The states of a keyframe besides its pose: velocity and feet in body axes at the frame, the others as is."""
+        to_body, vector = T_world_body[:3, :3].T, mean.vector.copy()
+        vector[VELOCITY] = to_body @ vector[VELOCITY]
+        feet = (mean.feet - T_world_body[:3, 3]) @ to_body.T
+        vector[mean.layout.feet] = feet.ravel()
+        return np.asarray(vector[self._legs])
+
+    def _mean_of(self, state: LegState, dt_s: float) -> State:
+        """The filter's state at its last sample; the inverse of ``state``."""
+        layout, vector = self._core.mean.layout, self._core.mean.vector.copy()
+        T_world_body = self.true_pose(state.T_world_body)
+        R, position = T_world_body[:3, :3], T_world_body[:3, 3]
+        vector[self._legs] = state.legs[:-4]
+        vector[VELOCITY] = R @ vector[VELOCITY]
+        vector[layout.feet] = (vector[layout.feet].reshape(-1, 3) @ R.T + position).ravel()
+        vector[POSITION] = position - vector[VELOCITY] * dt_s
+        vector[layout.at(START)] = 0.0
+        return State(layout, R @ so3.exp(-vector[RATE] * dt_s), vector, self._core.mean.remembered)
+
+    def _to_local(self, mean: State, dt_s: float) -> tuple[Array, Array]:
+        """The pose as the cameras measure it, and d(errors of a keyframe's state) / d(errors of filter and cameras).
+
+        The filter's errors are the used ones, with feet relative to the body, (n + 4, n + 4).
+        """
+        from_anchor = se3.inverse(self._anchor) @ _frame_pose(mean, dt_s)
+        measured, by_pose, by_camera = as_measured(from_anchor, self._camera)
+        jacobian = block_diag(self._to_true(mean, dt_s), np.eye(4))
+        jacobian[:6] = by_pose @ jacobian[:6]
+        jacobian[:6, -4:] = by_camera
+        return self._anchor @ measured, jacobian
+
+    def _to_true(self, mean: State, dt_s: float) -> Array:
+        """d(errors of the true pose and the legs) / d(used errors of the filter), (n, n)."""
+        layout = mean.layout
+        T_world_body = _frame_pose(mean, dt_s)
+        to_body = T_world_body[:3, :3].T
+        turning = so3.right_jacobian(mean.vector[RATE] * dt_s) * dt_s
+        full = np.eye(layout.active)
+        full[ROTATION, ROTATION], full[ROTATION, RATE] = to_body, turning
+        full[POSITION, ROTATION] = -to_body @ so3.hat(T_world_body[:3, 3])
+        full[POSITION, POSITION], full[POSITION, VELOCITY] = to_body, to_body * dt_s
+        full[VELOCITY, VELOCITY] = to_body
+        full[VELOCITY, RATE] = so3.hat(to_body @ mean.vector[VELOCITY]) @ turning
+        for leg, foot in enumerate(mean.feet):
+            at = slice(layout.feet.start + 3 * leg, layout.feet.start + 3 * leg + 3)
+            full[at, at] = to_body
+            full[at, VELOCITY] = -to_body * dt_s
+            full[at, RATE] = so3.hat(to_body @ (foot - T_world_body[:3, 3])) @ turning
+        return full[np.ix_(self._used, self._used)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Between:
+    """``rows @ [a, b] = values + N(0, 1)`` of the errors of an earlier and a later state, (r, 2 n) and (r,)."""
+
+    rows: Array
+    values: Array
+
+
+def between(
+    prior_factor: Array,
+    own: Array,
+    cross: Array,
+    present: Array,
+    mean: Array,
+    *,
+    noise: Array,
+    unmeasured: Sequence[int] = (),
+) -> Between:
+    """What a filter measured between two states, its prior on the earlier one removed.
+
+    Args:
+        prior_factor: lower factor of the prior of the earlier state, whose mean is zero, (n, n).
+        own: covariance of the earlier state now, (n, n).
+        cross: covariance of the present state with the earlier one, (n, n).
+        present: covariance of the present state, about its mean, (n, n).
+        mean: of the earlier state now, (n,).
+        noise: covariance that is added to the present state given the earlier one, (n, n).
+        unmeasured: directions of the state that nothing measures, and that the present state has unchanged.
+    """
+    size = len(own)
+    whiten = solve_triangular(prior_factor, np.eye(size), lower=True)
+    posterior = np.linalg.inv(_symmetric(whiten @ own @ whiten.T))
+    transition = cross @ whiten.T @ posterior @ whiten
+    remaining = _symmetric(present - transition @ cross.T + noise)
+    information = whiten.T @ (posterior - np.eye(size)) @ whiten
+    vector = whiten.T @ posterior @ whiten @ mean
+    for each in unmeasured:
+        transition[:, each] = np.eye(size)[each]
+        information[each] = information[:, each] = vector[each] = 0.0
+    conditional = np.linalg.inv(_lower(remaining))
+    later = conditional @ np.concatenate((-transition, np.eye(size)), axis=1)
+    scales = np.sqrt(np.sum(np.square(prior_factor), axis=1))
+    values, axes = np.linalg.eigh(_symmetric(scales[:, None] * information * scales))
+    kept = values > _LEAST_INFORMATION
+    root, directions = np.sqrt(values[kept]), axes[:, kept].T
+    earlier = np.concatenate((root[:, None] * directions / scales, np.zeros((len(root), size))), axis=1)
+    measured = -conditional @ transition @ mean, directions @ (scales * vector) / root
+    return Between(np.concatenate((later, earlier)), np.concatenate(measured))
+
+
+def _frame_pose(mean: State, dt_s: float) -> Array:
+    """``T_world_body`` at a frame, (4, 4)."""
+    rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
+    return se3.transform(rotation, mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _lower(covariance: Array) -> Array:
+    """Lower factor of a covariance, whose correlations may by rounding not be positive definite."""
+    scales = np.sqrt(covariance.diagonal())
+    correlation = _symmetric(covariance / np.outer(scales, scales))
+    values, axes = np.linalg.eigh(correlation)
+    bounded = (axes * np.maximum(values, 1e-13)) @ axes.T
+    return np.asarray(scales[:, None] * np.linalg.cholesky(_symmetric(bounded)))

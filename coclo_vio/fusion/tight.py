@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Legs, IMU and vision in one estimator: the legs' states are variables of the window, and nothing is fed back.
+
+From keyframe to keyframe the leg filter preintegrates joints, contacts and IMU: it starts from the newest keyframe's
+state as the window estimated it, and what it measured until the next keyframe, its start removed, is a factor of both.
+Between keyframes the same filter gives the estimate at the joint rate.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.filter.leg_preintegration import LegPreintegration, start_block
+from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.frontend.config import FrontendConfig
+from coclo_vio.fusion.image_clock import ImageClock
+from coclo_vio.fusion.streaming import StreamingEstimator
+from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefixed
+from coclo_vio.fusion.visual_odometry import stereo_stages
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
+from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.keyframes import FrameResult, PoseMarginal
+from coclo_vio.values.leg_motion import LegState
+from coclo_vio.values.measurements import (
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    InertialReading,
+    JointSample,
+    Measurement,
+    StereoFrame,
+    StereoTracks,
+)
+from coclo_vio.values.outputs import Estimate, Output
+from coclo_vio.values.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from coclo_vio.backend.window.leg_source import LegSource
+
+_MOST_READINGS = 1000
+
+SmootherOfLegs = Callable[[LegState], tuple[Smoother, "LegSource"]]
+"""From the legs' first state to a smoother whose keyframes have it, and its source."""
+
+
+class TightOdometry(StreamingEstimator):
+    """The estimate at every joint sample, by the filter from the newest keyframe on, and the window's at every frame.
+
+    Frames before the filter has started are left out. Without vision the filter goes on from the last keyframe.
+
+    Invariant: the filter started anew from the window's last keyframe, and holds nothing else of its past.
+    """
+
+    def __init__(
+        self,
+        leg_filter: LegOdometryFilter,
+        make_smoother: SmootherOfLegs,
+        frontend: Frontend | None,
+        *,
+        names: tuple[str, str] = ("tight", "tight_vins"),
+        imu_kind: type[InertialReading] | None = None,
+        time_offset_s: float = 0.0,
+        pictures_every: int | None = None,
+    ) -> None:
+        """Join them.
+
+        Args:
+            leg_filter: a fresh filter that can remember a keyframe's state.
+            make_smoother: makes a fresh smoother once the legs' first state is known.
+            frontend: a fresh one; None where a recording has tracks, not frames.
+            names: of the trajectory at the joint rate and of that at the rate of the frames.
+            imu_kind: the kind of readings, of another IMU than the filter's, that the smoother gets; None for none.
+            time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
+            pictures_every: draw the tracks on every n-th frame; on none if None.
+        """
+        super().__init__(ImageClock(time_offset_s, waits=True))
+        self._joint_name, self._frame_name = names
+        self._filter, self._make_smoother = leg_filter, make_smoother
+        self._vision = VisionChain(frontend, pictures_every)
+        self._imu_kind = imu_kind
+        self._readings: deque[InertialReading] = deque(maxlen=_MOST_READINGS)  # before the window
+        self._reading_ns: int | None = None
+        self._legs: LegPreintegration | None = None
+        self._window: tuple[Smoother, LegSource] | None = None
+        self._last_pose: Array | None = None  # of the last frame
+        self._latest: StateEstimate | None = None  # of the filter
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What was counted here, and by filter, front end and smoother."""
+        smoother = {} if self._window is None else self._window[0].counts
+        return {**super().counts, **self._vision.counts, **self._filter.counts, **prefixed("smoother", smoother)}
+
+    def _process(self, measurement: Measurement) -> Iterator[Output]:
+        match measurement:
+            case InertialReading() if type(measurement) is self._imu_kind:
+                self._take_reading(measurement)
+            case JointSample() | ImuSample() | FootForceSample():
+                state = self._filter.push(measurement)
+                if state is not None:
+                    self._latest = state
+                    yield Estimate(self._joint_name, state)
+            case StereoFrame() | StereoTracks():
+                yield from self._process_frame(measurement)
+
+    def _take_reading(self, reading: InertialReading) -> None:
+        if self._reading_ns is not None and reading.stamp_ns <= self._reading_ns:
+            self._counted["imu_stamp_refused"] += 1
+            return
+        self._reading_ns = reading.stamp_ns
+        if self._window is None:
+            self._readings.append(reading)
+        else:
+            self._window[0].push_imu(reading)
+
+    def _process_frame(self, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
+        if self._latest is None:
+            self._counted["frame_before_start"] += 1
+            return
+        if not self._vision.is_next(frame.stamp_ns):
+            return
+        if (self._latest.stamp_ns - frame.stamp_ns) / NS_PER_S > self._filter.config.max_gap_s:
+            self._counted["frame_late"] += 1
+            return
+        if self._legs is None:
+            self._legs = self._filter.preintegration(frame.stamp_ns)
+        if self._window is None:
+            yield from self._begin(self._legs, self._latest, frame)
+        else:
+            yield from self._add(self._legs, *self._window, self._latest, frame)
+
+    def _begin(
+        self, legs: LegPreintegration, latest: StateEstimate, frame: StereoFrame | StereoTracks
+    ) -> Iterator[Output]:
+        """The first frame: the window starts from the filter's state."""
+        state = legs.state(frame.stamp_ns)
+        smoother, source = self._make_smoother(state)
+        smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]))
+        self._window = smoother, source
+        while self._readings:
+            smoother.push_imu(self._readings.popleft())
+        result = yield from self._track(smoother, frame, state.T_world_body)
+        legs.restart(source.newest)
+        yield from self._outputs_of(legs, result, latest)
+
+    def _add(
+        self,
+        legs: LegPreintegration,
+        smoother: Smoother,
+        source: "LegSource",
+        latest: StateEstimate,
+        frame: StereoFrame | StereoTracks,
+    ) -> Iterator[Output]:
+        """A later frame: where it becomes a keyframe, the filter goes on from its state in the window."""
+        motion = legs.motion(frame.stamp_ns)
+        source.take(motion)
+        result = yield from self._track(smoother, frame, motion.end.T_world_body)
+        if source.newest.stamp_ns == frame.stamp_ns:
+            legs.restart(source.newest)
+            yield legs.calibration(frame.stamp_ns)
+        yield from self._outputs_of(legs, result, latest)
+
+    def _track(
+        self, smoother: Smoother, frame: StereoFrame | StereoTracks, expected: Array
+    ) -> Generator[Output, None, FrameResult]:
+        """Track a frame, whose pose is expected there as the cameras measure it, and give the tracks to the window."""
+        before, self._last_pose = self._last_pose, expected
+        tracked = self._vision.track(frame, before, expected)
+        if tracked is None:
+            return FrameResult()
+        yield from tracked.pictures
+        result = smoother.push_tracks(tracked.tracks)
+        if result.estimate is not None:
+            self._last_pose = result.estimate.nav.T_world_body
+        return result
+
+    def _outputs_of(self, legs: LegPreintegration, result: FrameResult, latest: StateEstimate) -> Iterator[Output]:
+        """What the window gives for a frame; angular velocity, velocity and biases of the estimate are the filter's."""
+        yield from result.events
+        yield from result.health
+        if result.estimate is None:
+            return
+        covariance, measured = np.zeros((9, 9)), result.estimate.nav.T_world_body
+        covariance[:6, :6] = legs.true_covariance(measured, result.estimate.covariance[:6, :6])
+        covariance[6:, 6:] = latest.covariance[6:, 6:]
+        nav = replace(latest.nav, T_world_body=legs.true_pose(measured))
+        yield Estimate(self._frame_name, replace(result.estimate, nav=nav, covariance=covariance))
+
+
+def tight_odometry(
+    robot: RobotModel,
+    filter_config: FilterConfig,
+    stereo: StereoCalibration,
+    frontend: FrontendConfig,
+    smoother: SmootherConfig,
+    *,
+    camera_imu: ImuCalibration | None = None,
+    has_frames: bool = True,
+    pictures_every: int | None = None,
+) -> TightOdometry:
+    """The real filter, front end and smoother as one estimator; loads Pinocchio, OpenCV and GTSAM.
+
+    Args:
+        robot: the legs.
+        filter_config: of the filter.
+        stereo: the cameras.
+        frontend: parameters of the front end.
+        smoother: parameters of the smoother.
+        camera_imu: mounting and noise of the cameras' own IMU, which ties keyframes too; None where there is none.
+        has_frames: whether there are images; otherwise tracks of rectified ones.
+        pictures_every: draw the tracks on every n-th frame; on none if None.
+
+    Raises:
+        ConfigError: the paper's profile, or cameras that cannot be rectified.
+        CalibrationMissing: tracks, and cameras that are not rectified.
+    """
+    from coclo_vio.backend.window.inertial_source import InertialSource  # noqa: PLC0415 -- loads GTSAM
+    from coclo_vio.backend.window.leg_source import LegSource  # noqa: PLC0415
+    from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415
+
+    if filter_config.profile != "robust":
+        raise ConfigError(
+            f"the mode tight needs the profile 'robust' of the filter, not {filter_config.profile!r}: set "
+            "filter.profile=robust, or take the mode combined"
+        )
+    stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
+
+    def make_smoother(state: LegState) -> tuple[Smoother, LegSource]:
+        source = LegSource(state)
+        inertial = [] if camera_imu is None else [InertialSource(camera_imu, smoother)]
+        return SlidingWindowSmoother(rig, smoother, camera_imu, [source, *inertial]), source
+
+    return TightOdometry(
+        LegOdometryFilter(robot, filter_config, extra_blocks=[start_block(len(robot.leg_names))]),
+        make_smoother,
+        stages,
+        imu_kind=None if camera_imu is None else CameraImuSample,
+        time_offset_s=stereo.time_offset_s,
+        pictures_every=pictures_every,
+    )
