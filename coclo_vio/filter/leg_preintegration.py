@@ -13,9 +13,9 @@ in one factor only. A shift of the world or a rotation about the vertical is not
 body the right-invariant errors carry it unchanged, so its columns are known and set: ``Phi`` the identity, the
 information zero.
 
-Poses of keyframes are as the cameras measure them, with constant errors of their mounting and stereo scale
-(``remembered_poses.as_measured``, from a fixed anchor). These are the last four of a keyframe's states: neither process
-nor measurements of the legs touch them, they only change coordinates.
+Poses of keyframes are as the cameras measure them (``camera_frame``). The constant errors of that, of the cameras'
+mounting, of their stereo scale and of the anchor's tilt, are the last six of a keyframe's states: neither process nor
+measurements of the legs touch them, they only change coordinates.
 Source: Forster et al. 2017 (preintegration); derivatives by statistical linearisation.
 """
 
@@ -23,11 +23,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import block_diag, cho_solve, solve_triangular
 
+from coclo_vio.filter.camera_frame import ERRORS, TILT, CameraFrame
 from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.passive_states import PassiveStates
-from coclo_vio.filter.remembered_poses import as_measured, as_true
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import BODY_ERRORS, POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import KNOWN_SIGMA, ZERO_SIGMA, StateBlock
@@ -77,17 +77,23 @@ class LegPreintegration:
         self._relative = relative[np.ix_(self._used, self._used)]
         self._floor = np.maximum(_FLOOR, _FLOOR_SHARE * sigmas[self._used])
         self._floor[:6] = _FLOOR
-        camera = np.maximum([*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma], _FLOOR)
-        self._camera, self._camera_covariance = np.zeros(4), np.diag(np.square(camera))
-        self._camera_floor = np.maximum(_FLOOR, _FLOOR_SHARE * camera)
-        self._anchor = _frame_pose(core.mean, extrapolation(anchor_ns)[0])
+        self._frame = CameraFrame(_frame_pose(core.mean, extrapolation(anchor_ns)[0]), np.zeros(ERRORS))
+        rows = core.active_factor[: TILT.stop - TILT.start]
+        tilt = np.sqrt(np.sum(np.square(rows), axis=1))
+        camera = [*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma]
+        constants = np.maximum([*camera, *tilt], _FLOOR)
+        self._constants_floor = np.maximum(_FLOOR, _FLOOR_SHARE * constants)
+        self._constants_covariance = np.diag(np.square(constants))  # at the start of the motion
+        self._gain = np.zeros((len(self._used), ERRORS))  # of the constants on the state at the start of the motion
         self._start: LegState | None = None
         self._prior_factor = np.eye(len(self._used))
-        self._to_start, self._to_start_true = np.eye(len(self._used) + 4), np.eye(len(self._used))
+        self._prior = np.eye(len(self._used))
+        self._to_start = np.eye(len(self._used) + ERRORS)
+        self._to_start_true = np.eye(len(self._used))
 
     def true_pose(self, T_measured: Array) -> Array:
         """The pose of the body, (4, 4), that the cameras measure as ``T_measured``."""
-        return np.asarray(self._anchor @ as_true(se3.inverse(self._anchor) @ T_measured, self._camera))
+        return self._frame.true(T_measured)
 
     def true_covariance(self, T_measured: Array, covariance: Array) -> Array:
         """Covariance of the true pose at a frame, (6, 6), which the cameras measure as ``T_measured``.
@@ -106,34 +112,66 @@ class LegPreintegration:
 
     def calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""
-        sigma = np.sqrt(np.diag(self._camera_covariance))
-        camera = self._camera
+        sigma, camera = np.sqrt(np.diag(self._constants_covariance)), self._frame.errors
         return Calibration(stamp_ns, camera[:3], sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
 
     def state(self, stamp_ns: int) -> LegState:
         """The filter's state at a frame, from the last sample on with constant rate and velocity."""
         dt_s, noise = self._extrapolation(stamp_ns)
         mean = self._core.mean
-        T_measured, to_local = self._to_local(mean, dt_s)
-        rows = self._relative @ self._core.active_factor[self._used]
-        covariance = to_local @ block_diag(rows @ rows.T, self._camera_covariance) @ to_local.T
-        covariance[np.diag_indices_from(covariance)] += np.concatenate((self._noise(noise), self._camera_floor**2))
-        legs = np.concatenate((self._legs_of(mean, _frame_pose(mean, dt_s)), self._camera))
+        frame = self._present_frame
+        T_measured, to_local = self._to_local(mean, dt_s, frame)
+        own, mixed, constants = self._present()
+        covariance = to_local @ np.block([[own, mixed], [mixed.T, constants]]) @ to_local.T
+        floor = np.square(self._constants_floor)
+        covariance[np.diag_indices_from(covariance)] += np.concatenate((self._noise(noise), floor))
+        legs = np.concatenate((self._legs_of(mean, _frame_pose(mean, dt_s)), frame.errors))
         return LegState(stamp_ns, T_measured, legs, covariance)
+
+    def _present(self) -> tuple[Array, Array, Array]:
+        """Covariances of the present state (n, n), of it with the constant errors (n, 6), and of these (6, 6).
+
+        The constants are correlated with data through the state at the start of the motion only. At the anchor their
+        tilt is the filter's own.
+        """
+        rows = self._relative @ self._core.active_factor[self._used]
+        present = rows @ rows.T
+        if self._start is None:
+            constants, tilt = self._constants_covariance.copy(), slice(0, 2)
+            mixed = np.zeros((len(present), ERRORS))
+            mixed[:, TILT], constants[TILT, TILT] = present[:, tilt], present[tilt, tilt]
+            return present, mixed, constants
+        own, cross = self._remembered()
+        known = self._gain.T @ (self._prior - own) @ self._gain
+        return present, cross @ self._gain, self._constants_covariance - known
+
+    @property
+    def _present_frame(self) -> CameraFrame:
+        """The frame of the cameras with its constant errors by all that was measured until now."""
+        if self._start is None:
+            return self._frame
+        moved = self._relative @ self._core.mean.vector[self._core.mean.layout.at(START)][self._used]
+        return CameraFrame(self._frame.anchor, self._frame.errors + self._gain.T @ moved)
+
+    def _remembered(self) -> tuple[Array, Array]:
+        """Covariance of the state at the start of the motion now, and of the present state with it, (n, n) each."""
+        used, relative, passive = self._used, self._relative, self._core.passive
+        at = np.ix_(used, used)
+        return relative @ passive.own[at] @ relative.T, relative @ passive.cross[at] @ relative.T
 
     def restart(self, state: LegState) -> None:
         """Take over the state at a frame; from now on motion is measured from there."""
         core, (dt_s, noise) = self._core, self._extrapolation(state.stamp_ns)
-        self._camera = state.legs[-4:]
+        self._frame = CameraFrame(self._frame.anchor, state.legs[-ERRORS:])
         mean = self._mean_of(state, dt_s)
-        self._to_start, self._to_start_true = self._to_local(mean, dt_s)[1], self._to_true(mean, dt_s)
+        self._to_start, self._to_start_true = self._to_local(mean, dt_s, self._frame)[1], self._to_true(mean, dt_s)
         back = np.linalg.inv(self._to_start)
         beyond = np.zeros(len(back))
         beyond[:6] = np.repeat(np.square(noise), 3)
         covariance = back @ (state.covariance + np.diag(beyond)) @ back.T
-        self._camera_covariance = covariance[-4:, -4:]
+        self._constants_covariance = covariance[-ERRORS:, -ERRORS:]
         to_filter = np.linalg.inv(self._relative)
-        own = to_filter @ covariance[:-4, :-4] @ to_filter.T
+        own = to_filter @ covariance[:-ERRORS, :-ERRORS] @ to_filter.T
         order = np.argsort(self._used)  # the filter's factor is lower in its own order
         in_order = np.ix_(self._used[order], self._used[order])
         factor = np.diag(np.full(len(core.active_factor), KNOWN_SIGMA))
@@ -142,6 +180,8 @@ class LegPreintegration:
         self._prior_factor = _lower(self._relative @ joint[np.ix_(self._used, self._used)] @ self._relative.T)
         core.mean, core.passive = mean, PassiveStates(joint.copy(), joint)
         core.replace_active(factor)
+        self._prior = self._prior_factor @ self._prior_factor.T
+        self._gain = cho_solve((self._prior_factor, True), covariance[:-ERRORS, -ERRORS:])
         self._start = state
 
     def motion(self, stamp_ns: int) -> LegMotion:
@@ -149,10 +189,9 @@ class LegPreintegration:
         assert self._start is not None, "restart() comes first"
         core, (dt_s, noise) = self._core, self._extrapolation(stamp_ns)
         used, relative, end = self._used, self._relative, self.state(stamp_ns)
-        to_end = self._to_local(core.mean, dt_s)[1]
+        to_end = self._to_local(core.mean, dt_s, self._present_frame)[1]
         back, to_back = np.linalg.inv(self._to_start), np.linalg.inv(to_end)
-        cross = relative @ core.passive.cross[np.ix_(used, used)] @ relative.T
-        own = relative @ core.passive.own[np.ix_(used, used)] @ relative.T
+        own, cross = self._remembered()
         rows = relative @ core.active_factor[used]
         measured = between(
             self._prior_factor,
@@ -160,29 +199,32 @@ class LegPreintegration:
             cross,
             rows @ rows.T,
             relative @ core.mean.vector[core.mean.layout.at(START)][used],
-            noise=to_back[:-4, :-4] @ np.diag(self._noise(noise)) @ to_back[:-4, :-4].T,
+            noise=to_back[:-ERRORS, :-ERRORS] @ np.diag(self._noise(noise)) @ to_back[:-ERRORS, :-ERRORS].T,
             unmeasured=self._unmeasured,
         )
         size = len(used)
-        constant = np.eye(4) / self._camera_floor
+        constant = np.diag(1.0 / self._constants_floor)
         start_rows = block_diag(measured.rows[:, :size], -constant) @ back
         end_rows = block_diag(measured.rows[:, size:], constant) @ to_back
         return LegMotion(
             self._start,
             end,
             np.concatenate((start_rows, end_rows), axis=1),
-            np.concatenate((measured.values, np.zeros(4))),
+            np.concatenate((measured.values, (self._frame.errors - end.legs[-ERRORS:]) / self._constants_floor)),
             core.mean.vector[VELOCITY],
-            self._motion_covariance(end, own, cross, to_end),
+            self._motion_covariance(end, to_end),
         )
 
-    def _motion_covariance(self, end: LegState, own: Array, cross: Array, to_end: Array) -> Array:
+    def _motion_covariance(self, end: LegState, to_end: Array) -> Array:
         """Of the motion between the poses as measured, right/local, (6, 6)."""
         assert self._start is not None
         T_start_end = se3.inverse(self._start.T_world_body) @ end.T_world_body
         before, after = -se3.adjoint(se3.inverse(T_start_end)) @ self._to_start[:6], to_end[:6]
-        mixed = after @ block_diag(cross, self._camera_covariance) @ before.T
-        start = before @ block_diag(own, self._camera_covariance) @ before.T
+        own, cross = self._remembered()
+        constants = self._present()[2]
+        below = np.concatenate(((own @ self._gain).T, constants), axis=1)
+        mixed = after @ np.concatenate((np.concatenate((cross, cross @ self._gain), axis=1), below)) @ before.T
+        start = before @ np.concatenate((np.concatenate((own, own @ self._gain), axis=1), below)) @ before.T
         return np.asarray(start + mixed + mixed.T + end.covariance[:6, :6])
 
     def _noise(self, beyond: tuple[float, float]) -> Array:
@@ -204,24 +246,23 @@ class LegPreintegration:
         layout, vector = self._core.mean.layout, self._core.mean.vector.copy()
         T_world_body = self.true_pose(state.T_world_body)
         R, position = T_world_body[:3, :3], T_world_body[:3, 3]
-        vector[self._legs] = state.legs[:-4]
+        vector[self._legs] = state.legs[:-ERRORS]
         vector[VELOCITY] = R @ vector[VELOCITY]
         vector[layout.feet] = (vector[layout.feet].reshape(-1, 3) @ R.T + position).ravel()
         vector[POSITION] = position - vector[VELOCITY] * dt_s
         vector[layout.at(START)] = 0.0
         return State(layout, R @ so3.exp(-vector[RATE] * dt_s), vector, self._core.mean.remembered)
 
-    def _to_local(self, mean: State, dt_s: float) -> tuple[Array, Array]:
-        """The pose as the cameras measure it, and d(errors of a keyframe's state) / d(errors of filter and cameras).
+    def _to_local(self, mean: State, dt_s: float, frame: CameraFrame) -> tuple[Array, Array]:
+        """The pose as the cameras measure it, and d(errors of a keyframe's state) / d(errors of filter and constants).
 
-        The filter's errors are the used ones, with feet relative to the body, (n + 4, n + 4).
+        The filter's errors are the used ones, with feet relative to the body, (n + 6, n + 6).
         """
-        from_anchor = se3.inverse(self._anchor) @ _frame_pose(mean, dt_s)
-        measured, by_pose, by_camera = as_measured(from_anchor, self._camera)
-        jacobian = block_diag(self._to_true(mean, dt_s), np.eye(4))
+        measured, by_pose, by_errors = frame.measured(_frame_pose(mean, dt_s))
+        jacobian = block_diag(self._to_true(mean, dt_s), np.eye(ERRORS))
         jacobian[:6] = by_pose @ jacobian[:6]
-        jacobian[:6, -4:] = by_camera
-        return self._anchor @ measured, jacobian
+        jacobian[:6, -ERRORS:] = by_errors
+        return measured, jacobian
 
     def _to_true(self, mean: State, dt_s: float) -> Array:
         """d(errors of the true pose and the legs) / d(used errors of the filter), (n, n)."""

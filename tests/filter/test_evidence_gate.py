@@ -9,7 +9,7 @@ from state_layouts import layout_of, state_of
 
 from coclo_vio.filter.config import GateConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateOutcome
-from coclo_vio.filter.remembered_poses import _as_measured, _pair, frame_pose, in_world
+from coclo_vio.filter.remembered_poses import as_measured, _pair, frame_pose, in_world
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import FRAME
@@ -50,7 +50,7 @@ def test_errors_of_a_pair_are_those_of_anchor_poses_and_cameras(seed: int) -> No
 
 def test_exactly_calibrated_cameras_measure_the_true_poses() -> None:
     T = se3.exp(np.array([0.1, 0.2, -0.3, 1.0, 2.0, 3.0]))
-    measured, by_pose, _ = _as_measured(T, np.zeros(4))
+    measured, by_pose, _ = as_measured(T, np.zeros(4))
     np.testing.assert_allclose(measured, T, atol=1e-15)
     np.testing.assert_allclose(by_pose, np.eye(6), atol=1e-15)
 

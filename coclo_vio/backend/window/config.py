@@ -36,6 +36,22 @@ class PixelNoiseConfig(StageConfig):
     outlier: Annotated[
         float, Field(gt=0, le=100, description="residuals beyond this many sigmas are wrong matches")
     ] = 5.0
+    is_learnt: Annotated[
+        bool, Field(description="whether these sigmas are scaled by what the residuals of the windows show")
+    ] = True
+    least_scale: Annotated[
+        float, Field(gt=0, le=1, description="least scale of the sigmas: errors that repeat do not show in residuals")
+    ] = 0.5
+    least_shown: Annotated[
+        float, Field(gt=0, le=1, description="least scale of the limits of wrong matches, which follow the residuals")
+    ] = 0.2
+    largest_scale: Annotated[float, Field(ge=1, le=100, description="largest scale")] = 4.0
+    prior_windows: Annotated[
+        float, Field(gt=0, description="the configured sigmas weigh as much as the residuals of so many windows")
+    ] = 1.0
+    memory_windows: Annotated[float, Field(gt=1, description="residuals are forgotten after about so many windows")] = (
+        10.0
+    )
 
 
 class KeyframeConfig(StageConfig):

@@ -9,6 +9,7 @@ import gtsam
 import numpy as np
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.variables import BIASES, LANDMARK, POSE, VELOCITY
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
@@ -54,20 +55,18 @@ class ObservationFactors:
     Left pixel and disparity are independent, so the two columns are not: a track that drifts moves both.
     """
 
-    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
+    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig | PixelNoise) -> None:
         (fx, fy), (cx, cy) = rig.focal_px, rig.principal_point_px
         self._stereo = gtsam.Cal3_S2Stereo(fx, fy, 0.0, cx, cy, rig.baseline_m)
         self._mono = gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
         self._T_body_camera = gtsam.Pose3(rig.T_body_camera)
-        huber = gtsam.noiseModel.mEstimator.Huber.Create(noise.huber)
-        self._first_noise = _robust(huber, noise.track_px, noise.disparity_px)
-        self._repeated_noise = _robust(huber, noise.track_px, noise.repeated_disparity_px)
-        left_only = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
-        self._mono_noise = gtsam.noiseModel.Robust.Create(huber, left_only)
+        self._noise, self._made_with = noise, (0.0, 0.0)
         self._made: dict[int, dict[int, Term]] = {}  # by keyframe and landmark
 
     def term(self, landmark_id: int, number: int, observation: Array, *, is_first: bool) -> Term:
-        """The same as ``make``, which is asked once."""
+        """The same as ``make``, which is asked once as long as the noise is the same."""
+        if self._made_with != (self._noise.track_px, self._noise.huber):
+            self._set_noise()
         made = self._made.setdefault(number, {})
         term = made.get(landmark_id)
         if term is None:
@@ -83,6 +82,8 @@ class ObservationFactors:
 
     def make(self, number: int, landmark_id: int, observation: Array, *, is_first: bool) -> Term:
         """The factor of an observation (left column, row, right column or NaN), px, (3,)."""
+        if self._made_with != (self._noise.track_px, self._noise.huber):
+            self._set_noise()
         pose, point = pose_key(number), landmark_key(landmark_id)
         left, row, right = (float(value) for value in observation)
         if np.isnan(right):
@@ -95,6 +96,17 @@ class ObservationFactors:
                 gtsam.StereoPoint2(left, right, row), noise, pose, point, self._stereo, self._T_body_camera
             )
         return Term(factor, (pose, point))
+
+    def _set_noise(self) -> None:
+        """Take over the noise as it is now; factors with another one are forgotten."""
+        noise = self._noise
+        huber = gtsam.noiseModel.mEstimator.Huber.Create(noise.huber)
+        self._first_noise = _robust(huber, noise.track_px, noise.disparity_px)
+        self._repeated_noise = _robust(huber, noise.track_px, noise.repeated_disparity_px)
+        left_only = gtsam.noiseModel.Isotropic.Sigma(2, noise.track_px)
+        self._mono_noise = gtsam.noiseModel.Robust.Create(huber, left_only)
+        self._made_with = noise.track_px, noise.huber
+        self._made.clear()
 
 
 def _robust(huber: Any, track_px: float, disparity_px: float) -> Any:

@@ -17,6 +17,7 @@ from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.backend.window.factors import Term, landmark_key, ordered
 from coclo_vio.backend.window.observation_table import ObservationTable
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.reprojection_kernels import reprojection_cost
 from coclo_vio.backend.window.schur_kernels import back_substituted, is_determined, linearise
 from coclo_vio.backend.window.solver import LENGTHS, is_lower
@@ -85,7 +86,7 @@ class WindowMinimum:
 class SchurSolver:
     """Solves windows of one camera rig."""
 
-    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
+    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig | PixelNoise) -> None:
         self._optics = np.array([*rig.focal_px, *rig.principal_point_px, rig.baseline_m])
         self._T_camera_body = np.ascontiguousarray(se3.inverse(rig.T_body_camera))
         self._noise = noise
@@ -136,7 +137,9 @@ class Step:
 class Iterations:
     """One problem with the arrays that its iterations share."""
 
-    def __init__(self, problem: WindowProblem, optics: Array, T_camera_body: Array, noise: PixelNoiseConfig) -> None:
+    def __init__(
+        self, problem: WindowProblem, optics: Array, T_camera_body: Array, noise: PixelNoiseConfig | PixelNoise
+    ) -> None:
         self._problem, self._camera = problem, (T_camera_body, optics, noise.huber)
         table = problem.table
         sigmas = np.full((len(table), 2), noise.track_px)

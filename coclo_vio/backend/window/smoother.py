@@ -23,6 +23,7 @@ from coclo_vio.backend.window.keyframe_selection import has_lost_overlap, is_key
 from coclo_vio.backend.window.keyframe_source import KeyframeSource
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.odometry_source import ExternalOdometry, TwistSource
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.start import FIXED_SIGMA, Starter
 from coclo_vio.backend.window.stereo_model import StereoModel
@@ -63,14 +64,15 @@ class SlidingWindowSmoother:
         self.config = config or SmootherConfig()
         calibration = imu or ImuCalibration()
         self._rig = rig
-        self._model = StereoModel(rig, self.config.noise)
+        noise = PixelNoise(self.config.noise)
+        self._model = StereoModel(rig, noise)
         self._inertial = [source for source in sources if isinstance(source, InertialSource)]
         self._twists = [source for source in sources if isinstance(source, TwistSource)]
         self._rest_detector = StandstillDetector(self.config.standstill.limits)
         self._velocity_model = ConstantVelocityModel(self.config.motion, self.config.start.moving_velocity_mps)
         self._log = EventLog()
         self._sources = SourceSet(sources, self._velocity_model)
-        self._updater = WindowUpdater(rig, self.config, self._sources, self._velocity_model, self._log)
+        self._updater = WindowUpdater(rig, self.config, self._sources, self._velocity_model, self._log, noise)
         rotation, measures_gravity = calibration.T_body_imu[:3, :3], self._sources.measures_gravity
         self._starter = Starter(self.config.start, rotation, measures_gravity=measures_gravity)
         density = calibration.gyroscope_noise_density

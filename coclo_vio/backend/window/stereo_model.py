@@ -7,6 +7,7 @@ import numpy as np
 
 from coclo_vio.backend.window.config import PixelNoiseConfig
 from coclo_vio.backend.window.observation_table import ObservationTable
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.pose_kernels import (
     DIGITS,
     FARTHEST_PX,
@@ -67,11 +68,15 @@ class StereoModel:
     Observations are rows (left column, row, right column); the right column is NaN without a match in the right image.
     """
 
-    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig) -> None:
+    def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig | PixelNoise) -> None:
         self._rig, self._noise = rig, noise
         self._T_camera_body = np.ascontiguousarray(se3.inverse(rig.T_body_camera))
         self._optics = np.array([*rig.focal_px, *rig.principal_point_px, rig.baseline_m])
-        self._sigmas_px = np.array([noise.track_px, noise.track_px, noise.repeated_disparity_px])
+
+    @property
+    def _sigmas_px(self) -> Array:
+        noise = self._noise
+        return np.array([noise.track_px, noise.track_px, noise.repeated_disparity_px])
 
     def project(self, T_world_body: Array, points_world: Array) -> Array:
         """Observations (N, 3), px, of points (N, 3) from one pose or (N, 4, 4); far outside every image if behind."""

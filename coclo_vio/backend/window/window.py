@@ -16,6 +16,7 @@ from coclo_vio.backend.window.keyframe import Keyframe, Solution
 from coclo_vio.backend.window.landmarks import LandmarkMap
 from coclo_vio.backend.window.marginalisation import marginal_prior
 from coclo_vio.backend.window.observation_table import ObservationTable
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.schur import WindowMinimum, WindowProblem
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.backend.window.variables import POSE, VELOCITY, KeyframeVariables, Variable
@@ -40,6 +41,7 @@ class Window:
         config: SmootherConfig,
         variables: KeyframeVariables | None = None,
         gauge: Gauge | None = None,
+        noise: PixelNoise | None = None,
     ) -> None:
         """An empty window.
 
@@ -48,12 +50,14 @@ class Window:
             config: of the smoother.
             variables: of each keyframe; None: its pose alone.
             gauge: what becomes of directions that nothing measures; None: the oldest keyframe is held.
+            noise: of tracks and disparities, which learns from this window; None: its own, from the configuration.
         """
         self._config = config
         self.variables = variables or KeyframeVariables()
         self._gauge = gauge or HeldGauge()
-        self._model = StereoModel(rig, config.noise)
-        self.solver = WindowSolver(rig, config)
+        self._noise = noise or PixelNoise(config.noise)
+        self._model = StereoModel(rig, self._noise)
+        self.solver = WindowSolver(rig, config, self._noise)
         self.landmarks = LandmarkMap(rig, config)
         self.keyframes: list[Keyframe] = []
         self.values = gtsam.Values()
@@ -265,6 +269,7 @@ class Window:
             del self.landmarks[landmark_id].observations[number]
             self.solver.observations.forget(number, landmark_id)
             self.landmarks[landmark_id].is_retired |= number == self.newest.number
+        self._noise.learn(residuals, len(points_world))
         residuals = residuals[~is_wrong]
         return float(np.sqrt(np.nanmean(np.square(residuals)))) if len(residuals) else 0.0
 

@@ -9,6 +9,7 @@ import numpy as np
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import ObservationFactors, Term, landmark_key
 from coclo_vio.backend.window.marginalisation import evidence_of_poses
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.schur import SchurSolver, WindowMinimum, WindowProblem
 from coclo_vio.backend.window.solver import minimise
 from coclo_vio.geometry.compiled import IS_COMPILED
@@ -24,10 +25,10 @@ class WindowSolver:
         observations: makes the factors for GTSAM.
     """
 
-    def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
+    def __init__(self, rig: RectifiedStereo, config: SmootherConfig, noise: PixelNoise) -> None:
         self._config = config
-        self.schur = SchurSolver(rig, config.noise)
-        self.observations = ObservationFactors(rig, config.noise)
+        self.schur = SchurSolver(rig, noise)
+        self.observations = ObservationFactors(rig, noise)
 
     def minimum(self, problem: WindowProblem, groups: Sequence[Sequence[int]]) -> WindowMinimum:
         """The least cost near the problem's values, and the covariances of groups of keys that follow each other.

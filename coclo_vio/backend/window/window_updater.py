@@ -17,6 +17,7 @@ from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_ev
 from coclo_vio.backend.window.keyframe_source import KeyframeState, Ties
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.odometry_source import ExternalOdometry
+from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.stereo_model import PoseFit
 from coclo_vio.backend.window.variables import POSE, VELOCITY
@@ -46,7 +47,9 @@ class WindowUpdater:
         sources: SourceSet,
         velocity_model: ConstantVelocityModel,
         log: EventLog,
+        noise: PixelNoise,
     ) -> None:
+        self._noise = noise
         self._rig, self._config, self._sources = rig, config, sources
         self._velocity_model, self._log = velocity_model, log
         self.window: Window | None = None
@@ -71,7 +74,7 @@ class WindowUpdater:
         """
         number = 0 if self.window is None else self.window.newest.number + 1
         variables, stamp_ns = self._sources.variables, tracks.stamp_ns
-        self.window = Window(self._rig, self._config, variables, self._new_gauge())
+        self.window = Window(self._rig, self._config, variables, self._new_gauge(), self._noise)
         keyframe = Keyframe(number, stamp_ns, tracks)
         first = self._sources.begin(number, stamp_ns, velocity, float(np.sqrt(covariance[6, 6])))
         keyframe.terms.extend(first.terms)

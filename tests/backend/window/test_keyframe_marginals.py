@@ -9,6 +9,7 @@ import pytest
 import worlds
 
 from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_evidence
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.backend.window.window import Window
@@ -25,7 +26,7 @@ START = PoseMarginal(100_000_000, worlds.pose_at(WALK, 100_000_000), np.zeros((6
 
 def walked(seconds: float, *, has_start: bool = True) -> tuple[SlidingWindowSmoother, list[KeyframeResult]]:
     """A smoother after a walk of exact odometry and noisy tracks, and the results of its keyframes."""
-    smoother = SlidingWindowSmoother(worlds.RIG)
+    smoother = SlidingWindowSmoother(worlds.RIG, SmootherConfig(noise=PixelNoiseConfig(is_learnt=False)))
     if has_start:
         smoother.start_from(START)
     results: list[KeyframeResult] = []

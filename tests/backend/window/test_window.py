@@ -18,7 +18,9 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import SmootherError
 from coclo_vio.values.measurements import StereoTracks
 
-PLAIN = PixelNoiseConfig(track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0)
+PLAIN = PixelNoiseConfig(
+    track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0, is_learnt=False
+)
 EXACT = SmootherConfig(tolerance=0.0, iterations=4, spacing_px=0.0, most_kept_landmarks=10_000, noise=PLAIN)
 WORLD = scattered(count=800)  # 60 points in view
 START_COVARIANCE = 1e-8 * np.eye(6)
