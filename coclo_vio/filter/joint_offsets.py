@@ -18,6 +18,7 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 
 _STANCE_M = 0.2  # way over which the error of a leg lasts
+_MOST_RAD = 0.17  # beyond, a joint turns its leg by no small angle, and the regression does not apply
 _RIVAL = 0.8  # share of the best joint's statistic from which another is named too
 
 
@@ -92,7 +93,10 @@ class JointOffsets:
         self._vector = kept * self._vector + summed * self._is_joint
 
     def worst(self, in_use: BoolArray) -> JointOffset | None:
-        """The joint of a leg in use (n,) whose offset exceeds the limits most; None where none does."""
+        """The joint of a leg in use (n,) whose offset exceeds the limits most; None where none does.
+
+        None too where that offset is beyond small angles: such a leg is found by its residual.
+        """
         config, offset_rad = self._config, self.offset_rad
         squared = self._vector * offset_rad  # squared offset over its variance
         by_leg = squared.max(axis=1)
@@ -105,6 +109,8 @@ class JointOffsets:
             return None
         leg = int(found[np.argmax(by_leg[found] / limit[found])])
         joint = int(np.argmax(squared[leg]))
+        if abs(offset_rad[leg, joint]) > _MOST_RAD:
+            return None
         sigma_rad = float(np.sqrt(factors[leg] / self._information[leg, joint]))
         near = np.flatnonzero(squared[leg] > _RIVAL * by_leg[leg])
         names = self._robot.description.legs[leg].joints

@@ -32,7 +32,6 @@ _RETURN_LIMIT = 1.0  # z at which a leg is consistent again
 _OFFSET_WINDOWS = 4.0  # a leg with an offset is watched so many times longer before it is used again
 _MOST_DOUBLINGS = 4  # the stretch doubles each time that a leg is set aside
 _DISAGREEMENT = 3.0  # legs disagree without a name for so many times duration_s before that is reported
-_MOST_OFFSET_RAD = 0.17  # a larger one is no offset to which a regression applies
 
 
 class LegCheck:
@@ -131,16 +130,8 @@ class LegCheck:
             ):
                 self._report_disagreement(stamp_ns, in_use, order)
         elif offset is not None and self._offset_s >= config.duration_s and self._may_set_aside():
-            self._set_aside_offset(offset, stamp_ns, normalised[offset.leg])
-
-    def _set_aside_offset(self, offset: JointOffset, stamp_ns: int, normalised: float) -> None:
-        """A leg whose joint regresses best; beyond small angles the regression finds the leg only."""
-        return_s = self._config.return_s
-        if abs(offset.offset_rad) > _MOST_OFFSET_RAD:
-            self._set_aside(offset.leg, stamp_ns, self._gross_sentence(offset.leg, normalised), return_s)
-        else:
             sentence = f"{offset}, and turns the motion that the leg measures by as much"
-            self._set_aside(offset.leg, stamp_ns, sentence, _OFFSET_WINDOWS * return_s)
+            self._set_aside(offset.leg, stamp_ns, sentence, _OFFSET_WINDOWS * config.return_s)
 
     def _may_set_aside(self) -> bool:
         return int(np.count_nonzero(~self.is_aside)) > self._config.least_legs
