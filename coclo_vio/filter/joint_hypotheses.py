@@ -13,6 +13,7 @@ from coclo_vio.values.arrays import Array
 
 _EXPLAINED = 0.2  # share of the squared residuals that may be left by the best hypothesis
 _RIVAL = 0.5  # a second hypothesis that leaves so much less than twice as much is named too
+_MOST_HEIGHT = 0.6  # difference of a foot's height from the others', as a share of its distance from the hip
 _ITERATIONS = 3  # of Gauss-Newton
 _STEP_RAD = 1e-3
 _MOST_RAD = 0.6
@@ -58,10 +59,25 @@ def best_hypotheses(robot: RobotModel, leg: int, intervals: Sequence[LegInterval
         every.append(JointHypothesis(joint, True, 0.0, float(np.sum(flipped**2)) / before))
         offset_rad, remaining = _offset(robot, leg, intervals, column)
         every.append(JointHypothesis(joint, False, offset_rad, float(np.sum(remaining**2)) / before))
+    every = [one for one in every if _is_plausible(robot, leg, intervals[-1], one)]
     every.sort(key=lambda one: one.remaining)
-    if every[0].remaining > _EXPLAINED:
+    if not every or every[0].remaining > _EXPLAINED:
         return []
     return [one for one in every if one.remaining * _RIVAL <= every[0].remaining]
+
+
+def _is_plausible(robot: RobotModel, leg: int, interval: LegInterval, fault: JointHypothesis) -> bool:
+    """Whether the foot stands about as high as the others; a leg that is mirrored upwards moves alike."""
+    stood = interval.stood.copy()
+    stood[leg] = False
+    position = np.array(interval.end.joint_position)
+    column = robot.joint_names.index(fault.joint)
+    position[column] = -position[column] if fault.is_flipped else position[column] - fault.offset_rad
+    foot = robot.feet(position, np.zeros(len(position))).position_body[leg]
+    up = interval.turn.T @ interval.up
+    others_m = float(np.median(interval.end.feet.position_body[stood] @ up))
+    reach_m = float(np.linalg.norm(foot - robot.hip_position_body[leg]))
+    return bool(abs(float(foot @ up) - others_m) < _MOST_HEIGHT * reach_m)
 
 
 def _offset(robot: RobotModel, leg: int, intervals: Sequence[LegInterval], column: int) -> tuple[float, Array]:

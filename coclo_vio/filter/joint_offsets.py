@@ -18,7 +18,9 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 
 _STANCE_M = 0.2  # way over which the error of a leg lasts
-_MOST_RAD = 0.17  # beyond, a joint turns its leg by no small angle, and the regression does not apply
+_MOST_RAD = 0.26  # beyond, a joint turns its leg by no small angle, and the regression does not apply
+_MOST_SHARE = 0.35  # of the motion; a residual beyond it and some sigmas is a slip or a jump, no small angle
+_MOST_SIGMAS = 3.0
 _RIVAL = 0.8  # share of the best joint's statistic from which another is named too
 
 
@@ -78,11 +80,13 @@ class JointOffsets:
 
     def push(self, interval: LegInterval, consistency: LegConsistency) -> None:
         """Take the residuals of an interval, m, with the noise as legs have shown it."""
-        config, compared = self._config, interval.is_compared
+        config = self._config
+        step_m = np.sqrt(np.sum(interval.predicted**2, axis=1))
+        size_m = np.sqrt(np.sum(interval.residual**2, axis=1))
+        compared = interval.is_compared & (size_m < _MOST_SHARE * step_m + _MOST_SIGMAS * np.sqrt(interval.variance))
         before = np.take_along_axis(interval.begin.feet.jacobian[:, 3:], self._own, axis=2)
         after = np.take_along_axis(interval.end.feet.jacobian[:, 3:], self._own, axis=2)
         rows = np.where(compared[:, None, None], before - interval.turn @ after, 0.0)
-        step_m = np.sqrt(np.sum(interval.predicted**2, axis=1))
         share = max(config.offset_share, consistency.lasting_share)
         variance = consistency.noise_factor * interval.variance + share**2 * _STANCE_M * step_m
         variance = np.where(compared, variance, 1.0)
