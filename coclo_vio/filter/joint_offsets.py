@@ -14,6 +14,7 @@ import numpy as np
 from coclo_vio.filter.leg_check_config import LegCheckConfig
 from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.leg_intervals import LegInterval
+from coclo_vio.filter.leg_residual_kernel import regress
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 
@@ -60,7 +61,6 @@ class JointOffsets:
         for leg, each in enumerate(robot.description.legs):
             self._columns[leg, : len(each.joints)] = [names.index(joint) for joint in each.joints]
         self._is_joint = self._columns >= 0
-        self._own = np.broadcast_to(np.maximum(self._columns, 0)[:, None, :], (legs, 3, joints))
         self._information, self._vector = np.zeros((legs, joints)), np.zeros((legs, joints))
         self._exceeds: BoolArray = np.zeros(legs, dtype=np.bool_)
 
@@ -80,21 +80,20 @@ class JointOffsets:
 
     def push(self, interval: LegInterval, consistency: LegConsistency) -> None:
         """Take the residuals of an interval, m, with the noise as legs have shown it."""
-        config = self._config
-        step_m = np.sqrt(np.sum(interval.predicted**2, axis=1))
-        size_m = np.sqrt(np.sum(interval.residual**2, axis=1))
-        compared = interval.is_compared & (size_m < _MOST_SHARE * step_m + _MOST_SIGMAS * np.sqrt(interval.variance))
-        before = np.take_along_axis(interval.begin.feet.jacobian[:, 3:], self._own, axis=2)
-        after = np.take_along_axis(interval.end.feet.jacobian[:, 3:], self._own, axis=2)
-        rows = np.where(compared[:, None, None], before - interval.turn @ after, 0.0)
+        config, step_m = self._config, interval.step_m
+        size_m = np.sqrt(np.square(interval.residual).sum(axis=1))
+        is_small = size_m < _MOST_SHARE * step_m + _MOST_SIGMAS * np.sqrt(interval.variance)
         share = max(config.offset_share, consistency.lasting_share)
         variance = consistency.noise_factor * interval.variance + share**2 * _STANCE_M * step_m
-        variance = np.where(compared, variance, 1.0)
-        kept = np.where(compared, np.exp(-interval.duration_s / config.offset_memory_s), 1.0)[:, None]
-        weighted = rows / variance[:, None, None]
-        self._information = kept * self._information + np.sum(rows * weighted, axis=1) * self._is_joint
-        summed = np.sum(weighted * interval.residual[:, :, None], axis=1)
-        self._vector = kept * self._vector + summed * self._is_joint
+        regress(
+            (self._information, self._vector),
+            (interval.begin.feet.jacobian, interval.end.feet.jacobian),
+            interval.turn,
+            self._columns,
+            interval.residual,
+            variance * (interval.is_compared & is_small),
+            float(np.exp(-interval.duration_s / config.offset_memory_s)),
+        )
 
     def worst(self, in_use: BoolArray) -> JointOffset | None:
         """The joint of a leg in use (n,) whose offset exceeds the limits most; None where none does.
@@ -104,6 +103,9 @@ class JointOffsets:
         config, offset_rad = self._config, self.offset_rad
         squared = self._vector * offset_rad  # squared offset over its variance
         by_leg = squared.max(axis=1)
+        if by_leg.max() < 0.25 * config.offset_sigmas**2:
+            self._exceeds = np.zeros(len(by_leg), dtype=np.bool_)
+            return None
         is_large = np.abs(offset_rad).max(axis=1) > config.least_offset_rad
         factors = np.array([self._factor(squared, in_use, leg) for leg in range(len(by_leg))])
         limit = config.offset_sigmas**2 * factors

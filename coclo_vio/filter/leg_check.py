@@ -98,8 +98,7 @@ class LegCheck:
         kept = np.where(compared & ~self.is_aside, np.exp(-interval.duration_s / self._config.memory_s), 1.0)
         self._sum = kept[:, None] * self._sum + interval.residual
         self._variance = kept**2 * self._variance + interval.variance
-        step_m = np.sqrt(np.sum(interval.predicted**2, axis=1))
-        self._path_m = kept * self._path_m + step_m
+        self._path_m = kept * self._path_m + interval.step_m
         for leg in np.flatnonzero(compared):
             self._recent[leg].append(interval)
         self._meter.push(interval, ~self.is_aside)
@@ -108,7 +107,7 @@ class LegCheck:
         offset = self._offsets.worst(~self.is_aside)
         self._find_inconsistent(interval, normalised, offset)
         if self.any_aside:
-            self._find_consistent(interval, normalised, step_m)
+            self._find_consistent(interval, normalised)
 
     def _find_inconsistent(self, interval: LegInterval, normalised: Array, offset: JointOffset | None) -> None:
         config, stamp_ns = self._config, interval.end.stamp_ns
@@ -176,11 +175,11 @@ class LegCheck:
             )
         )
 
-    def _find_consistent(self, interval: LegInterval, normalised: Array, step_m: Array) -> None:
+    def _find_consistent(self, interval: LegInterval, normalised: Array) -> None:
         """A leg that is set aside is watched over stretches of stance; after one in which it agrees it is used."""
         stood = interval.is_compared & self.is_aside
         self._consistent_s += np.where(stood, interval.duration_s, 0.0)
-        self._consistent_m += np.where(stood, step_m, 0.0)
+        self._consistent_m += np.where(stood, interval.step_m, 0.0)
         ends = self.is_aside & (self._consistent_s >= self._watch_s)
         ends &= self._consistent_m >= self._config.return_path_m
         returns = ends & (normalised < _RETURN_LIMIT) & ~self._offsets.exceeds

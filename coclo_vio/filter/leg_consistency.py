@@ -71,6 +71,6 @@ class ConsistencyMeter:
             self._slow += (float(squares.sum()), float(np.sum(self._stance_m[ended] ** 2)), np.count_nonzero(ended))
         going = compared.astype(float)
         self._stance = going[:, None] * (self._stance + interval.residual)
-        self._stance_m = going * (self._stance_m + np.sqrt(np.sum(interval.predicted**2, axis=1)))
+        self._stance_m = going * (self._stance_m + interval.step_m)
         self._last, self._has_last = interval.residual, compared
         self._last_variance = np.where(compared, interval.variance, 0.0)

@@ -9,13 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.filter.leg_residual_kernel import left_out, translations
+from coclo_vio.filter.leg_residual_kernel import compared, translations
 from coclo_vio.robot.leg_sensing import Reading
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.units import NS_PER_S
-
-_MOST_STEPS = 2.0  # a residual is shortened to so many times the motion, that of a leg which moves backwards,
-_MOST_SIGMAS = 5.0  # ... and so many sigmas: a single jump of a joint is no lasting error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +28,7 @@ class LegInterval:
         residual: translation by each leg less the prediction of the others, m, (n, 3); 0 where not compared, and
             shortened where it is longer than any lasting error.
         predicted: the prediction, m, (n, 3); 0 where not compared.
+        step_m: length of the prediction, m, (n,).
         variance: of the residual by the noise of encoders, slip and gyroscope, each axis, m^2, (n,).
         is_compared: legs with a prediction, (n,).
         duration_s: length of the interval, s.
@@ -43,6 +41,7 @@ class LegInterval:
     stood: BoolArray
     residual: Array
     predicted: Array
+    step_m: Array
     variance: Array
     is_compared: BoolArray
     duration_s: float
@@ -118,22 +117,8 @@ class LegIntervals:
             self._radii_m,
         )
         sigma_m = self._noise.sigma_m(duration_s)
-        turn_sigma_rad = self._noise.turn_radps * duration_s
-        used = stood & trusted
-        predicted, variance = left_out(moved, levers, used, stood, sigma_m, turn_sigma_rad, 1)
-        excess = _excess(moved, predicted, sigma_m)
-        if excess.max() > 1.0:  # the leg that jumped farthest predicts no other
-            used[np.argmax(excess)] = False
-            predicted, variance = left_out(moved, levers, used, stood, sigma_m, turn_sigma_rad, 1)
-            excess = _excess(moved, predicted, sigma_m)
-        is_compared = np.isfinite(variance)
-        residual = np.where(is_compared[:, None], moved - predicted, 0.0) / np.maximum(excess, 1.0)[:, None]
-        predicted = np.where(is_compared[:, None], predicted, 0.0)
-        variance = np.where(is_compared, variance + sigma_m**2, 0.0)
-        return LegInterval(begin, end, turn, up, stood, residual, predicted, variance, is_compared, duration_s)
-
-
-def _excess(moved: Array, predicted: Array, sigma_m: float) -> Array:
-    """Length of each residual over the largest that a lasting error makes, (n,); 0 where there is no prediction."""
-    limit_m = _MOST_SIGMAS * sigma_m + _MOST_STEPS * np.sqrt(np.sum(predicted**2, axis=1))
-    return np.asarray(np.nan_to_num(np.sqrt(np.sum((moved - predicted) ** 2, axis=1)) / limit_m))
+        residual, predicted, variance, step_m = compared(
+            moved, levers, stood, trusted, sigma_m, self._noise.turn_radps * duration_s
+        )
+        is_compared = variance > 0.0
+        return LegInterval(begin, end, turn, up, stood, residual, predicted, step_m, variance, is_compared, duration_s)

@@ -6,9 +6,12 @@ import math
 import numpy as np
 
 from coclo_vio.filter.triangle_kernels import cholesky_in_place
-from coclo_vio.geometry.array_types import Array, BoolArray
+from coclo_vio.geometry.array_types import Array, BoolArray, IntArray
 from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated, set_log, set_product, set_product_transposed
+
+MOST_STEPS = 2.0  # a residual is shortened to so many times the motion, that of a leg which moves backwards,
+MOST_SIGMAS = 5.0  # ... and so many sigmas: a single jump of a joint is no lasting error
 
 
 @compiled
@@ -82,6 +85,104 @@ def left_out(
         cholesky_in_place(information)
         variance[leg] = _predict(predicted[leg], information, vector, rows)
     return predicted, variance
+
+
+@compiled
+def compared(
+    moved: Array, levers: Array, stood: BoolArray, trusted: BoolArray, sigma: float, turn_sigma_rad: float
+) -> tuple[Array, Array, Array, Array]:
+    """Residuals (n, 3), predictions (n, 3), variances (n,) and lengths of the predictions (n,); 0 where not predicted.
+
+    A residual is shortened to ``MOST_SIGMAS`` and ``MOST_STEPS`` times the motion. The leg that is farthest beyond that
+    predicts no other.
+
+    Args:
+        moved: readings, m, (n, 3).
+        levers: m, (n, 3).
+        stood: legs that are compared, (n,).
+        trusted: legs that may predict others, (n,).
+        sigma: of each axis of a reading, m.
+        turn_sigma_rad: of the gyroscope, rad.
+    """
+    legs = len(moved)
+    used, excess, steps_m = np.empty(legs, dtype=np.bool_), np.zeros(legs), np.zeros(legs)
+    for leg in range(legs):
+        used[leg] = stood[leg] and trusted[leg]
+    predicted, variance = left_out(moved, levers, used, stood, sigma, turn_sigma_rad, 1)
+    worst = _set_excess(excess, steps_m, moved, predicted, sigma)
+    if excess[worst] > 1.0:
+        used[worst] = False
+        predicted, variance = left_out(moved, levers, used, stood, sigma, turn_sigma_rad, 1)
+        _set_excess(excess, steps_m, moved, predicted, sigma)
+    residual = np.zeros((legs, 3))
+    for leg in range(legs):
+        is_predicted = not math.isnan(variance[leg])
+        variance[leg] = variance[leg] + sigma * sigma if is_predicted else 0.0
+        for i in range(3):
+            if is_predicted:
+                residual[leg, i] = (moved[leg, i] - predicted[leg, i]) / max(excess[leg], 1.0)
+            else:
+                predicted[leg, i] = 0.0
+    return residual, predicted, variance, steps_m
+
+
+@compiled
+def _set_excess(excess: Array, steps_m: Array, moved: Array, predicted: Array, sigma: float) -> int:
+    """Length of each residual over the largest that a lasting error makes; the leg where that is largest."""
+    worst = 0
+    for leg in range(len(moved)):
+        squared, step = 0.0, 0.0
+        for i in range(3):
+            difference = moved[leg, i] - predicted[leg, i]
+            squared += difference * difference
+            step += predicted[leg, i] * predicted[leg, i]
+        excess[leg] = steps_m[leg] = 0.0
+        if not math.isnan(squared):
+            steps_m[leg] = math.sqrt(step)
+            excess[leg] = math.sqrt(squared) / (MOST_SIGMAS * sigma + MOST_STEPS * steps_m[leg])
+        if excess[leg] > excess[worst]:
+            worst = leg
+    return worst
+
+
+@compiled
+def regress(
+    sums: tuple[Array, Array],
+    jacobians: tuple[Array, Array],
+    turn: Array,
+    columns: IntArray,
+    residual: Array,
+    variance: Array,
+    kept: float,
+) -> None:
+    """Add the residuals of an interval to the regressions of each leg on each of its joints.
+
+    Args:
+        sums: information and vector, (n, joints of a leg), are changed.
+        jacobians: of the feet at begin and end, (n, 6, J).
+        turn: rotation of the body, (3, 3).
+        columns: of the joints of each leg, (n, joints of a leg); -1 where there is none.
+        residual: m, (n, 3).
+        variance: of each axis, m^2, (n,); 0 where a leg does not count.
+        kept: what is kept of the sums of a leg that counts.
+    """
+    for leg in range(len(columns)):
+        if variance[leg] <= 0.0:
+            continue
+        for joint in range(columns.shape[1]):
+            column = columns[leg, joint]
+            if column < 0:
+                continue
+            after = jacobians[1][leg, 3, column], jacobians[1][leg, 4, column], jacobians[1][leg, 5, column]
+            x, y, z = rotated(turn, after[0], after[1], after[2])
+            x, y, z = (
+                jacobians[0][leg, 3, column] - x,
+                jacobians[0][leg, 4, column] - y,
+                jacobians[0][leg, 5, column] - z,
+            )
+            along = x * residual[leg, 0] + y * residual[leg, 1] + z * residual[leg, 2]
+            sums[0][leg, joint] = kept * sums[0][leg, joint] + (x * x + y * y + z * z) / variance[leg]
+            sums[1][leg, joint] = kept * sums[1][leg, joint] + along / variance[leg]
 
 
 @inlined
