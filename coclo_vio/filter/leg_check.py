@@ -87,7 +87,7 @@ class LegCheck:
 
     def push(self, reading: Reading, rotation: Array) -> None:
         """Take a reading and the filter's ``R_world_body``, (3, 3)."""
-        interval = self._intervals.push(reading, rotation, ~self.is_aside)
+        interval = self._intervals.push(reading, rotation, self.is_aside)
         if interval is not None:
             self._take(interval)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How well stance legs agree: variance factors of what redundant legs measure, fast noise and lasting errors apart."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,14 +51,14 @@ class ConsistencyMeter:
         prior = 3.0 * _EXPECTED_INTERVALS * mean_expected
         factor = (squares + prior) / (expected + prior)
         slow, way, stances = self._slow
-        share = np.sqrt(max(slow, 0.0) / way) if way > 0.0 else 0.0
-        noise_m = np.sqrt(squares / count) if count else 0.0
+        share = math.sqrt(max(slow, 0.0) / way) if way > 0.0 else 0.0
+        noise_m = math.sqrt(squares / count) if count else 0.0
         return LegConsistency(float(factor), float(share), float(stances), float(noise_m))
 
     def push(self, interval: LegInterval, in_use: BoolArray) -> None:
         """Take the residuals of an interval; only legs in use (n,) count."""
         compared = interval.is_compared & in_use
-        kept = np.exp(-interval.duration_s / _MEMORY_S)
+        kept = math.exp(-interval.duration_s / _MEMORY_S)
         self._fast *= kept
         self._slow *= kept
         both = compared & self._has_last

@@ -85,13 +85,13 @@ class LegIntervals:
         """Forget the interval that has begun."""
         self._begin = None
 
-    def push(self, reading: Reading, rotation: Array, trusted: BoolArray) -> LegInterval | None:
+    def push(self, reading: Reading, rotation: Array, is_aside: BoolArray) -> LegInterval | None:
         """Take a reading with ``R_world_body`` (3, 3); an interval where one is complete.
 
         Args:
             reading: of the legs.
             rotation: as the filter estimates it.
-            trusted: legs that may predict others, (n,).
+            is_aside: legs that predict no others, (n,).
         """
         if self._begin is None:
             self._begin, self._stood = (reading, rotation), reading.is_stance
@@ -102,7 +102,7 @@ class LegIntervals:
             return None
         stood = self._stood
         self._begin, self._stood = (reading, rotation), reading.is_stance
-        return self._compared(begin, reading, rotation_begin, rotation_begin.T @ rotation, stood, trusted)
+        return self._compared(begin, reading, rotation_begin, rotation_begin.T @ rotation, stood, ~is_aside)
 
     def _compared(
         self, begin: Reading, end: Reading, rotation: Array, turn: Array, stood: BoolArray, trusted: BoolArray
