@@ -107,7 +107,7 @@ class JointOffsets:
             self._exceeds = np.zeros(len(by_leg), dtype=np.bool_)
             return None
         is_large = np.abs(offset_rad).max(axis=1) > config.least_offset_rad
-        factors = np.array([self._factor(squared, in_use, leg) for leg in range(len(by_leg))])
+        factors = self._factors(squared, in_use)
         limit = config.offset_sigmas**2 * factors
         self._exceeds = is_large & (by_leg > 0.25 * limit)
         found = np.flatnonzero(in_use & is_large & (by_leg > limit))
@@ -123,9 +123,8 @@ class JointOffsets:
         rivals = tuple(names[each] for each in near if each != joint)
         return JointOffset(leg, names[joint], float(offset_rad[leg, joint]), sigma_rad, rivals)
 
-    def _factor(self, squared: Array, in_use: BoolArray, leg: int) -> float:
-        """Variance factor of the other legs in use, at least 1: the mean of their statistics, which should be 1."""
-        others = in_use.copy()
-        others[leg] = False
-        counted = squared[others][self._is_joint[others]]
-        return max(1.0, float(counted.mean())) if counted.size else 1.0
+    def _factors(self, squared: Array, in_use: BoolArray) -> Array:
+        """Variance factor of the other legs in use, for each leg, (n,): the mean of their statistics, 1 at least."""
+        counted = self._is_joint & in_use[:, None]
+        counts, sums = counted.sum(axis=1), np.where(counted, squared, 0.0).sum(axis=1)
+        return np.asarray(np.maximum(1.0, (sums.sum() - sums) / np.maximum(counts.sum() - counts, 1)))
