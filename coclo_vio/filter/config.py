@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
+from coclo_vio.filter.leg_check_config import LegCheckConfig
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.standstill import StandstillConfig
 from coclo_vio.values.config import StageConfig, merged
@@ -101,6 +102,7 @@ class RobustConfig(StageConfig):
     gate_probability: Annotated[
         float, Field(gt=0.5, lt=1, description="share of correct leg measurements that pass the innovation gate")
     ] = 0.997
+    leg_check: Annotated[LegCheckConfig, Field(description="comparison of each leg with the others")] = LegCheckConfig()
     recovery_s: Annotated[
         float, Field(gt=0, description="time without any accepted stance leg after which all are accepted again, s")
     ] = 0.1

@@ -11,6 +11,7 @@ from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
+from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.leg_preintegration import START, LegPreintegration
 from coclo_vio.filter.paper_profile import PaperProfile
 from coclo_vio.filter.profile import Profile
@@ -29,7 +30,7 @@ from coclo_vio.values.arrays import Array, BoolArray, is_finite
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Calibration
+from coclo_vio.values.outputs import Calibration, Event
 from coclo_vio.values.units import NS_PER_S
 
 _NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
@@ -131,6 +132,17 @@ class LegOdometryFilter:
     def has_started(self) -> bool:
         """Whether there are estimates."""
         return self._core is not None
+
+    @property
+    def leg_consistency(self) -> LegConsistency | None:
+        """How well the stance legs agree, over the last seconds; None before the start or without comparison."""
+        check = self._profile.leg_check
+        return None if check is None else check.consistency
+
+    def take_events(self) -> Sequence[Event]:
+        """What was reported since the last call: legs that are set aside or used again."""
+        check = self._profile.leg_check
+        return () if check is None else check.take_events()
 
     def mark_frame(self, stamp_ns: int) -> MarkedFrame:
         """Remember the pose at the first camera frame, at its own stamp between samples; starts a new exchange.

@@ -21,6 +21,7 @@ import numpy as np
 
 from coclo_vio.filter.config import InitialConfig, PaperConfig
 from coclo_vio.filter.initialisation import FootPrior
+from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.measurement_model import specific_force_at_rest
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
@@ -58,6 +59,7 @@ class PaperProfile:
         self._contacts = self.layout.at("contacts")
         self.is_wide = True
         self.can_coast = False
+        self.leg_check: LegCheck | None = None
         self._config = config
         self._counts = counts
 

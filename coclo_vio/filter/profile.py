@@ -4,6 +4,7 @@
 from typing import Protocol
 
 from coclo_vio.filter.initialisation import FootPrior
+from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import StateLayout
@@ -17,11 +18,13 @@ class Profile(Protocol):
         layout: of the state.
         is_wide: sigma points as far away as in the paper, see ``SquareRootFilter``.
         can_coast: whether ``coast`` is there, which predicts across gaps of the joints.
+        leg_check: compares each leg with the others; None before the start, and where the profile has none.
     """
 
     layout: StateLayout
     is_wide: bool
     can_coast: bool
+    leg_check: LegCheck | None
 
     def start(self, reading: Reading) -> None:
         """Take the first reading."""

@@ -12,6 +12,8 @@ from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.initialisation import FootPrior
+from coclo_vio.filter.leg_check import LegCheck
+from coclo_vio.filter.leg_intervals import IntervalNoise
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
 from coclo_vio.filter.square_root_filter import SquareRootFilter
@@ -56,7 +58,10 @@ class RobustProfile:
         )
         self.is_wide = False
         self.can_coast = True
+        self.leg_check: LegCheck | None = None
         self._robot: RobotDescription = robot.description
+        self._model = robot
+        self._gyroscope_error_radps = initial.gyroscope_bias_radps
         self._config = config
         self._counts = counts
         radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
@@ -78,6 +83,11 @@ class RobustProfile:
         """Take the first reading; its feet in stance become footholds."""
         self._footholds = Footholds(reading, self._robot.contact.on_force)
         self._rejecting_s = 0.0
+        config = self._config.leg_check
+        if config.is_enabled:
+            foot_m = float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).mean() / np.sqrt(3.0))
+            noise = IntervalNoise(foot_m, self._config.foothold_creep, self._gyroscope_error_radps)
+            self.leg_check = LegCheck(self._model, config, noise)
 
     def foot_prior(self, reading: Reading) -> FootPrior:
         """Uncertainty of the feet at the start; the noise is the largest of any foot."""
@@ -105,7 +115,16 @@ class RobustProfile:
         rejected = self._rejected(expectation, self._footholds, reading, dt_s)
         expectation.update(core, rejected)
         self._update_gravity(core, reading, is_gap=is_gap)
+        self._compare_legs(core, reading, is_gap=is_gap)
         return reading.is_stance & ~rejected
+
+    def _compare_legs(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
+        """Compare each leg with the others, over intervals that end here."""
+        if self.leg_check is None:
+            return
+        if is_gap:
+            self.leg_check.clear()
+        self.leg_check.push(reading, core.mean.rotation)
 
     def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
         """One step without joints, with the rate of the gyroscope alone, body frame, rad/s, (3,)."""
@@ -116,8 +135,15 @@ class RobustProfile:
         core.update(rows, gyroscope_noise_radps * np.eye(3), rate - predicted)
 
     def _rejected(self, expectation: Expectation, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
-        """The legs (n,) to leave out; none where all stance legs have been rejected for too long."""
-        rejected = expectation.rejected
+        """The legs (n,) to leave out: those set aside, and others unless all have been rejected for too long."""
+        if self.leg_check is None or not self.leg_check.any_aside:
+            return self._gated(expectation.rejected, footholds, reading, dt_s)
+        is_aside = self.leg_check.is_aside
+        footholds.release(is_aside)
+        return self._gated(expectation.rejected & ~is_aside, footholds, reading, dt_s) | is_aside
+
+    def _gated(self, rejected: BoolArray, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
+        """The legs (n,) that the gate leaves out; none where all stance legs have been rejected for too long."""
         is_rejecting_all = bool(reading.is_stance.any() and not (reading.is_stance & ~rejected).any())
         self._rejecting_s = self._rejecting_s + dt_s if is_rejecting_all else 0.0
         if not rejected.any():
@@ -136,7 +162,10 @@ class RobustProfile:
         if is_gap:
             self._gravity.close()
             return
-        stands = reading.is_known.any() and reading.is_stance[reading.is_known].all()
+        compared = reading.is_known
+        if self.leg_check is not None and self.leg_check.any_aside:
+            compared = compared & ~self.leg_check.is_aside
+        stands = compared.any() and reading.is_stance[compared].all()
         if not stands:
             gravity = self._gravity.close()
         elif reading.specific_force is None:  # an accelerometer slower than the joints

@@ -167,6 +167,7 @@ class CombinedOdometry(StreamingEstimator):
                 if state is not None:
                     self._latest = state
                     yield Estimate(self._filter_name, state)
+                    yield from self._filter.take_events()
             case StereoFrame() | StereoTracks():
                 yield from self._take_what_is_due(measurement.stamp_ns)
                 yield from self._take_result()

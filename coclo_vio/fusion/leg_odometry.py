@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leg odometry as an estimator: any filter of joint samples, its states under a name."""
 
-from collections.abc import Iterator, Mapping
-from typing import Protocol
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Protocol, runtime_checkable
 
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimate, Output
+from coclo_vio.values.outputs import Estimate, Event, Output
 
 
 class StateFilter(Protocol):
@@ -19,6 +19,14 @@ class StateFilter(Protocol):
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened."""
+
+
+@runtime_checkable
+class ReportsEvents(Protocol):
+    """A filter that reports unusual conditions."""
+
+    def take_events(self) -> Sequence[Event]:
+        """What was reported since the last call."""
 
 
 class LegOdometry(StreamingEstimator):
@@ -33,6 +41,7 @@ class LegOdometry(StreamingEstimator):
         """
         super().__init__()
         self._name, self._filter = name, state_filter
+        self._reports = state_filter if isinstance(state_filter, ReportsEvents) else None
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -43,3 +52,5 @@ class LegOdometry(StreamingEstimator):
         state = self._filter.push(measurement)
         if state is not None:
             yield Estimate(self._name, state)
+            if self._reports is not None:
+                yield from self._reports.take_events()

@@ -108,6 +108,7 @@ class TightOdometry(StreamingEstimator):
                 if state is not None:
                     self._latest = state
                     yield Estimate(self._joint_name, state)
+                    yield from self._filter.take_events()
             case StereoFrame() | StereoTracks():
                 yield from self._process_frame(measurement)
 

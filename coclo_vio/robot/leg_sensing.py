@@ -34,6 +34,7 @@ class Reading:
         gyroscope: each sample of that mean with its stamp in nanoseconds, oldest first.
         specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
+        joint_position: as read, rad, (J,); None where it was not kept.
         is_known: legs whose kinematics are known, (n,).
         is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
     """
@@ -45,6 +46,7 @@ class Reading:
     gyroscope: tuple[tuple[int, Array], ...]
     specific_force: Array | None
     is_stationary: bool
+    joint_position: Array | None = None
     is_known: BoolArray = field(init=False)
     is_stance: BoolArray = field(init=False)
 
@@ -175,7 +177,7 @@ class LegSensing:
         self._rates = []
         self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
-        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._rest is not None)
+        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._rest is not None, sample.position)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading

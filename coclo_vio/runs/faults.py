@@ -6,12 +6,14 @@ Between a reader and an estimator, one measurement at a time. Ground truth is le
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.runs.encoder_faults import EncoderFaults, flipped_span, offset_span
+from coclo_vio.runs.fault_spans import Span
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.measurements import (
@@ -22,45 +24,9 @@ from coclo_vio.values.measurements import (
     StereoTracks,
     TrackingQuality,
 )
-from coclo_vio.values.units import NS_PER_S
 
-_LONGEST_S = 1e9  # thirty years
 _QUOTES = "; quote it, YAML takes 20:5 for a number of base 60"
 Read = Callable[[frozenset[type]], Iterator[Measurement]]  # from the beginning each time, as Dataset.measurements
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """A stretch of time.
-
-    Attributes:
-        start_ns: its beginning, ns after the recording's first measurement.
-        end_ns: its end, which is no longer in it.
-    """
-
-    start_ns: int
-    end_ns: int
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """The span of ``START:SECONDS``.
-
-        Raises:
-            ValueError: not two numbers, a start before the recording, or no time at all.
-        """
-        start, _, seconds = text.partition(":")
-        try:
-            start_s, duration_s = float(start), float(seconds)
-        except ValueError as error:
-            raise ValueError(f"{text!r} is no START:SECONDS, such as 20:5 for five seconds") from error
-        if not (0.0 <= start_s <= _LONGEST_S and 0.0 < duration_s <= _LONGEST_S):
-            raise ValueError(
-                f"{text!r}: START must be at least 0 and SECONDS above 0, neither above {_LONGEST_S:.0e}, such as 20:5"
-            )
-        return cls(round(start_s * NS_PER_S), round((start_s + duration_s) * NS_PER_S))
-
-    def __contains__(self, after_ns: int) -> bool:
-        return self.start_ns <= after_ns < self.end_ns
 
 
 def _leg_span(text: str) -> tuple[str, Span]:
@@ -85,12 +51,28 @@ def _leg_span_text(value: Any) -> str:
     return value
 
 
+def _flipped_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError("must be text JOINT:START:SECONDS, such as leg1_base:20:3")
+    flipped_span(value)
+    return value
+
+
+def _offset_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError("must be text JOINT:START:SECONDS:DEG, such as leg1_base:20:3:5")
+    offset_span(value)
+    return value
+
+
 def _one_or_more(value: Any) -> Any:
     return value if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
 
 
 Spans = Annotated[tuple[Annotated[str, BeforeValidator(_span_text)], ...], BeforeValidator(_one_or_more)]
 LegSpans = Annotated[tuple[Annotated[str, BeforeValidator(_leg_span_text)], ...], BeforeValidator(_one_or_more)]
+JointSpans = Annotated[tuple[Annotated[str, BeforeValidator(_flipped_text)], ...], BeforeValidator(_one_or_more)]
+JointOffsets = Annotated[tuple[Annotated[str, BeforeValidator(_offset_text)], ...], BeforeValidator(_one_or_more)]
 
 
 class FaultsConfig(StageConfig):
@@ -105,11 +87,20 @@ class FaultsConfig(StageConfig):
         LegSpans, Field(description="LEG:START:SECONDS each: the leg's joints repeat their last reading, at rest")
     ] = ()
     silent_joints: Annotated[Spans, Field(description='START:SECONDS each: no joint sample; as ["20:5"]')] = ()
+    flipped_encoders: Annotated[
+        JointSpans,
+        Field(description="JOINT:START:SECONDS each: the encoder reads angle and velocity with a wrong sign"),
+    ] = ()
+    encoder_offsets: Annotated[
+        JointOffsets,
+        Field(description="JOINT:START:SECONDS:DEG each: the zero of the encoder is off by so many degrees"),
+    ] = ()
 
     @property
     def is_none(self) -> bool:
         """Whether there is no fault."""
-        return not (self.blackouts or self.frame_loss or self.frozen_legs or self.silent_joints)
+        joints = self.frozen_legs or self.silent_joints or self.flipped_encoders or self.encoder_offsets
+        return not (self.blackouts or self.frame_loss or joints)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,12 +118,13 @@ class Faults:
         """Make ready.
 
         Raises:
-            ConfigError: a leg that the robot does not have, or no robot to freeze a leg of.
+            ConfigError: a leg or joint that the robot does not have, or no robot.
         """
         self.config = config
         self._dark = [Span.parse(text) for text in config.blackouts]
         self._silent = [Span.parse(text) for text in config.silent_joints]
         self._frozen = [_frozen_leg(text, robot) for text in config.frozen_legs]
+        self._encoders = EncoderFaults(config.flipped_encoders, config.encoder_offsets, robot)
 
     def measurements(self, read: Read, sensors: frozenset[type]) -> Iterator[Measurement]:
         """What ``read`` gives of ``sensors``, with the faults on it.
@@ -155,7 +147,7 @@ class Faults:
                     if losses.random() >= self.config.frame_loss:
                         yield blackouts.applied(measurement, after_ns)
                 case JointSample():
-                    sample = frozen_legs.applied(measurement, after_ns)
+                    sample = frozen_legs.applied(self._encoders.applied(measurement, after_ns), after_ns)
                     if not any(after_ns in span for span in self._silent):
                         yield sample
                 case _:

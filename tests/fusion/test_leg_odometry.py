@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A filter as an estimator: its states become estimates of one trajectory."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from stand_ins import MS, state_at
@@ -9,7 +9,7 @@ from stand_ins import MS, state_at
 from coclo_vio.fusion.leg_odometry import LegOdometry
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import ImuSample, JointSample, Measurement
-from coclo_vio.values.outputs import Estimate
+from coclo_vio.values.outputs import Estimate, Event
 
 
 class JointFilter:
@@ -31,3 +31,15 @@ def test_each_state_is_an_estimate_under_the_name_of_the_trajectory() -> None:
     assert (output.name, output.state.stamp_ns) == ("coclo", 5 * MS)
     assert list(odometry.finish()) == []
     assert odometry.counts == {"standstill": 3}
+
+
+class ReportingFilter(JointFilter):
+    """Reports a leg with each joint sample."""
+
+    def take_events(self) -> Sequence[Event]:
+        return [Event(5 * MS, "leg_inconsistent", "leg1")]
+
+
+def test_what_a_filter_reports_follows_the_estimate() -> None:
+    outputs = LegOdometry("coclo", ReportingFilter()).push(JointSample(5 * MS, *np.zeros((3, 12))))
+    assert [type(one) for one in outputs] == [Estimate, Event]
