@@ -14,6 +14,7 @@ from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, 
 from coclo_vio.filter.leg_preintegration import START, LegPreintegration
 from coclo_vio.filter.paper_profile import PaperProfile
 from coclo_vio.filter.profile import Profile
+from coclo_vio.filter.revision import Prior, replace_prior, step_gyroscope
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
@@ -95,6 +96,23 @@ class LegOdometryFilter:
         self._stamp_ns = 0
         self._exchange: KeyframeExchange | None = None
         self._gate = EvidenceGate(self.config.feedback_gate)
+        self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
+        self._reading: Reading | None = None
+
+    @property
+    def imu_rotation(self) -> Array:
+        """``R_body_imu``, (3, 3)."""
+        return self._robot.description.imu.T_body_imu[:3, :3]
+
+    @property
+    def reading(self) -> Reading | None:
+        """What legs and IMU gave at the last joint sample; None before the first."""
+        return self._reading
+
+    @property
+    def mounting_prior(self) -> Prior:
+        """The prior on the rotation of the cameras' mounting that holds, as in ``camera_calibration``, rad."""
+        return self._mounting_prior
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -113,6 +131,7 @@ class LegOdometryFilter:
         reading = self._sensing.push(measurement, up_body)
         if reading is None:
             return None
+        self._reading = reading
         if self._core is None:
             return self._try_to_start(reading)
         dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
@@ -160,6 +179,39 @@ class LegOdometryFilter:
             raise FilterError(_NOT_STARTED)
         core.mean.layout.at(START)
         return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
+
+    def revise_mounting(self, prior: Prior) -> None:
+        """Replace the prior of the cameras' mounting, in all states, as if the new one had held from the start.
+
+        Args:
+            prior: on the rotation vector of ``E`` of ``camera_calibration``, wider than the one that holds.
+
+        Raises:
+            FilterError: the filter has not started yet, does not remember frames, or knows the mounting.
+        """
+        core = self._remembering()
+        if self._mounting_prior.is_known:
+            raise FilterError(
+                "the cameras' mounting is configured as known: set filter.initial.camera_rotation_sigma_rad above 1e-5"
+            )
+        replace_prior(core, "camera", self._mounting_prior, prior)
+        self._mounting_prior = prior
+
+    def revise_gyroscope(self, bias: Array, sigma: float, turn: Array, turn_sigma: float) -> None:
+        """Set the gyroscope's bias anew, and turn the body about its own position.
+
+        Args:
+            bias: rad/s, body frame, (3,).
+            sigma: of each axis, rad/s.
+            turn: rotation vector, world axes, rad, (3,).
+            turn_sigma: of each axis, rad.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        if self._core is None:
+            raise FilterError(_NOT_STARTED)
+        step_gyroscope(self._core, bias, sigma, turn, turn_sigma)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.
