@@ -28,6 +28,7 @@ from scipy.linalg import block_diag, solve_triangular
 from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.passive_states import PassiveStates
 from coclo_vio.filter.remembered_poses import as_measured, as_true
+from coclo_vio.filter.revision import Prior, replaced_prior
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import BODY_ERRORS, POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import KNOWN_SIGMA, ZERO_SIGMA, StateBlock
@@ -81,6 +82,8 @@ class LegPreintegration:
         self._camera, self._camera_covariance = np.zeros(4), np.diag(np.square(camera))
         self._camera_floor = np.maximum(_FLOOR, _FLOOR_SHARE * camera)
         self._anchor = _frame_pose(core.mean, extrapolation(anchor_ns)[0])
+        self._calibrated: Array = np.zeros(3)  # what has become part of the cameras' calibration
+        self._mounting_prior = Prior(np.zeros(3), np.eye(3) * camera[0] ** 2)
         self._start: LegState | None = None
         self._prior_factor = np.eye(len(self._used))
         self._to_start, self._to_start_true = np.eye(len(self._used) + 4), np.eye(len(self._used))
@@ -108,7 +111,40 @@ class LegPreintegration:
         """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""
         sigma = np.sqrt(np.diag(self._camera_covariance))
         camera = self._camera
-        return Calibration(stamp_ns, camera[:3], sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
+        rotation = so3.log(so3.exp(self._calibrated) @ so3.exp(camera[:3]))
+        return Calibration(stamp_ns, rotation, sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
+
+    def with_mounting_prior(self, state: LegState, prior: Prior) -> LegState:
+        """A keyframe's state as if a wider prior of the cameras' rotation had held from the start.
+
+        Args:
+            state: of the keyframe, with all that has been measured.
+            prior: of the rotation vector of ``calibration``, wider than the one that holds.
+        """
+        first = len(state.covariance) - 4
+        at, value = slice(first, first + 3), state.legs[-4:-1]
+        moved = Prior(prior.mean - self._calibrated, prior.covariance)
+        columns, step = replaced_prior(state.covariance, at, value, self._mounting_prior, moved)
+        self._mounting_prior = moved
+        covariance = state.covariance + columns @ columns.T
+        return LegState(state.stamp_ns, state.T_world_body @ se3.exp(step[:6]), state.legs + step[6:], covariance)
+
+    def calibrate(self, anchor_ns: int) -> Array:
+        """The estimated mounting becomes part of the calibration, and a frame the anchor, for a window that begins.
+
+        Args:
+            anchor_ns: time of that frame, in nanoseconds.
+
+        Returns:
+            The rotation ``E`` of all that has become part of the calibration, (3, 3), as in ``calibration``.
+        """
+        rotation = self._camera[:3]
+        self._mounting_prior = Prior(self._mounting_prior.mean - rotation, self._mounting_prior.covariance)
+        calibrated = so3.exp(self._calibrated) @ so3.exp(rotation)
+        self._calibrated = so3.log(calibrated)
+        self._camera = np.array([0.0, 0.0, 0.0, self._camera[3]])
+        self._anchor = _frame_pose(self._core.mean, self._extrapolation(anchor_ns)[0])
+        return np.asarray(calibrated)
 
     def state(self, stamp_ns: int) -> LegState:
         """The filter's state at a frame, from the last sample on with constant rate and velocity."""

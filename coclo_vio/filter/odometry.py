@@ -197,21 +197,25 @@ class LegOdometryFilter:
         replace_prior(core, "camera", self._mounting_prior, prior)
         self._mounting_prior = prior
 
-    def revise_gyroscope(self, bias: Array, sigma: float, turn: Array, turn_sigma: float) -> None:
-        """Set the gyroscope's bias anew, and turn the body about its own position.
+    def revise_gyroscope(
+        self, bias: Array, sigma: float, T_world_body: Array | None, pose_sigmas: tuple[float, float]
+    ) -> None:
+        """Set the gyroscope's bias anew, and the pose, which the wrong bias has led astray.
 
         Args:
             bias: rad/s, body frame, (3,).
             sigma: of each axis, rad/s.
-            turn: rotation vector, world axes, rad, (3,).
-            turn_sigma: of each axis, rad.
+            T_world_body: the pose at the last sample as it should be, (4, 4); None: as it is.
+            pose_sigmas: of its rotation, rad, and position, m, each axis, which are added to the filter's.
 
         Raises:
             FilterError: the filter has not started yet.
         """
         if self._core is None:
             raise FilterError(_NOT_STARTED)
-        step_gyroscope(self._core, bias, sigma, turn, turn_sigma)
+        mean = self._core.mean
+        pose = se3.transform(mean.rotation, mean.vector[POSITION]) if T_world_body is None else T_world_body
+        step_gyroscope(self._core, bias, sigma, pose, pose_sigmas)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.

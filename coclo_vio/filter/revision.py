@@ -76,31 +76,36 @@ def replace_prior(core: SquareRootFilter, name: str, before: Prior, after: Prior
     core.mean = core.mean.corrected(step)
 
 
-def step_gyroscope(core: SquareRootFilter, bias: Array, sigma: float, turn: Array, turn_sigma: float) -> None:
-    """Set the gyroscope's bias anew, and turn the body about its own position: it turned by the wrong bias.
+def step_gyroscope(
+    core: SquareRootFilter, bias: Array, sigma: float, T_world_body: Array, pose_sigmas: tuple[float, float]
+) -> None:
+    """Set the gyroscope's bias anew, and the pose: the filter has moved on with the wrong bias.
+
+    Velocity and feet relative to the body stay as they are in its axes, as do poses that are remembered in the world.
 
     Args:
-        core: the filter; poses that it remembers stay as they are.
+        core: the filter.
         bias: rad/s, body frame, (3,); the rate changes with it.
         sigma: of each axis, rad/s, beyond what the filter has.
-        turn: rotation vector, world axes, rad, (3,).
-        turn_sigma: of it, each axis, rad, beyond what the filter has.
+        T_world_body: the pose as it should be, (4, 4).
+        pose_sigmas: of its rotation, rad, and position, m, each axis, beyond what the filter has.
     """
     mean = core.mean
     layout, vector = mean.layout, mean.vector
     bias_at, position = layout.at("gyroscope_bias"), vector[POSITION]
+    turn = so3.log(T_world_body[:3, :3] @ mean.rotation.T)
     step = np.zeros(layout.dimension)
     step[bias_at] = bias - vector[bias_at]
     step[RATE] = -step[bias_at]
     step[ROTATION] = turn
-    stays = so3.exp(-turn) @ position - position  # the body, and its feet relative to it, turn about its position
-    step[POSITION] = stays
-    step[layout.feet] = np.tile(stays, layout.legs)
-    rows = np.zeros((6, layout.dimension))
+    step[POSITION] = so3.exp(-turn) @ T_world_body[:3, 3] - position  # feet move along with the body
+    step[layout.feet] = np.tile(step[POSITION], layout.legs)
+    rotation_sigma, position_sigma = pose_sigmas
+    rows = np.zeros((9, layout.dimension))
     rows[:3, bias_at], rows[:3, RATE] = sigma * np.eye(3), -sigma * np.eye(3)
-    rows[3:, ROTATION] = turn_sigma * np.eye(3)
-    about = turn_sigma * so3.hat(position).T
-    rows[3:, POSITION] = about
-    rows[3:, layout.feet] = np.tile(about, layout.legs)
+    rows[3:6, ROTATION] = rotation_sigma * np.eye(3)
+    rows[3:6, POSITION] = rotation_sigma * so3.hat(position).T
+    rows[6:, POSITION] = position_sigma * np.eye(3)
+    rows[:, layout.feet] = np.tile(rows[:, POSITION], layout.legs)
     core.factor = lower_factor(np.concatenate((core.factor.T, rows)))
     core.mean = mean.corrected(step)

@@ -40,13 +40,15 @@ class RotationPair:
     """The same rotation of the body by cameras and gyroscope.
 
     Attributes:
-        by_vision: rotation vector through the calibrated mounting, body axes at the start, rad, (3,).
-        covariance: of it, by the residuals, (3, 3).
+        T_start_end: motion of the body by the cameras through their calibrated mounting, (4, 4).
+        by_vision: its rotation vector, body axes at the start, rad, (3,).
+        covariance: of that, by the residuals, (3, 3).
         by_gyroscope: the same by the gyroscope, rad, (3,).
         rate_change: rate at the end less rate at the start, rad/s, (3,).
         dt_s: length of the interval, s.
     """
 
+    T_start_end: Array
     by_vision: Array
     covariance: Array
     by_gyroscope: Array

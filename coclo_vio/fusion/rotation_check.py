@@ -24,7 +24,7 @@ from coclo_vio.fusion.rotation_findings import (
 from coclo_vio.fusion.rotation_streams import FeetRotation, GyroscopeRotation
 from coclo_vio.fusion.stereo_motion import stereo_motion
 from coclo_vio.fusion.witness import Testimony, Witness
-from coclo_vio.geometry import so3
+from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.measurements import InertialReading, StereoTracks
@@ -47,7 +47,7 @@ class _Disagreement:
     start_ns: int
     end_ns: int
     rate: Array  # of the cameras less the gyroscope's
-    by_vision: Array  # rotation with the mounting as estimated, (3, 3)
+    by_vision: Array  # motion of the body with the mounting as estimated, (4, 4)
     testimony: tuple[str, Testimony] | None
 
 
@@ -118,10 +118,13 @@ class RotationCheck:
         motion = None if by_gyroscope is None else stereo_motion(self._rig, start, end)
         if by_gyroscope is None or motion is None:
             return None
-        to_body = self._rig.T_body_camera[:3, :3]
-        by_vision = to_body @ so3.log(motion.T_start_end[:3, :3])
+        T_body_camera = self._rig.T_body_camera
+        T = T_body_camera @ motion.T_start_end @ se3.inverse(T_body_camera)
+        to_body = T_body_camera[:3, :3]
         covariance = to_body @ motion.covariance[:3, :3] @ to_body.T
-        return RotationPair(by_vision, covariance, *by_gyroscope, (end.stamp_ns - start.stamp_ns) / NS_PER_S)
+        return RotationPair(
+            T, so3.log(T[:3, :3]), covariance, *by_gyroscope, (end.stamp_ns - start.stamp_ns) / NS_PER_S
+        )
 
     def _compare(self, start_ns: int, end_ns: int, pair: RotationPair, reference_less_bias: Array) -> Finding | None:
         innovation = self.calibration.add(pair)
@@ -137,8 +140,8 @@ class RotationCheck:
         rate = innovation.value / pair.dt_s
         if self.calibration.pairs < _FEWEST_PAIRS or np.linalg.norm(rate) < _LEAST_RATE_RADPS:
             return None
-        mounting = so3.exp(self.calibration.mean[MOUNTING])
-        by_vision = mounting.T @ so3.exp(pair.by_vision) @ mounting
+        mounting = se3.exp(np.concatenate((self.calibration.mean[MOUNTING], np.zeros(3))))
+        by_vision = se3.inverse(mounting) @ pair.T_start_end @ mounting
         testimonies = ((name, self._witnesses[name].testify(each, rate)) for name, each in others.items())
         testimony = next(((name, known) for name, known in testimonies if known is not None), None)
         self._disagreements.append(_Disagreement(start_ns, end_ns, rate, by_vision, testimony))
@@ -176,7 +179,7 @@ class RotationCheck:
             return CameraMounting(known.mean[MOUNTING], covariance)
         off = reference_less_bias + known.mean[BIAS]
         if _is_significant(off, known.covariance[BIAS, BIAS], _LEAST_BIAS_RADPS):
-            return self._offset(off, end_ns, end_ns, np.eye(3), None)
+            return self._offset(off, end_ns, end_ns, np.eye(4), None)
         return None
 
     def _sudden_finding(self) -> Finding | None:
@@ -188,22 +191,22 @@ class RotationCheck:
         if first.end_ns != last.start_ns or first.rate @ last.rate < _SAME_DIRECTION * sizes:
             return None
         if last.testimony is not None and last.testimony[1] is Testimony.VISION:
-            rotation = first.by_vision @ last.by_vision
+            T_start_end = first.by_vision @ last.by_vision
             self.calibration.step_bias(-last.rate)
             self._disagreements.clear()
-            return self._offset(-last.rate, first.start_ns, last.end_ns, rotation, last.testimony[0])
+            return self._offset(-last.rate, first.start_ns, last.end_ns, T_start_end, last.testimony[0])
         if self._suspects_vision:
             return None
         self._suspects_vision = True
         return VisionSuspect(float(np.linalg.norm(last.rate)), None if last.testimony is None else last.testimony[0])
 
     def _offset(
-        self, change: Array, start_ns: int, end_ns: int, rotation: Array, witness: str | None
+        self, change: Array, start_ns: int, end_ns: int, T_start_end: Array, witness: str | None
     ) -> GyroscopeOffset:
         assert self._reference is not None, "there was an interval"
         bias = self._reference + self.calibration.mean[BIAS]
         sigma = float(np.sqrt(self.calibration.covariance[BIAS, BIAS].trace() / 3.0))
-        return GyroscopeOffset(bias, change, sigma, start_ns, end_ns, rotation, witness)
+        return GyroscopeOffset(bias, change, sigma, start_ns, end_ns, T_start_end, witness)
 
 
 def _is_significant(value: Array, covariance: Array, least: float) -> bool:

@@ -42,7 +42,7 @@ class GyroscopeOffset:
         sigma: of each axis, rad/s.
         start_ns: latest time at which it agreed, in nanoseconds.
         end_ns: time of the last frame, in nanoseconds.
-        rotation: of the body between the two by the cameras, their mounting as estimated, (3, 3).
+        T_start_end: the body's motion between the two by the cameras, their mounting as estimated, (4, 4).
         witness: the sensor that agrees with the cameras; None where the cameras alone show it.
     """
 
@@ -51,7 +51,7 @@ class GyroscopeOffset:
     sigma: float
     start_ns: int
     end_ns: int
-    rotation: Array
+    T_start_end: Array
     witness: str | None
 
 

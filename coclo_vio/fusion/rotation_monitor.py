@@ -19,7 +19,7 @@ from coclo_vio.fusion.rotation_findings import (
     VisionAgrees,
     VisionSuspect,
 )
-from coclo_vio.geometry import so3
+from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, Measurement, StereoTracks
@@ -28,7 +28,7 @@ from coclo_vio.values.units import NS_PER_S
 
 _KEPT_S = 4.0
 _MOUNTING_SIGMA_RAD = 0.02  # beyond that of the finding: the filter finds the rest
-_TURN_SIGMA_RAD = 0.003
+_POSE_SIGMAS = 0.003, 0.005  # of a pose by the cameras since an offset began, rad and m
 _LEAST_BIAS_SIGMA_RADPS = 0.002
 
 
@@ -56,7 +56,7 @@ class RotationMonitor:
         """Take a fresh check, and the filter that the estimator has."""
         self._check, self._filter = check, leg_filter
         self._latest: StateEstimate | None = None
-        self._attitudes: deque[tuple[int, Array, Array]] = deque()  # stamp, rotation and rate of each estimate
+        self._states: deque[StateEstimate] = deque()  # of the last seconds
 
     def take(self, measurement: Measurement) -> None:
         """Take a reading of an IMU; anything else is left out."""
@@ -69,9 +69,9 @@ class RotationMonitor:
     def follow(self, state: StateEstimate) -> None:
         """Take the filter's estimate, right after it was made."""
         self._latest = state
-        self._attitudes.append((state.stamp_ns, state.nav.T_world_body[:3, :3], state.nav.angular_velocity_body))
-        while state.stamp_ns - self._attitudes[0][0] > _KEPT_S * NS_PER_S:
-            self._attitudes.popleft()
+        self._states.append(state)
+        while state.stamp_ns - self._states[0].stamp_ns > _KEPT_S * NS_PER_S:
+            self._states.popleft()
         reading = self._filter.reading
         if reading is not None:
             self._check.push_feet(reading.stamp_ns, reading.feet.position_body, reading.is_stance)
@@ -113,26 +113,31 @@ class RotationMonitor:
 
     def _offset(self, stamp_ns: int, found: GyroscopeOffset, latest: StateEstimate) -> Revision:
         """Give the filter the new bias, and turn it by what it integrated wrongly since the offset began."""
-        turn = np.zeros(3)
+        pose, sigmas, degrees = None, (0.0, 0.0), 0.0
         if found.end_ns > found.start_ns:
-            before = self._attitude_at(found.start_ns)
-            since = self._check.rotation_since(found.end_ns, latest.stamp_ns, found.bias)
-            turn = so3.log(before @ found.rotation @ since @ latest.nav.T_world_body[:3, :3].T)
+            since = np.eye(4)
+            since[:3, :3] = self._check.rotation_since(found.end_ns, latest.stamp_ns, found.bias)
+            now = latest.nav.T_world_body
+            since[:3, 3] = now[:3, :3].T @ latest.nav.velocity_world * ((latest.stamp_ns - found.end_ns) / NS_PER_S)
+            pose, sigmas = self._pose_at(found.start_ns) @ found.T_start_end @ since, _POSE_SIGMAS
+            degrees = float(np.degrees(np.linalg.norm(so3.log(pose[:3, :3] @ now[:3, :3].T))))
         sigma = max(found.sigma, _LEAST_BIAS_SIGMA_RADPS)
-        self._filter.revise_gyroscope(found.bias, sigma, turn, _TURN_SIGMA_RAD)
+        self._filter.revise_gyroscope(found.bias, sigma, pose, sigmas)
         x, y, z = found.change
         agreeing = "the cameras show" if found.witness is None else f"cameras and {_named(found.witness)} agree"
         detail = (
             f"the bias of the body's gyroscope is off by ({x:.3f}, {y:.3f}, {z:.3f}) +- {found.sigma:.3f} rad/s, as "
-            f"{agreeing}; the filter takes that over and turns by {np.degrees(np.linalg.norm(turn)):.1f} deg, and the "
+            f"{agreeing}; the filter takes that over and is turned by {degrees:.1f} deg, and the "
             "window starts anew"
         )
         return Revision(Event(stamp_ns, "gyroscope_offset", detail), is_anew=True)
 
-    def _attitude_at(self, stamp_ns: int) -> Array:
-        """The filter's rotation at a time as it was estimated then, (3, 3)."""
-        at_ns, rotation, rate = min(self._attitudes, key=lambda each: abs(each[0] - stamp_ns))
-        return np.asarray(rotation @ so3.exp(rate * ((stamp_ns - at_ns) / NS_PER_S)))
+    def _pose_at(self, stamp_ns: int) -> Array:
+        """The filter's pose at a time as it was estimated then, (4, 4)."""
+        near = min(self._states, key=lambda each: abs(each.stamp_ns - stamp_ns))
+        dt_s, T = (stamp_ns - near.stamp_ns) / NS_PER_S, near.nav.T_world_body
+        rotation = T[:3, :3] @ so3.exp(near.nav.angular_velocity_body * dt_s)
+        return se3.transform(rotation, T[:3, 3] + near.nav.velocity_world * dt_s)
 
 
 def _delay(stamp_ns: int, found: ImageDelay) -> Revision:

@@ -124,12 +124,7 @@ def turned_cameras(stereo: StereoCalibration, turn_deg: Vector, shift_m: Vector)
 
 def turned_imu(imu: ImuCalibration, stereo: StereoCalibration, turn_deg: Vector, shift_m: Vector) -> ImuCalibration:
     """The calibration of the cameras' own IMU, which is mounted to them, with their wrong mounting."""
-    T_body_imu = _wrong_mounting(stereo.T_body_left_camera[:3, 3], turn_deg, shift_m) @ imu.T_body_imu
-    R = T_body_imu[:3, :3]
-    pitch = float(np.arcsin(-R[2, 0]))
-    rpy = (float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0])))
-    x, y, z = T_body_imu[:3, 3].tolist()
-    return imu.model_copy(update={"position_body_m": (x, y, z), "rotation_body_imu_rpy_rad": rpy})
+    return imu.moved(_wrong_mounting(stereo.T_body_left_camera[:3, 3], turn_deg, shift_m))
 
 
 def _wrong_mounting(about: Array, turn_deg: Vector, shift_m: Vector) -> Array:
