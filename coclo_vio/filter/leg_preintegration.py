@@ -60,6 +60,9 @@ class LegPreintegration:
             do beyond constant velocity until then, rad and m.
         initial: sigmas of the cameras' errors at the start.
         anchor_ns: time of the anchor, the first frame.
+
+    Attributes:
+        calibrated: rotation ``E`` (3, 3), as in ``calibration``, of what has become part of the cameras' calibration.
     """
 
     def __init__(
@@ -82,7 +85,7 @@ class LegPreintegration:
         self._camera, self._camera_covariance = np.zeros(4), np.diag(np.square(camera))
         self._camera_floor = np.maximum(_FLOOR, _FLOOR_SHARE * camera)
         self._anchor = _frame_pose(core.mean, extrapolation(anchor_ns)[0])
-        self._calibrated: Array = np.zeros(3)  # what has become part of the cameras' calibration
+        self.calibrated: Array = np.eye(3)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * camera[0] ** 2)
         self._start: LegState | None = None
         self._prior_factor = np.eye(len(self._used))
@@ -111,7 +114,7 @@ class LegPreintegration:
         """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""
         sigma = np.sqrt(np.diag(self._camera_covariance))
         camera = self._camera
-        rotation = so3.log(so3.exp(self._calibrated) @ so3.exp(camera[:3]))
+        rotation = so3.log(self.calibrated @ so3.exp(camera[:3]))
         return Calibration(stamp_ns, rotation, sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
 
     def with_mounting_prior(self, state: LegState, prior: Prior) -> LegState:
@@ -123,28 +126,31 @@ class LegPreintegration:
         """
         first = len(state.covariance) - 4
         at, value = slice(first, first + 3), state.legs[-4:-1]
-        moved = Prior(prior.mean - self._calibrated, prior.covariance)
+        moved = Prior(prior.mean - so3.log(self.calibrated), prior.covariance)
         columns, step = replaced_prior(state.covariance, at, value, self._mounting_prior, moved)
         self._mounting_prior = moved
         covariance = state.covariance + columns @ columns.T
         return LegState(state.stamp_ns, state.T_world_body @ se3.exp(step[:6]), state.legs + step[6:], covariance)
 
-    def calibrate(self, anchor_ns: int) -> Array:
-        """The estimated mounting becomes part of the calibration, and a frame the anchor, for a window that begins.
+    @property
+    def camera_errors(self) -> Prior:
+        """What is known of the cameras' errors, (4,): rotation, relative error of stereo lengths."""
+        return Prior(self._camera, self._camera_covariance)
 
-        Args:
-            anchor_ns: time of that frame, in nanoseconds.
+    def resume_cameras(self, errors: Prior) -> None:
+        """Go on with what was known of the cameras' errors earlier."""
+        self._camera, self._camera_covariance = errors.mean, errors.covariance
 
-        Returns:
-            The rotation ``E`` of all that has become part of the calibration, (3, 3), as in ``calibration``.
-        """
+    def calibrate(self) -> None:
+        """Make the estimated mounting part of the calibration, for a window that begins then."""
         rotation = self._camera[:3]
         self._mounting_prior = Prior(self._mounting_prior.mean - rotation, self._mounting_prior.covariance)
-        calibrated = so3.exp(self._calibrated) @ so3.exp(rotation)
-        self._calibrated = so3.log(calibrated)
+        self.calibrated = np.asarray(self.calibrated @ so3.exp(rotation))
         self._camera = np.array([0.0, 0.0, 0.0, self._camera[3]])
-        self._anchor = _frame_pose(self._core.mean, self._extrapolation(anchor_ns)[0])
-        return np.asarray(calibrated)
+
+    def anchor_at(self, stamp_ns: int) -> None:
+        """Make a frame the anchor, for a window that begins there."""
+        self._anchor = _frame_pose(self._core.mean, self._extrapolation(stamp_ns)[0])
 
     def state(self, stamp_ns: int) -> LegState:
         """The filter's state at a frame, from the last sample on with constant rate and velocity."""

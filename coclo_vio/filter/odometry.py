@@ -14,7 +14,7 @@ from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, 
 from coclo_vio.filter.leg_preintegration import START, LegPreintegration
 from coclo_vio.filter.paper_profile import PaperProfile
 from coclo_vio.filter.profile import Profile
-from coclo_vio.filter.revision import Prior, replace_prior, step_gyroscope
+from coclo_vio.filter.revision import Prior, Snapshot, replace_prior, resume_from, shift_gyroscope
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
@@ -34,6 +34,7 @@ from coclo_vio.values.outputs import Calibration
 from coclo_vio.values.units import NS_PER_S
 
 _NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
+_RESUMED_SIGMAS = (0.003, 0.005)  # rad, m: of the motion by vision since the state that the filter resumes from
 _ADVICE = (
     "earlier estimates stay valid; look at the samples before that time for outliers, or for stamps in another unit "
     "than given by the name of their column"
@@ -174,9 +175,7 @@ class LegOdometryFilter:
         Raises:
             FilterError: the filter has not started yet, or was made without ``extra_blocks=[start_block(legs)]``.
         """
-        core = self._core
-        if core is None:
-            raise FilterError(_NOT_STARTED)
+        core = self._started()
         core.mean.layout.at(START)
         return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
 
@@ -197,25 +196,32 @@ class LegOdometryFilter:
         replace_prior(core, "camera", self._mounting_prior, prior)
         self._mounting_prior = prior
 
-    def revise_gyroscope(
-        self, bias: Array, sigma: float, T_world_body: Array | None, pose_sigmas: tuple[float, float]
-    ) -> None:
-        """Set the gyroscope's bias anew, and the pose, which the wrong bias has led astray.
-
-        Args:
-            bias: rad/s, body frame, (3,).
-            sigma: of each axis, rad/s.
-            T_world_body: the pose at the last sample as it should be, (4, 4); None: as it is.
-            pose_sigmas: of its rotation, rad, and position, m, each axis, which are added to the filter's.
+    def snapshot(self) -> Snapshot:
+        """The state now, for ``revise_gyroscope``.
 
         Raises:
             FilterError: the filter has not started yet.
         """
-        if self._core is None:
-            raise FilterError(_NOT_STARTED)
-        mean = self._core.mean
-        pose = se3.transform(mean.rotation, mean.vector[POSITION]) if T_world_body is None else T_world_body
-        step_gyroscope(self._core, bias, sigma, pose, pose_sigmas)
+        return Snapshot.of(self._started())
+
+    def revise_gyroscope(self, bias: Array, sigma: float, resumed: tuple[Snapshot, Array] | None = None) -> None:
+        """Set the gyroscope's bias anew, which has stepped.
+
+        Args:
+            bias: rad/s, body frame, (3,).
+            sigma: of each axis, rad/s, which is added to what the filter has.
+            resumed: the state before the step, and ``T_world_body`` (4, 4) at the last sample as vision gives it: the
+                filter resumes from there, as the wrong bias has led it astray; None: it goes on from where it is.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        core = self._started()
+        rate = core.mean.vector[RATE] + core.mean.vector[GYROSCOPE_BIAS]
+        if resumed is not None:
+            resume_from(core, *resumed, _RESUMED_SIGMAS)
+            core.mean.vector[RATE] = rate - core.mean.vector[GYROSCOPE_BIAS]
+        shift_gyroscope(core, bias, sigma)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.
@@ -312,10 +318,15 @@ class LegOdometryFilter:
             probability = np.clip(vector[layout.at("contacts")], 0.0, 1.0)
         return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
 
-    def _remembering(self) -> SquareRootFilter:
-        """The filter, once it has started, where it remembers frames."""
+    def _started(self) -> SquareRootFilter:
+        """The filter, once it has started."""
         if self._core is None:
             raise FilterError(_NOT_STARTED)
-        if not self._core.mean.layout.has_frame:
-            raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
         return self._core
+
+    def _remembering(self) -> SquareRootFilter:
+        """The filter, once it has started, where it remembers frames."""
+        core = self._started()
+        if not core.mean.layout.has_frame:
+            raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
+        return core

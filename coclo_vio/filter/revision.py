@@ -12,17 +12,19 @@ only measurements have changed ``C``; rounding is bounded.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from coclo_vio.filter.square_root_filter import SquareRootFilter
-from coclo_vio.filter.state import POSITION, RATE, ROTATION
+from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.unscented_transform import lower_factor
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
 _LEAST_SIGMA = 1e-5  # of a prior that can be replaced; below, what it is on counts as known
 _MOST_KEPT = 1.0 - 1e-6  # of the prior's variance, after measurements
+_VELOCITY_SIGMA_MPS, _RATE_SIGMA_RADPS, _FOOT_SIGMA_M = 0.05, 0.02, 0.005  # of a filter that resumes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,36 +78,67 @@ def replace_prior(core: SquareRootFilter, name: str, before: Prior, after: Prior
     core.mean = core.mean.corrected(step)
 
 
-def step_gyroscope(
-    core: SquareRootFilter, bias: Array, sigma: float, T_world_body: Array, pose_sigmas: tuple[float, float]
-) -> None:
-    """Set the gyroscope's bias anew, and the pose: the filter has moved on with the wrong bias.
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """The state of a filter at one time.
 
-    Velocity and feet relative to the body stay as they are in its axes, as do poses that are remembered in the world.
+    Attributes:
+        mean: the mean.
+        factor: lower factor of the covariance of all errors, (L, L).
+    """
+
+    mean: State
+    factor: Array
+
+    @classmethod
+    def of(cls, core: SquareRootFilter) -> Self:
+        """The present one."""
+        return cls(core.mean, core.factor.copy())
+
+
+def shift_gyroscope(core: SquareRootFilter, bias: Array, sigma: float) -> None:
+    """Set the gyroscope's bias anew, rad/s, body frame, (3,), with a sigma beyond what the filter has.
+
+    The body's rate changes with it.
+    """
+    bias_at = core.mean.layout.at("gyroscope_bias")
+    step = np.zeros(core.mean.layout.dimension)
+    step[bias_at] = bias - core.mean.vector[bias_at]
+    step[RATE] = -step[bias_at]
+    rows = np.zeros((3, len(step)))
+    rows[:, bias_at], rows[:, RATE] = sigma * np.eye(3), -sigma * np.eye(3)
+    core.factor = lower_factor(np.concatenate((core.factor.T, rows)))
+    core.mean = core.mean.corrected(step)
+
+
+def resume_from(
+    core: SquareRootFilter, before: Snapshot, T_world_body: Array, pose_sigmas: tuple[float, float]
+) -> None:
+    """Go on from an earlier state, at a pose that something else measured: what came meanwhile led the filter astray.
+
+    Biases, slip and scales are those before; velocity, rate and feet are as they are now in axes of the body, feet and
+    velocity with large sigmas. Right-invariant errors of a pose stay as they are when the body moves on.
 
     Args:
-        core: the filter.
-        bias: rad/s, body frame, (3,); the rate changes with it.
-        sigma: of each axis, rad/s, beyond what the filter has.
-        T_world_body: the pose as it should be, (4, 4).
-        pose_sigmas: of its rotation, rad, and position, m, each axis, beyond what the filter has.
+        core: the filter; poses that it remembers are void.
+        before: its earlier state.
+        T_world_body: the pose now, (4, 4).
+        pose_sigmas: of the motion since that state: rotation, rad, and position, m, each axis.
     """
-    mean = core.mean
-    layout, vector = mean.layout, mean.vector
-    bias_at, position = layout.at("gyroscope_bias"), vector[POSITION]
-    turn = so3.log(T_world_body[:3, :3] @ mean.rotation.T)
-    step = np.zeros(layout.dimension)
-    step[bias_at] = bias - vector[bias_at]
-    step[RATE] = -step[bias_at]
-    step[ROTATION] = turn
-    step[POSITION] = so3.exp(-turn) @ T_world_body[:3, 3] - position  # feet move along with the body
-    step[layout.feet] = np.tile(step[POSITION], layout.legs)
-    rotation_sigma, position_sigma = pose_sigmas
-    rows = np.zeros((9, layout.dimension))
-    rows[:3, bias_at], rows[:3, RATE] = sigma * np.eye(3), -sigma * np.eye(3)
-    rows[3:6, ROTATION] = rotation_sigma * np.eye(3)
-    rows[3:6, POSITION] = rotation_sigma * so3.hat(position).T
-    rows[6:, POSITION] = position_sigma * np.eye(3)
-    rows[:, layout.feet] = np.tile(rows[:, POSITION], layout.legs)
-    core.factor = lower_factor(np.concatenate((core.factor.T, rows)))
-    core.mean = mean.corrected(step)
+    now, layout = core.mean, core.mean.layout
+    rotation, position = T_world_body[:3, :3], T_world_body[:3, 3]
+    turn, vector = rotation @ now.rotation.T, before.mean.vector.copy()
+    vector[POSITION], vector[VELOCITY], vector[RATE] = position, turn @ now.vector[VELOCITY], now.vector[RATE]
+    vector[layout.feet] = ((now.feet - now.vector[POSITION]) @ turn.T + position).ravel()
+    factor = before.factor.copy()
+    factor[VELOCITY] = factor[RATE] = 0.0
+    factor[layout.feet] = np.tile(factor[POSITION], (layout.legs, 1))
+    rows = np.zeros((12 + 3 * layout.legs, layout.dimension))
+    rows[:3, ROTATION] = pose_sigmas[0] * np.eye(3)
+    rows[:3, POSITION] = pose_sigmas[0] * so3.hat(position).T  # the body turns about its own position
+    rows[3:6, POSITION] = pose_sigmas[1] * np.eye(3)
+    rows[:6, layout.feet] = np.tile(rows[:6, POSITION], layout.legs)
+    rows[6:9, VELOCITY], rows[9:12, RATE] = _VELOCITY_SIGMA_MPS * np.eye(3), _RATE_SIGMA_RADPS * np.eye(3)
+    rows[12:, layout.feet] = _FOOT_SIGMA_M * np.eye(3 * layout.legs)
+    core.mean = State(layout, rotation, vector, before.mean.remembered)
+    core.factor = lower_factor(np.concatenate((factor.T, rows)))

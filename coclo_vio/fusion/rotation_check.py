@@ -80,6 +80,11 @@ class RotationCheck:
         self._suspects_vision = False
         self._told_mounting: Array | None = None
 
+    @property
+    def start_ns(self) -> int | None:
+        """Time of the frame at which the present interval began."""
+        return None if self._start is None else self._start.stamp_ns
+
     def push_gyroscope(self, reading: InertialReading) -> None:
         """Take a reading of the body's gyroscope."""
         self._gyroscope.push(reading.stamp_ns, reading.angular_velocity)

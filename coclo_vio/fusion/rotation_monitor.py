@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.filter.revision import Prior
+from coclo_vio.filter.revision import Prior, Snapshot
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_findings import (
     CameraMounting,
@@ -28,7 +28,7 @@ from coclo_vio.values.units import NS_PER_S
 
 _KEPT_S = 4.0
 _MOUNTING_SIGMA_RAD = 0.02  # beyond that of the finding: the filter finds the rest
-_POSE_SIGMAS = 0.003, 0.005  # of a pose by the cameras since an offset began, rad and m
+_SNAPSHOTS = 4
 _LEAST_BIAS_SIGMA_RADPS = 0.002
 
 
@@ -40,12 +40,14 @@ class Revision:
         event: what was found.
         mounting: prior of the cameras' mounting that replaces the one that holds; None: it stays.
         delay_s: stamps of images are late by this, s.
+        resumed_ns: time of the frame from whose state the filter has resumed, in nanoseconds; None: it has not.
         is_anew: the window starts anew: what it holds rests on what has proven wrong.
     """
 
     event: Event
     mounting: Prior | None = None
     delay_s: float = 0.0
+    resumed_ns: int | None = None
     is_anew: bool = False
 
 
@@ -56,6 +58,7 @@ class RotationMonitor:
         """Take a fresh check, and the filter that the estimator has."""
         self._check, self._filter = check, leg_filter
         self._latest: StateEstimate | None = None
+        self._snapshots: dict[int, Snapshot] = {}  # of the filter, by the stamps of frames at which intervals begin
         self._states: deque[StateEstimate] = deque()  # of the last seconds
 
     def take(self, measurement: Measurement) -> None:
@@ -93,6 +96,10 @@ class RotationMonitor:
             case VisionAgrees():
                 detail = "cameras and gyroscope agree on the rotation again"
                 revision = Revision(Event(stamp_ns, "vision_agrees", detail))
+        if self._check.start_ns == stamp_ns:
+            self._snapshots[stamp_ns] = self._filter.snapshot()
+            if len(self._snapshots) > _SNAPSHOTS:
+                del self._snapshots[min(self._snapshots)]
         return revision
 
     def _mounting(self, stamp_ns: int, found: CameraMounting) -> Revision:
@@ -113,16 +120,18 @@ class RotationMonitor:
 
     def _offset(self, stamp_ns: int, found: GyroscopeOffset, latest: StateEstimate) -> Revision:
         """Give the filter the new bias, and turn it by what it integrated wrongly since the offset began."""
-        pose, sigmas, degrees = None, (0.0, 0.0), 0.0
-        if found.end_ns > found.start_ns:
+        resumed, degrees = None, 0.0
+        before = self._snapshots.get(found.start_ns)
+        if before is not None and found.end_ns > found.start_ns:
             since = np.eye(4)
             since[:3, :3] = self._check.rotation_since(found.end_ns, latest.stamp_ns, found.bias)
             now = latest.nav.T_world_body
             since[:3, 3] = now[:3, :3].T @ latest.nav.velocity_world * ((latest.stamp_ns - found.end_ns) / NS_PER_S)
-            pose, sigmas = self._pose_at(found.start_ns) @ found.T_start_end @ since, _POSE_SIGMAS
+            pose = self._pose_at(found.start_ns) @ found.T_start_end @ since
+            resumed = before, pose
             degrees = float(np.degrees(np.linalg.norm(so3.log(pose[:3, :3] @ now[:3, :3].T))))
         sigma = max(found.sigma, _LEAST_BIAS_SIGMA_RADPS)
-        self._filter.revise_gyroscope(found.bias, sigma, pose, sigmas)
+        self._filter.revise_gyroscope(found.bias, sigma, resumed)
         x, y, z = found.change
         agreeing = "the cameras show" if found.witness is None else f"cameras and {_named(found.witness)} agree"
         detail = (
@@ -130,7 +139,8 @@ class RotationMonitor:
             f"{agreeing}; the filter takes that over and is turned by {degrees:.1f} deg, and the "
             "window starts anew"
         )
-        return Revision(Event(stamp_ns, "gyroscope_offset", detail), is_anew=True)
+        resumed_ns = None if resumed is None else found.start_ns
+        return Revision(Event(stamp_ns, "gyroscope_offset", detail), resumed_ns=resumed_ns, is_anew=True)
 
     def _pose_at(self, stamp_ns: int) -> Array:
         """The filter's pose at a time as it was estimated then, (4, 4)."""

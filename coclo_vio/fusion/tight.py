@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from coclo_vio.backend.window.leg_source import LegSource
 
 _MOST_READINGS = 1000
+_CAMERAS_KEPT_S = 3.0
+_VELOCITY_SIGMA_MPS = 0.1  # where a window starts anew, beyond the filter's
 
 SmootherOfLegs = Callable[[LegState, Array], tuple[Smoother, "LegSource"]]
 """From the legs' first state, and a rotation ``E`` (3, 3) by which ``R_body_camera`` is ``E^T`` times the calibrated
@@ -102,6 +104,7 @@ class TightOdometry(StreamingEstimator):
         self._monitor = None if check is None else RotationMonitor(check, leg_filter)
         self._tracks: StereoTracks | None = None  # of the last frame, until they are compared
         self._mounting: Prior | None = None  # which the next keyframe's state is to get
+        self._cameras: dict[int, Prior] = {}  # their errors as known at the last frames
         self._is_anew = False  # the next frame begins a window
         self._ended: Counter[str] = Counter()  # counts of earlier windows
 
@@ -154,20 +157,21 @@ class TightOdometry(StreamingEstimator):
             yield from self._begin(self._legs, self._latest, frame)
         else:
             yield from self._add(self._legs, *self._window, self._latest, frame)
-        yield from self._compare()
+        yield from self._compare(self._legs)
 
     def _begin(
         self, legs: LegPreintegration, latest: StateEstimate, frame: StereoFrame | StereoTracks
     ) -> Iterator[Output]:
         """The first frame of a window: it starts from the filter's state."""
-        rotation, velocity = np.eye(3), None
+        velocity = None
         if self._window is not None:
             self._ended.update(self._window[0].counts)
-            rotation = legs.calibrate(frame.stamp_ns)
-            velocity = latest.nav.velocity_world, float(np.sqrt(latest.covariance[6:, 6:].trace() / 3.0))
+            legs.anchor_at(frame.stamp_ns)
+            sigma_mps = np.hypot(_VELOCITY_SIGMA_MPS, np.sqrt(latest.covariance[6:, 6:].trace() / 3.0))
+            velocity = latest.nav.velocity_world, float(sigma_mps)
         self._is_anew = False
         state = legs.state(frame.stamp_ns)
-        smoother, source = self._make_smoother(state, rotation)
+        smoother, source = self._make_smoother(state, legs.calibrated)
         smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]), velocity)
         self._window = smoother, source
         while self._readings:
@@ -194,15 +198,25 @@ class TightOdometry(StreamingEstimator):
                 newest, self._mounting = legs.with_mounting_prior(newest, self._mounting), None
                 self._is_anew = True
             legs.restart(newest)
+            if self._is_anew:
+                legs.calibrate()
             yield legs.calibration(frame.stamp_ns)
         yield from self._outputs_of(legs, result, latest)
 
-    def _compare(self) -> Iterator[Event]:
+    def _compare(self, legs: LegPreintegration) -> Iterator[Event]:
         """Compare rotations by the last frame, and act on what is found."""
         tracks, self._tracks = self._tracks, None
-        revision = None if self._monitor is None or tracks is None else self._monitor.compare(tracks)
+        if self._monitor is None or tracks is None:
+            return
+        revision = self._monitor.compare(tracks)
+        self._cameras[tracks.stamp_ns] = legs.camera_errors
+        while tracks.stamp_ns - min(self._cameras) > _CAMERAS_KEPT_S * NS_PER_S:
+            del self._cameras[min(self._cameras)]
         if revision is None:
             return
+        errors = None if revision.resumed_ns is None else self._cameras.get(revision.resumed_ns)
+        if errors is not None:
+            legs.resume_cameras(errors)
         yield revision.event
         self._mounting = revision.mounting or self._mounting
         self._clock.shift(-revision.delay_s)
