@@ -31,12 +31,14 @@ from coclo_vio.values.measurements import InertialReading, StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
 _SHORTEST_S, _LONGEST_S = 0.3, 1.0  # of an interval
+_SHORTEST_AGAIN_S = 0.1  # the same after an interval in which sensors disagree
+_UNDECIDED_S = 1.0  # for how long a disagreement waits for a witness
 _SIGMAS = 5.0  # beyond which an error of calibration is found
 _LEAST_MOUNTING_RAD, _LEAST_DELAY_S = 0.012, 0.012  # less is within a prior, or the low-pass of an IMU
 _LEAST_AGAIN_RAD = 0.035  # beyond a mounting that has been found
 _LEAST_RATE_RADPS, _LEAST_BIAS_RADPS = 0.015, 0.01
 _FEWEST_PAIRS = 10
-_IN_A_ROW = 2
+_IN_A_ROW, _MOST_IN_A_ROW = 2, 12
 _SAME_DIRECTION = 0.7
 
 
@@ -76,7 +78,7 @@ class RotationCheck:
         self._witnesses = {"legs": Witness(), "camera_gyroscope": Witness()}
         self._reference: Array | None = None  # bias that is subtracted from all readings
         self._start: StereoTracks | None = None
-        self._disagreements: deque[_Disagreement] = deque(maxlen=_IN_A_ROW)
+        self._disagreements: deque[_Disagreement] = deque(maxlen=_MOST_IN_A_ROW)
         self._suspects_vision = False
         self._told_mounting: Array | None = None
 
@@ -109,7 +111,7 @@ class RotationCheck:
             self._reference = np.array(bias)
         start, stamp_ns = self._start, tracks.stamp_ns
         dt_s = 0.0 if start is None else (stamp_ns - start.stamp_ns) / NS_PER_S
-        if 0.0 < dt_s < _SHORTEST_S:
+        if 0.0 < dt_s < (_SHORTEST_AGAIN_S if self._disagreements else _SHORTEST_S):
             return None
         self._start = tracks
         if start is None or not 0.0 < dt_s <= _LONGEST_S:
@@ -189,21 +191,28 @@ class RotationCheck:
 
     def _sudden_finding(self) -> Finding | None:
         """Who is wrong, once cameras and gyroscope have disagreed twice in a row in the same direction."""
-        if len(self._disagreements) < _IN_A_ROW:
+        row = self._disagreements
+        last = row[-1]
+        if len(row) < _IN_A_ROW:
             return None
-        first, last = self._disagreements
-        sizes = float(np.linalg.norm(first.rate) * np.linalg.norm(last.rate))
-        if first.end_ns != last.start_ns or first.rate @ last.rate < _SAME_DIRECTION * sizes:
+        before = row[-2]
+        sizes = float(np.linalg.norm(before.rate) * np.linalg.norm(last.rate))
+        if before.end_ns != last.start_ns or before.rate @ last.rate < _SAME_DIRECTION * sizes:
+            row.clear()
+            row.append(last)
             return None
-        if last.testimony is not None and last.testimony[1] is Testimony.VISION:
-            T_start_end = first.by_vision @ last.by_vision
+        testimony = next((each.testimony for each in reversed(row) if each.testimony is not None), None)
+        if testimony is not None and testimony[1] is Testimony.VISION:
+            T_start_end = np.linalg.multi_dot([each.by_vision for each in row])
+            start_ns = row[0].start_ns
             self.calibration.step_bias(-last.rate)
-            self._disagreements.clear()
-            return self._offset(-last.rate, first.start_ns, last.end_ns, T_start_end, last.testimony[0])
-        if self._suspects_vision:
+            row.clear()
+            return self._offset(-last.rate, start_ns, last.end_ns, T_start_end, testimony[0])
+        is_undecided = testimony is None and (last.end_ns - row[0].start_ns) / NS_PER_S < _UNDECIDED_S
+        if self._suspects_vision or is_undecided:
             return None
         self._suspects_vision = True
-        return VisionSuspect(float(np.linalg.norm(last.rate)), None if last.testimony is None else last.testimony[0])
+        return VisionSuspect(float(np.linalg.norm(last.rate)), None if testimony is None else testimony[0])
 
     def _offset(
         self, change: Array, start_ns: int, end_ns: int, T_start_end: Array, witness: str | None
