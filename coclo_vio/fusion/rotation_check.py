@@ -52,6 +52,11 @@ class _Disagreement:
     by_vision: Array  # motion of the body with the mounting as estimated, (4, 4)
     testimony: tuple[str, Testimony] | None
 
+    def continues(self, before: "_Disagreement") -> bool:
+        """Whether it follows the one before at once, and is in the same direction."""
+        sizes = float(np.linalg.norm(before.rate) * np.linalg.norm(self.rate))
+        return before.end_ns == self.start_ns and bool(before.rate @ self.rate >= _SAME_DIRECTION * sizes)
+
 
 class RotationCheck:
     """Takes every sensor's measurements and the frames' tracks in order; returns what it finds at a frame.
@@ -135,7 +140,7 @@ class RotationCheck:
 
     def _compare(self, start_ns: int, end_ns: int, pair: RotationPair, reference_less_bias: Array) -> Finding | None:
         innovation = self.calibration.add(pair)
-        others = self._others(start_ns, end_ns, pair)
+        others = self._others(start_ns, end_ns, pair.by_gyroscope)
         if innovation.is_accepted:
             self._disagreements.clear()
             for name, rate in others.items():
@@ -149,23 +154,40 @@ class RotationCheck:
             return None
         mounting = se3.exp(np.concatenate((self.calibration.mean[MOUNTING], np.zeros(3))))
         by_vision = se3.inverse(mounting) @ pair.T_start_end @ mounting
-        testimonies = ((name, self._witnesses[name].testify(each, rate)) for name, each in others.items())
-        testimony = next(((name, known) for name, known in testimonies if known is not None), None)
-        self._disagreements.append(_Disagreement(start_ns, end_ns, rate, by_vision, testimony))
-        return self._sudden_finding()
+        last = _Disagreement(start_ns, end_ns, rate, by_vision, self._testimony(others, rate))
+        if self._disagreements and not last.continues(self._disagreements[-1]):
+            self._disagreements.clear()
+        self._disagreements.append(last)
+        return self._sudden_finding() if len(self._disagreements) >= _IN_A_ROW else None
 
     def rotation_since(self, start_ns: int, end_ns: int, bias: Array) -> Array:
         """By the gyroscope with this bias, body axes, (3, 3); the identity where there are no readings of that time."""
         known = self._gyroscope.between(start_ns, end_ns, bias) if end_ns > start_ns else None
         return np.eye(3) if known is None else so3.exp(known[0])
 
-    def _others(self, start_ns: int, end_ns: int, pair: RotationPair) -> dict[str, Array]:
+    def _others(self, start_ns: int, end_ns: int, by_gyroscope: Array) -> dict[str, Array]:
         """Rates of the other sensors less the gyroscope's, rad/s, (3,) each, by name."""
         rotations = {"legs": self._feet.between(start_ns, end_ns)}
         if self._camera_gyroscope is not None:
             by_camera = self._camera_gyroscope.between(start_ns, end_ns, np.zeros(3))
             rotations["camera_gyroscope"] = None if by_camera is None else by_camera[0]
-        return {name: (each - pair.by_gyroscope) / pair.dt_s for name, each in rotations.items() if each is not None}
+        dt_s = (end_ns - start_ns) / NS_PER_S
+        return {name: (each - by_gyroscope) / dt_s for name, each in rotations.items() if each is not None}
+
+    def _testimony(self, others: dict[str, Array], rate: Array) -> tuple[str, Testimony] | None:
+        """Of the first witness that can tell who is right; ``rate``: of the cameras less the gyroscope's, rad/s."""
+        testimonies = ((name, self._witnesses[name].testify(each, rate)) for name, each in others.items())
+        return next(((name, known) for name, known in testimonies if known is not None), None)
+
+    def _testimony_of_row(self) -> tuple[str, Testimony] | None:
+        """The same over the whole time of disagreement, in which a witness's noise counts less."""
+        start_ns, end_ns = self._disagreements[0].start_ns, self._disagreements[-1].end_ns
+        assert self._reference is not None, "there was an interval"
+        known = self._gyroscope.between(start_ns, end_ns, self._reference)
+        if known is None:
+            return None
+        turns = [each.rate * (each.end_ns - each.start_ns) for each in self._disagreements]
+        return self._testimony(self._others(start_ns, end_ns, known[0]), np.sum(turns, axis=0) / (end_ns - start_ns))
 
     def _calibration_finding(self, end_ns: int, reference_less_bias: Array) -> Finding | None:
         """An error of calibration that is significant."""
@@ -191,17 +213,9 @@ class RotationCheck:
 
     def _sudden_finding(self) -> Finding | None:
         """Who is wrong, once cameras and gyroscope have disagreed twice in a row in the same direction."""
-        row = self._disagreements
-        last = row[-1]
-        if len(row) < _IN_A_ROW:
-            return None
-        before = row[-2]
-        sizes = float(np.linalg.norm(before.rate) * np.linalg.norm(last.rate))
-        if before.end_ns != last.start_ns or before.rate @ last.rate < _SAME_DIRECTION * sizes:
-            row.clear()
-            row.append(last)
-            return None
-        testimony = next((each.testimony for each in reversed(row) if each.testimony is not None), None)
+        row, last = self._disagreements, self._disagreements[-1]
+        single = next((each.testimony for each in reversed(row) if each.testimony is not None), None)
+        testimony = self._testimony_of_row() or single
         if testimony is not None and testimony[1] is Testimony.VISION:
             T_start_end = np.linalg.multi_dot([each.by_vision for each in row])
             start_ns = row[0].start_ns

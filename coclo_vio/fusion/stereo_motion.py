@@ -22,6 +22,7 @@ _MOST_ITERATIONS = 12
 _CONVERGED = 1e-7
 _HUBER = 1.5  # in robust sigmas of the residuals
 _LEAST_PX = 0.1  # of that sigma
+_MOST_PX = 3.0  # of that sigma: more is no common motion
 _TO_SIGMA = 1.4826  # from the median of absolute values
 
 
@@ -71,7 +72,7 @@ def stereo_motion(rig: RectifiedStereo, start: StereoTracks, end: StereoTracks) 
         if np.abs(step).max() < _CONVERGED:
             break
     agree = int(np.count_nonzero(is_known & (sizes < 3.0 * sigma)))
-    if agree < max(_FEWEST, len(points) // 2) or not np.isfinite(T_end_start).all():
+    if sigma > _MOST_PX or agree < max(_FEWEST, len(points) // 2) or not np.isfinite(T_end_start).all():
         return None
     # an error exp(e) on the left of T_end_start is exp(-e) on the right of its inverse
     return StereoMotion(np.asarray(se3.inverse(T_end_start)), np.asarray(inverse * sigma**2))

@@ -10,7 +10,7 @@ from coclo_vio.values.arrays import Array
 _SHARE = 0.1  # of a new value in the means
 _FEWEST = 5
 _FLOOR_RADPS = 1e-3
-_SIGMAS = 6.0  # by which a contradiction has to exceed the witness's noise
+_SIGMAS = 5.0  # by which a contradiction has to exceed the witness's noise
 _AGREES, _CONTRADICTS = 0.35, 0.65  # shares of the contradiction
 
 
