@@ -43,6 +43,8 @@ _FLOOR = 1e-6  # least sigma that is added to every state, in its own unit, so t
 _FLOOR_SHARE = 5e-4  # the same as a share of the sigma at the start of what has a prior of its own: biases, slip
 _LEAST_INFORMATION = 1e-7  # share of the prior's information below which a direction counts as not measured
 
+_CALIBRATED_RAD = 0.005  # least turn of the cameras by which a calibration is off
+
 Extrapolation = Callable[[int], tuple[float, tuple[float, float]]]
 
 
@@ -147,6 +149,13 @@ class LegPreintegration:
         self._mounting_prior = Prior(self._mounting_prior.mean - rotation, self._mounting_prior.covariance)
         self.calibrated = np.asarray(self.calibrated @ so3.exp(rotation))
         self._camera = np.array([0.0, 0.0, 0.0, self._camera[3]])
+
+    @property
+    def is_calibration_off(self) -> bool:
+        """Whether the cameras are surely turned against the calibration: gravity by their own IMU is tilted by that."""
+        turn = self._camera[:3]
+        size = float(np.linalg.norm(turn))
+        return size > _CALIBRATED_RAD and size**2 > 4.0 * float(turn @ self._camera_covariance[:3, :3] @ turn) / size**2
 
     def anchor_at(self, stamp_ns: int) -> None:
         """Make a frame the anchor, for a window that begins there."""

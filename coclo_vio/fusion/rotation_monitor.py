@@ -109,7 +109,7 @@ class RotationMonitor:
         expected = float(np.degrees(np.sqrt(before.covariance.trace() / 3.0)))
         measured = (
             f"the cameras are turned by ({degrees[0]:.2f}, {degrees[1]:.2f}, {degrees[2]:.2f}) +- {sigma:.2f} deg "
-            f"against their calibrated mounting, where {expected:.2f} deg is expected, as cameras and gyroscope agree"
+            f"against the body's gyroscope, where {expected:.2f} deg is expected of the cameras' mounting"
         )
         if before.is_known:
             detail = f"{measured}; it is configured as known: set filter.initial.camera_rotation_sigma_rad"

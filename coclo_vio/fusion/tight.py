@@ -105,6 +105,7 @@ class TightOdometry(StreamingEstimator):
         self._tracks: StereoTracks | None = None  # of the last frame, until they are compared
         self._mounting: Prior | None = None  # which the next keyframe's state is to get
         self._cameras: dict[int, Prior] = {}  # their errors as known at the last frames
+        self._is_mounting_off = False  # as a comparison of rotations has found
         self._is_anew = False  # the next frame begins a window
         self._ended: Counter[str] = Counter()  # counts of earlier windows
 
@@ -196,9 +197,10 @@ class TightOdometry(StreamingEstimator):
             newest = source.newest
             if self._mounting is not None:
                 newest, self._mounting = legs.with_mounting_prior(newest, self._mounting), None
-                self._is_anew = True
+                self._is_anew = self._is_mounting_off = True
             legs.restart(newest)
-            if self._is_anew:
+            self._is_anew = self._is_anew or (self._is_mounting_off and legs.is_calibration_off)
+            if self._is_anew and self._is_mounting_off:
                 legs.calibrate()
             yield legs.calibration(frame.stamp_ns)
         yield from self._outputs_of(legs, result, latest)
