@@ -85,7 +85,7 @@ class RotationCheck:
         self._start: StereoTracks | None = None
         self._disagreements: deque[_Disagreement] = deque(maxlen=_MOST_IN_A_ROW)
         self._suspects_vision = False
-        self._told_mounting: Array | None = None
+        self._reported_mounting: Array | None = None
 
     @property
     def start_ns(self) -> int | None:
@@ -200,11 +200,11 @@ class RotationCheck:
             self._start = None  # stamps change from here on
             known.remove_delay()
             return ImageDelay(delay_s, sigma_s)
-        told, least = self._told_mounting, _LEAST_MOUNTING_RAD
-        if told is not None:
-            mounting, least = mounting - told, _LEAST_AGAIN_RAD
+        reported, least = self._reported_mounting, _LEAST_MOUNTING_RAD
+        if reported is not None:
+            mounting, least = mounting - reported, _LEAST_AGAIN_RAD
         if _is_significant(mounting, covariance, least):
-            self._told_mounting = known.mean[MOUNTING]
+            self._reported_mounting = known.mean[MOUNTING]
             return CameraMounting(known.mean[MOUNTING], covariance)
         off = reference_less_bias + known.mean[BIAS]
         if _is_significant(off, known.covariance[BIAS, BIAS], _LEAST_BIAS_RADPS):

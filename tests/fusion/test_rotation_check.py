@@ -80,7 +80,7 @@ def test_late_images_are_found() -> None:
 
 
 @pytest.mark.parametrize("offset", [(0.05, 0.05, 0.05), (0.0, 0.0, -0.08), (0.0, 0.04, 0.0)])
-def test_an_offset_of_the_gyroscope_is_told_from_wrong_cameras_by_the_legs(offset: tuple[float, ...]) -> None:
+def test_an_offset_of_the_gyroscope_is_distinguished_from_wrong_cameras_by_the_legs(offset: tuple[float, ...]) -> None:
     ((at_s, finding),) = findings(with_offset_gyroscope(stream(), 5.5, np.array(offset)), np.zeros(3))
     assert isinstance(finding, GyroscopeOffset)
     assert 5.5 < at_s < 6.5

@@ -56,7 +56,7 @@ def test_nothing_happens_where_all_is_well() -> None:
     assert run.smoother.start.stamp_ns < NS_PER_S
 
 
-def test_a_turned_mounting_is_told_and_becomes_the_filters_prior() -> None:
+def test_a_turned_mounting_is_reported_and_becomes_the_filters_prior() -> None:
     turn = np.radians([-1.7, 1.7, 1.7])
     run = Run(stream(), turn)
     assert run.kinds == ["camera_mounting_off"]
@@ -67,7 +67,7 @@ def test_a_turned_mounting_is_told_and_becomes_the_filters_prior() -> None:
     assert 0.02 < found.rotation_sigma.min() < found.rotation_sigma.max() < 0.04
 
 
-def test_late_stamps_of_images_are_told_and_corrected_from_then_on() -> None:
+def test_late_stamps_of_images_are_reported_and_corrected_from_then_on() -> None:
     run = Run(with_late_images(stream(), 0.03), np.zeros(3))
     assert run.kinds == ["image_delay"]
     assert run.starts_anew_after(run.events[0])
@@ -76,7 +76,7 @@ def test_late_stamps_of_images_are_told_and_corrected_from_then_on() -> None:
     assert min(abs(last.stamp_ns - stamp_ns) for stamp_ns in recorded) < 0.006 * NS_PER_S
 
 
-def test_an_offset_of_the_gyroscope_is_told_and_taken_out_of_bias_and_attitude() -> None:
+def test_an_offset_of_the_gyroscope_is_reported_and_taken_out_of_bias_and_attitude() -> None:
     run = Run(with_offset_gyroscope(stream(), 5.5, np.full(3, 0.05)), np.zeros(3))
     assert run.kinds == ["gyroscope_offset"]
     assert run.starts_anew_after(run.events[0])
