@@ -91,9 +91,8 @@ class RotationCalibration:
         self._ratios: deque[float] = deque(maxlen=_REMEMBERED)
         self._factor = _START_FACTOR
 
-    def add(self, pair: RotationPair) -> RotationInnovation:
-        """Take an interval; its innovation before, by which it is used or left out."""
-        self.covariance[BIAS, BIAS] += np.eye(3) * _BIAS_WALK**2 * pair.dt_s
+    def innovation(self, pair: RotationPair) -> tuple[RotationInnovation, Array, Array]:
+        """How far an interval is from what is known, derivatives by the errors (3, 7), and noise of it (3, 3)."""
         rows = np.zeros((3, 7))
         rows[:, MOUNTING] = -so3.hat(pair.by_gyroscope)
         rows[:, BIAS] = -pair.dt_s * np.eye(3)
@@ -101,9 +100,15 @@ class RotationCalibration:
         value = pair.by_vision - pair.by_gyroscope - rows @ self.mean
         noise = self._factor**2 * pair.covariance + np.eye(3) * _FLOOR_RAD**2
         spread = rows @ self.covariance @ rows.T + noise
-        innovation = RotationInnovation(value, float(value @ np.linalg.solve(spread, value)))
+        return RotationInnovation(value, float(value @ np.linalg.solve(spread, value))), rows, noise
+
+    def add(self, pair: RotationPair) -> RotationInnovation:
+        """Take an interval; its innovation before, by which it is used or left out."""
+        self.covariance[BIAS, BIAS] += np.eye(3) * _BIAS_WALK**2 * pair.dt_s
+        innovation, rows, noise = self.innovation(pair)
+        value = innovation.value
         if innovation.is_accepted:
-            gain = self.covariance @ rows.T @ np.linalg.inv(spread)
+            gain = self.covariance @ rows.T @ np.linalg.inv(rows @ self.covariance @ rows.T + noise)
             self.mean = self.mean + gain @ value
             kept = np.eye(7) - gain @ rows
             self.covariance = kept @ self.covariance @ kept.T + gain @ noise @ gain.T

@@ -118,11 +118,15 @@ class RotationCheck:
         dt_s = 0.0 if start is None else (stamp_ns - start.stamp_ns) / NS_PER_S
         if 0.0 < dt_s < (_SHORTEST_AGAIN_S if self._disagreements else _SHORTEST_S):
             return None
+        pair = None
+        if start is not None and 0.0 < dt_s <= _LONGEST_S:
+            pair = self._pair(start, tracks, self._reference)
+            if dt_s < _SHORTEST_S and (pair is None or self.calibration.innovation(pair)[0].is_accepted):
+                return None  # a short interval decides only where it is significant
         self._start = tracks
-        if start is None or not 0.0 < dt_s <= _LONGEST_S:
+        if start is None or pair is None:
             return None
-        pair = self._pair(start, tracks, self._reference)
-        return None if pair is None else self._compare(start.stamp_ns, stamp_ns, pair, self._reference - bias)
+        return self._compare(start.stamp_ns, stamp_ns, pair, self._reference - bias)
 
     def _pair(self, start: StereoTracks, end: StereoTracks, reference: Array) -> RotationPair | None:
         """The rotation between two frames by cameras and gyroscope; None where one of them has none."""
