@@ -115,9 +115,9 @@ class TimedSmoother:
         """``T_world_body`` expected at a stamp."""
         return self.watch.time(lambda: self._smoother.predicted_pose(stamp_ns))
 
-    def start_from(self, marginal: PoseMarginal) -> None:
+    def start_from(self, marginal: PoseMarginal, velocity: tuple[Array, float] | None = None) -> None:
         """Start with the frame of this stamp."""
-        self._smoother.start_from(marginal)
+        self._smoother.start_from(marginal, velocity)
 
     def push_tracks(
         self, tracks: StereoTracks, odometry: OdometryDelta | None = None, evidence: PoseEvidence | None = None

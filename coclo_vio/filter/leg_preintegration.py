@@ -19,15 +19,16 @@ measurements of the legs touch them, they only change coordinates.
 Source: Forster et al. 2017 (preintegration); derivatives by statistical linearisation.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import block_diag, cho_solve, solve_triangular
+from scipy.linalg import block_diag, cho_solve
 
-from coclo_vio.filter.camera_frame import ERRORS, TILT, CameraFrame
+from coclo_vio.filter.between_states import between, lower_factor
+from coclo_vio.filter.camera_frame import CAMERA, ERRORS, TILT, CameraFrame
 from coclo_vio.filter.config import InitialConfig
 from coclo_vio.filter.passive_states import PassiveStates
+from coclo_vio.filter.revision import Prior, replaced_prior
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import BODY_ERRORS, POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import KNOWN_SIGMA, ZERO_SIGMA, StateBlock
@@ -40,7 +41,8 @@ START = "start"
 _KNOWN = 1e-10  # sigma at the filter's start below which a state is known and no state of a keyframe
 _FLOOR = 1e-6  # least sigma that is added to every state, in its own unit, so that the covariances have inverses
 _FLOOR_SHARE = 5e-4  # the same as a share of the sigma at the start of what has a prior of its own: biases, slip
-_LEAST_INFORMATION = 1e-7  # share of the prior's information below which a direction counts as not measured
+
+_CALIBRATED_RAD = 0.005  # least turn of the cameras by which a calibration is off
 
 Extrapolation = Callable[[int], tuple[float, tuple[float, float]]]
 
@@ -59,6 +61,9 @@ class LegPreintegration:
             do beyond constant velocity until then, rad and m.
         initial: sigmas of the cameras' errors at the start.
         anchor_ns: time of the anchor, the first frame.
+
+    Attributes:
+        calibrated: rotation ``E`` (3, 3), as in ``calibration``, of what has become part of the cameras' calibration.
     """
 
     def __init__(
@@ -78,13 +83,14 @@ class LegPreintegration:
         self._floor = np.maximum(_FLOOR, _FLOOR_SHARE * sigmas[self._used])
         self._floor[:6] = _FLOOR
         self._frame = CameraFrame(_frame_pose(core.mean, extrapolation(anchor_ns)[0]), np.zeros(ERRORS))
-        rows = core.active_factor[: TILT.stop - TILT.start]
-        tilt = np.sqrt(np.sum(np.square(rows), axis=1))
-        camera = [*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma]
-        constants = np.maximum([*camera, *tilt], _FLOOR)
+        camera = np.maximum([*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma], _FLOOR)
+        tilt = np.maximum(np.sqrt(np.sum(np.square(core.active_factor[:2]), axis=1)), _FLOOR)
+        constants = np.concatenate((camera, tilt))
         self._constants_floor = np.maximum(_FLOOR, _FLOOR_SHARE * constants)
         self._constants_covariance = np.diag(np.square(constants))  # at the start of the motion
         self._gain = np.zeros((len(self._used), ERRORS))  # of the constants on the state at the start of the motion
+        self.calibrated: Array = np.eye(3)
+        self._mounting_prior = Prior(np.zeros(3), np.eye(3) * camera[0] ** 2)
         self._start: LegState | None = None
         self._prior_factor = np.eye(len(self._used))
         self._prior = np.eye(len(self._used))
@@ -113,7 +119,58 @@ class LegPreintegration:
     def calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras, as in ``LegOdometryFilter.camera_calibration``."""
         sigma, camera = np.sqrt(np.diag(self._constants_covariance)), self._frame.errors
-        return Calibration(stamp_ns, camera[:3], sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
+        rotation = so3.log(self.calibrated @ so3.exp(camera[:3]))
+        return Calibration(stamp_ns, rotation, sigma[:3], float(1.0 + camera[3]), float(sigma[3]))
+
+    def with_mounting_prior(self, state: LegState, prior: Prior) -> LegState:
+        """A keyframe's state as if a wider prior of the cameras' rotation had held from the start.
+
+        Args:
+            state: of the keyframe, with all that has been measured.
+            prior: of the rotation vector of ``calibration``, wider than the one that holds.
+        """
+        first = len(state.covariance) - ERRORS
+        at, value = slice(first, first + 3), state.legs[-ERRORS : 3 - ERRORS]
+        moved = Prior(prior.mean - so3.log(self.calibrated), prior.covariance)
+        columns, step = replaced_prior(state.covariance, at, value, self._mounting_prior, moved)
+        self._mounting_prior = moved
+        covariance = state.covariance + columns @ columns.T
+        return LegState(state.stamp_ns, state.T_world_body @ se3.exp(step[:6]), state.legs + step[6:], covariance)
+
+    @property
+    def camera_errors(self) -> Prior:
+        """What is known of the cameras' errors, (4,): rotation, relative error of stereo lengths."""
+        return Prior(self._frame.errors[CAMERA], self._constants_covariance[CAMERA, CAMERA])
+
+    def resume_cameras(self, errors: Prior) -> None:
+        """Go on with what was known of the cameras' errors earlier."""
+        self._set_camera(errors.mean)
+        self._constants_covariance[CAMERA] = self._constants_covariance[:, CAMERA] = self._gain[:, CAMERA] = 0.0
+        self._constants_covariance[CAMERA, CAMERA] = errors.covariance
+
+    def calibrate(self) -> None:
+        """Make the estimated mounting part of the calibration, for a window that begins then."""
+        rotation, scale = self._frame.errors[:3], self._frame.errors[3]
+        self._mounting_prior = Prior(self._mounting_prior.mean - rotation, self._mounting_prior.covariance)
+        self.calibrated = np.asarray(self.calibrated @ so3.exp(rotation))
+        self._set_camera(np.array([0.0, 0.0, 0.0, scale]))
+
+    @property
+    def is_calibration_off(self) -> bool:
+        """Whether the cameras are surely turned against the calibration: gravity by their own IMU is tilted by that."""
+        turn, covariance = self._frame.errors[:3], self._constants_covariance[:3, :3]
+        size = float(np.linalg.norm(turn))
+        return size > _CALIBRATED_RAD and size**2 > 4.0 * float(turn @ covariance @ turn) / size**2
+
+    def anchor_at(self, stamp_ns: int) -> None:
+        """Make a frame the anchor, for a window that begins there with ``state``."""
+        camera = np.concatenate((self._frame.errors[CAMERA], np.zeros(2)))
+        self._frame = CameraFrame(_frame_pose(self._core.mean, self._extrapolation(stamp_ns)[0]), camera)
+        self._constants_covariance[CAMERA, TILT] = self._constants_covariance[TILT, CAMERA] = 0.0
+        self._start = None
+
+    def _set_camera(self, errors: Array) -> None:
+        self._frame = CameraFrame(self._frame.anchor, np.concatenate((errors, self._frame.errors[TILT])))
 
     def state(self, stamp_ns: int) -> LegState:
         """The filter's state at a frame, from the last sample on with constant rate and velocity."""
@@ -175,9 +232,9 @@ class LegPreintegration:
         order = np.argsort(self._used)  # the filter's factor is lower in its own order
         in_order = np.ix_(self._used[order], self._used[order])
         factor = np.diag(np.full(len(core.active_factor), KNOWN_SIGMA))
-        factor[in_order] = _lower(own[np.ix_(order, order)])
+        factor[in_order] = lower_factor(own[np.ix_(order, order)])
         joint = factor @ factor.T
-        self._prior_factor = _lower(self._relative @ joint[np.ix_(self._used, self._used)] @ self._relative.T)
+        self._prior_factor = lower_factor(self._relative @ joint[np.ix_(self._used, self._used)] @ self._relative.T)
         core.mean, core.passive = mean, PassiveStates(joint.copy(), joint)
         core.replace_active(factor)
         self._prior = self._prior_factor @ self._prior_factor.T
@@ -284,70 +341,7 @@ class LegPreintegration:
         return full[np.ix_(self._used, self._used)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Between:
-    """``rows @ [a, b] = values + N(0, 1)`` of the errors of an earlier and a later state, (r, 2 n) and (r,)."""
-
-    rows: Array
-    values: Array
-
-
-def between(
-    prior_factor: Array,
-    own: Array,
-    cross: Array,
-    present: Array,
-    mean: Array,
-    *,
-    noise: Array,
-    unmeasured: Sequence[int] = (),
-) -> Between:
-    """What a filter measured between two states, its prior on the earlier one removed.
-
-    Args:
-        prior_factor: lower factor of the prior of the earlier state, whose mean is zero, (n, n).
-        own: covariance of the earlier state now, (n, n).
-        cross: covariance of the present state with the earlier one, (n, n).
-        present: covariance of the present state, about its mean, (n, n).
-        mean: of the earlier state now, (n,).
-        noise: covariance that is added to the present state given the earlier one, (n, n).
-        unmeasured: directions of the state that nothing measures, and that the present state has unchanged.
-    """
-    size = len(own)
-    whiten = solve_triangular(prior_factor, np.eye(size), lower=True)
-    posterior = np.linalg.inv(_symmetric(whiten @ own @ whiten.T))
-    transition = cross @ whiten.T @ posterior @ whiten
-    remaining = _symmetric(present - transition @ cross.T + noise)
-    information = whiten.T @ (posterior - np.eye(size)) @ whiten
-    vector = whiten.T @ posterior @ whiten @ mean
-    for each in unmeasured:
-        transition[:, each] = np.eye(size)[each]
-        information[each] = information[:, each] = vector[each] = 0.0
-    conditional = np.linalg.inv(_lower(remaining))
-    later = conditional @ np.concatenate((-transition, np.eye(size)), axis=1)
-    scales = np.sqrt(np.sum(np.square(prior_factor), axis=1))
-    values, axes = np.linalg.eigh(_symmetric(scales[:, None] * information * scales))
-    kept = values > _LEAST_INFORMATION
-    root, directions = np.sqrt(values[kept]), axes[:, kept].T
-    earlier = np.concatenate((root[:, None] * directions / scales, np.zeros((len(root), size))), axis=1)
-    measured = -conditional @ transition @ mean, directions @ (scales * vector) / root
-    return Between(np.concatenate((later, earlier)), np.concatenate(measured))
-
-
 def _frame_pose(mean: State, dt_s: float) -> Array:
     """``T_world_body`` at a frame, (4, 4)."""
     rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
     return se3.transform(rotation, mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s)
-
-
-def _symmetric(matrix: Array) -> Array:
-    return np.asarray(0.5 * (matrix + matrix.T))
-
-
-def _lower(covariance: Array) -> Array:
-    """Lower factor of a covariance, whose correlations may by rounding not be positive definite."""
-    scales = np.sqrt(covariance.diagonal())
-    correlation = _symmetric(covariance / np.outer(scales, scales))
-    values, axes = np.linalg.eigh(correlation)
-    bounded = (axes * np.maximum(values, 1e-13)) @ axes.T
-    return np.asarray(scales[:, None] * np.linalg.cholesky(_symmetric(bounded)))

@@ -15,6 +15,7 @@ from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.leg_preintegration import START, LegPreintegration
 from coclo_vio.filter.paper_profile import PaperProfile
 from coclo_vio.filter.profile import Profile
+from coclo_vio.filter.revision import Prior, Snapshot, replace_prior, resume_from, shift_gyroscope
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
@@ -34,6 +35,7 @@ from coclo_vio.values.outputs import Calibration, Event
 from coclo_vio.values.units import NS_PER_S
 
 _NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
+_RESUMED_SIGMAS = (0.003, 0.005)  # rad, m: of the motion by vision since the state that the filter resumes from
 _ADVICE = (
     "earlier estimates stay valid; look at the samples before that time for outliers, or for stamps in another unit "
     "than given by the name of their column"
@@ -96,6 +98,23 @@ class LegOdometryFilter:
         self._stamp_ns = 0
         self._exchange: KeyframeExchange | None = None
         self._gate = EvidenceGate(self.config.feedback_gate)
+        self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
+        self._reading: Reading | None = None
+
+    @property
+    def imu_rotation(self) -> Array:
+        """``R_body_imu``, (3, 3)."""
+        return self._robot.description.imu.T_body_imu[:3, :3]
+
+    @property
+    def reading(self) -> Reading | None:
+        """What legs and IMU gave at the last joint sample; None before the first."""
+        return self._reading
+
+    @property
+    def mounting_prior(self) -> Prior:
+        """The prior on the rotation of the cameras' mounting that holds, as in ``camera_calibration``, rad."""
+        return self._mounting_prior
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -114,6 +133,7 @@ class LegOdometryFilter:
         reading = self._sensing.push(measurement, up_body)
         if reading is None:
             return None
+        self._reading = reading
         if self._core is None:
             return self._try_to_start(reading)
         dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
@@ -167,11 +187,53 @@ class LegOdometryFilter:
         Raises:
             FilterError: the filter has not started yet, or was made without ``extra_blocks=[start_block(legs)]``.
         """
-        core = self._core
-        if core is None:
-            raise FilterError(_NOT_STARTED)
+        core = self._started()
         core.mean.layout.at(START)
         return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
+
+    def revise_mounting(self, prior: Prior) -> None:
+        """Replace the prior of the cameras' mounting, in all states, as if the new one had held from the start.
+
+        Args:
+            prior: on the rotation vector of ``E`` of ``camera_calibration``, wider than the one that holds.
+
+        Raises:
+            FilterError: the filter has not started yet, does not remember frames, or knows the mounting.
+        """
+        core = self._remembering()
+        if self._mounting_prior.is_known:
+            raise FilterError(
+                "the cameras' mounting is configured as known: set filter.initial.camera_rotation_sigma_rad above 1e-5"
+            )
+        replace_prior(core, "camera", self._mounting_prior, prior)
+        self._mounting_prior = prior
+
+    def snapshot(self) -> Snapshot:
+        """The state now, for ``revise_gyroscope``.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        return Snapshot.of(self._started())
+
+    def revise_gyroscope(self, bias: Array, sigma: float, resumed: tuple[Snapshot, Array] | None = None) -> None:
+        """Set the gyroscope's bias anew, which has stepped.
+
+        Args:
+            bias: rad/s, body frame, (3,).
+            sigma: of each axis, rad/s, which is added to what the filter has.
+            resumed: the state before the step, and ``T_world_body`` (4, 4) at the last sample as vision gives it: the
+                filter resumes from there, as the wrong bias has led it astray; None: it goes on from where it is.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        core = self._started()
+        rate = core.mean.vector[RATE] + core.mean.vector[GYROSCOPE_BIAS]
+        if resumed is not None:
+            resume_from(core, *resumed, _RESUMED_SIGMAS)
+            core.mean.vector[RATE] = rate - core.mean.vector[GYROSCOPE_BIAS]
+        shift_gyroscope(core, bias, sigma)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.
@@ -268,10 +330,15 @@ class LegOdometryFilter:
             probability = np.clip(vector[layout.at("contacts")], 0.0, 1.0)
         return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
 
-    def _remembering(self) -> SquareRootFilter:
-        """The filter, once it has started, where it remembers frames."""
+    def _started(self) -> SquareRootFilter:
+        """The filter, once it has started."""
         if self._core is None:
             raise FilterError(_NOT_STARTED)
-        if not self._core.mean.layout.has_frame:
-            raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
         return self._core
+
+    def _remembering(self) -> SquareRootFilter:
+        """The filter, once it has started, where it remembers frames."""
+        core = self._started()
+        if not core.mean.layout.has_frame:
+            raise FilterError("this filter remembers no frames; make it with remembers_frames=True")
+        return core

@@ -8,7 +8,7 @@ processed in another thread: its outputs come with the first measurement whose s
 next frame, whether there is a thread or not.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 
@@ -23,6 +23,8 @@ from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.feedback import Feedback, make_feedback_policy
 from coclo_vio.fusion.frame_worker import FrameWorker
 from coclo_vio.fusion.image_clock import ImageClock
+from coclo_vio.fusion.rotation_check import RotationCheck
+from coclo_vio.fusion.rotation_monitor import RotationMonitor
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, TrackedFrame, VisionChain, prefixed
 from coclo_vio.fusion.visual_odometry import stereo_stages
@@ -110,6 +112,7 @@ class CombinedOdometry(StreamingEstimator):
         config: BridgeConfig | None = None,
         *,
         names: tuple[str, str] = ("combined_coclo", "combined_vins"),
+        check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
     ) -> None:
@@ -121,6 +124,7 @@ class CombinedOdometry(StreamingEstimator):
             frontend: a fresh one; None where a recording has tracks, not frames.
             config: policy and latency.
             names: of the filter's trajectory and of the smoother's.
+            check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
         """
@@ -139,6 +143,7 @@ class CombinedOdometry(StreamingEstimator):
         self._in_process: _InProcess | None = None
         self._pending: _Pending | None = None
         self._latest: StateEstimate | None = None  # of the filter
+        self._monitor = None if check is None else RotationMonitor(check, leg_filter)
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -164,8 +169,12 @@ class CombinedOdometry(StreamingEstimator):
             case JointSample() | ImuSample() | FootForceSample():
                 yield from self._take_what_is_due(measurement.stamp_ns)
                 state = self._filter.push(measurement)
+                if self._monitor is not None:
+                    self._monitor.take(measurement)
                 if state is not None:
                     self._latest = state
+                    if self._monitor is not None:
+                        self._monitor.follow(state)
                     yield Estimate(self._filter_name, state)
                     yield from self._filter.take_events()
             case StereoFrame() | StereoTracks():
@@ -263,7 +272,7 @@ class CombinedOdometry(StreamingEstimator):
         yield from tracked.pictures
         yield from frame.events
         yield from self._outputs_of(result, frame.latest, frame.in_world)
-        if result.keyframe is None:
+        if (yield from self._is_revised(tracked)) or result.keyframe is None:
             return
         feedback = None
         try:
@@ -272,6 +281,19 @@ class CombinedOdometry(StreamingEstimator):
             yield Event(frame.pair.stamp_ns, "evidence_unavailable", str(error))
         self._pending = _Pending(frame.at_ns, frame.pair, feedback)
         self._known_to_window = result.keyframe.marginal
+
+    def _is_revised(self, tracked: TrackedFrame) -> Generator[Event, None, bool]:
+        """Compare rotations by the frame, and act on what is found; whether the next frame starts a window anew."""
+        revision = None if self._monitor is None else self._monitor.compare(tracked.tracks)
+        if revision is None:
+            return False
+        yield revision.event
+        if revision.mounting is not None:
+            self._filter.revise_mounting(revision.mounting)
+        self._clock.shift(-revision.delay_s)
+        if revision.is_anew:
+            self._keyframe = None
+        return revision.is_anew
 
     def _feedback(self, poses: PosePair, result: KeyframeResult) -> Feedback | None:
         known = self._known_to_window
@@ -358,6 +380,7 @@ def combined_odometry(
         SlidingWindowSmoother(rig, smoother),
         stages,
         config,
+        check=RotationCheck(rig, leg_filter.imu_rotation),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
     )

@@ -29,19 +29,30 @@ class ImageClock:
             waits: whether there is anything that frames have to be in order with.
         """
         self._offset_ns = round(offset_s * NS_PER_S)
-        self._waits = waits and self._offset_ns != 0
-        self._most_held = _MOST_FRAMES_HELD if self._offset_ns > 0 else _MOST_READINGS_HELD
+        self._has_others = waits
         self._held: list[tuple[int, bool, int, Measurement]] = []
         self._numbers = count()
         self._now_ns: int | None = None
         self.counts: Counter[str] = Counter()
+
+    @property
+    def _waits(self) -> bool:
+        return self._has_others and self._offset_ns != 0
+
+    @property
+    def _most_held(self) -> int:
+        return _MOST_FRAMES_HELD if self._offset_ns > 0 else _MOST_READINGS_HELD
+
+    def shift(self, by_s: float) -> None:
+        """The offset is more by this, s, for frames that come from now on; whatever waits keeps its stamp."""
+        self._offset_ns += round(by_s * NS_PER_S)
 
     def push(self, measurement: Measurement) -> Iterator[Measurement]:
         """Take one; those that are due, on one clock and in order."""
         raw_ns, is_frame = measurement.stamp_ns, isinstance(measurement, StereoFrame | StereoTracks)
         if is_frame and self._offset_ns:
             measurement = replace(measurement, stamp_ns=raw_ns + self._offset_ns)
-        if not self._waits:
+        if not self._waits and not self._held:
             yield measurement
             return
         heapq.heappush(self._held, (measurement.stamp_ns, is_frame, next(self._numbers), measurement))

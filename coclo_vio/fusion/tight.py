@@ -6,7 +6,7 @@ state as the window estimated it, and what it measured until the next keyframe, 
 Between keyframes the same filter gives the estimate at the joint rate.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,11 +17,15 @@ from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.leg_preintegration import LegPreintegration, start_block
 from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.revision import Prior
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.image_clock import ImageClock
+from coclo_vio.fusion.rotation_check import RotationCheck
+from coclo_vio.fusion.rotation_monitor import RotationMonitor
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefixed
 from coclo_vio.fusion.visual_odometry import stereo_stages
+from coclo_vio.geometry import se3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
@@ -39,16 +43,19 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
-from coclo_vio.values.outputs import Estimate, Output
+from coclo_vio.values.outputs import Estimate, Event, Output
 from coclo_vio.values.units import NS_PER_S
 
 if TYPE_CHECKING:
     from coclo_vio.backend.window.leg_source import LegSource
 
 _MOST_READINGS = 1000
+_CAMERAS_KEPT_S = 3.0
+_VELOCITY_SIGMA_MPS = 0.1  # where a window starts anew, beyond the filter's
 
-SmootherOfLegs = Callable[[LegState], tuple[Smoother, "LegSource"]]
-"""From the legs' first state to a smoother whose keyframes have it, and its source."""
+SmootherOfLegs = Callable[[LegState, Array], tuple[Smoother, "LegSource"]]
+"""From the legs' first state, and a rotation ``E`` (3, 3) by which ``R_body_camera`` is ``E^T`` times the calibrated
+one, to a smoother whose keyframes have the state, and its source."""
 
 
 class TightOdometry(StreamingEstimator):
@@ -67,6 +74,7 @@ class TightOdometry(StreamingEstimator):
         *,
         names: tuple[str, str] = ("tight", "tight_vins"),
         imu_kind: type[InertialReading] | None = None,
+        check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
     ) -> None:
@@ -78,6 +86,7 @@ class TightOdometry(StreamingEstimator):
             frontend: a fresh one; None where a recording has tracks, not frames.
             names: of the trajectory at the joint rate and of that at the rate of the frames.
             imu_kind: the kind of readings, of another IMU than the filter's, that the smoother gets; None for none.
+            check: a fresh comparison of rotations by cameras, gyroscopes and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
         """
@@ -92,21 +101,34 @@ class TightOdometry(StreamingEstimator):
         self._window: tuple[Smoother, LegSource] | None = None
         self._last_pose: Array | None = None  # of the last frame
         self._latest: StateEstimate | None = None  # of the filter
+        self._monitor = None if check is None else RotationMonitor(check, leg_filter)
+        self._tracks: StereoTracks | None = None  # of the last frame, until they are compared
+        self._mounting: Prior | None = None  # which the next keyframe's state is to get
+        self._cameras: dict[int, Prior] = {}  # their errors as known at the last frames
+        self._is_mounting_off = False  # as a comparison of rotations has found
+        self._is_anew = False  # the next frame begins a window
+        self._ended: Counter[str] = Counter()  # counts of earlier windows
 
     @property
     def counts(self) -> Mapping[str, int]:
         """What was counted here, and by filter, front end and smoother."""
-        smoother = {} if self._window is None else self._window[0].counts
+        smoother = self._ended + Counter({} if self._window is None else self._window[0].counts)
         return {**super().counts, **self._vision.counts, **self._filter.counts, **prefixed("smoother", smoother)}
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
             case InertialReading() if type(measurement) is self._imu_kind:
                 self._take_reading(measurement)
+                if self._monitor is not None:
+                    self._monitor.take(measurement)
             case JointSample() | ImuSample() | FootForceSample():
                 state = self._filter.push(measurement)
+                if self._monitor is not None:
+                    self._monitor.take(measurement)
                 if state is not None:
                     self._latest = state
+                    if self._monitor is not None:
+                        self._monitor.follow(state)
                     yield Estimate(self._joint_name, state)
                     yield from self._filter.take_events()
             case StereoFrame() | StereoTracks():
@@ -133,18 +155,26 @@ class TightOdometry(StreamingEstimator):
             return
         if self._legs is None:
             self._legs = self._filter.preintegration(frame.stamp_ns)
-        if self._window is None:
+        if self._window is None or self._is_anew:
             yield from self._begin(self._legs, self._latest, frame)
         else:
             yield from self._add(self._legs, *self._window, self._latest, frame)
+        yield from self._compare(self._legs)
 
     def _begin(
         self, legs: LegPreintegration, latest: StateEstimate, frame: StereoFrame | StereoTracks
     ) -> Iterator[Output]:
-        """The first frame: the window starts from the filter's state."""
+        """The first frame of a window: it starts from the filter's state."""
+        velocity = None
+        if self._window is not None:
+            self._ended.update(self._window[0].counts)
+            legs.anchor_at(frame.stamp_ns)
+            sigma_mps = np.hypot(_VELOCITY_SIGMA_MPS, np.sqrt(latest.covariance[6:, 6:].trace() / 3.0))
+            velocity = latest.nav.velocity_world, float(sigma_mps)
+        self._is_anew = False
         state = legs.state(frame.stamp_ns)
-        smoother, source = self._make_smoother(state)
-        smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]))
+        smoother, source = self._make_smoother(state, legs.calibrated)
+        smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]), velocity)
         self._window = smoother, source
         while self._readings:
             smoother.push_imu(self._readings.popleft())
@@ -165,9 +195,35 @@ class TightOdometry(StreamingEstimator):
         source.take(motion)
         result = yield from self._track(smoother, frame, motion.end.T_world_body)
         if source.newest.stamp_ns == frame.stamp_ns:
-            legs.restart(source.newest)
+            newest = source.newest
+            if self._mounting is not None:
+                newest, self._mounting = legs.with_mounting_prior(newest, self._mounting), None
+                self._is_anew = self._is_mounting_off = True
+            legs.restart(newest)
+            self._is_anew = self._is_anew or (self._is_mounting_off and legs.is_calibration_off)
+            if self._is_anew and self._is_mounting_off:
+                legs.calibrate()
             yield legs.calibration(frame.stamp_ns)
         yield from self._outputs_of(legs, result, latest)
+
+    def _compare(self, legs: LegPreintegration) -> Iterator[Event]:
+        """Compare rotations by the last frame, and act on what is found."""
+        tracks, self._tracks = self._tracks, None
+        if self._monitor is None or tracks is None:
+            return
+        revision = self._monitor.compare(tracks)
+        self._cameras[tracks.stamp_ns] = legs.camera_errors
+        while tracks.stamp_ns - min(self._cameras) > _CAMERAS_KEPT_S * NS_PER_S:
+            del self._cameras[min(self._cameras)]
+        if revision is None:
+            return
+        errors = None if revision.resumed_ns is None else self._cameras.get(revision.resumed_ns)
+        if errors is not None:
+            legs.resume_cameras(errors)
+        yield revision.event
+        self._mounting = revision.mounting or self._mounting
+        self._clock.shift(-revision.delay_s)
+        self._is_anew = self._is_anew or (revision.is_anew and revision.mounting is None)
 
     def _track(
         self, smoother: Smoother, frame: StereoFrame | StereoTracks, expected: Array
@@ -178,6 +234,7 @@ class TightOdometry(StreamingEstimator):
         if tracked is None:
             return FrameResult()
         yield from tracked.pictures
+        self._tracks = tracked.tracks
         result = smoother.push_tracks(tracked.tracks)
         if result.estimate is not None:
             self._last_pose = result.estimate.nav.T_world_body
@@ -234,16 +291,21 @@ def tight_odometry(
         )
     stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
 
-    def make_smoother(state: LegState) -> tuple[Smoother, LegSource]:
-        source = LegSource(state)
-        inertial = [] if camera_imu is None else [InertialSource(camera_imu, smoother)]
-        return SlidingWindowSmoother(rig, smoother, camera_imu, [source, *inertial]), source
+    def make_smoother(state: LegState, rotation: Array) -> tuple[Smoother, LegSource]:
+        source, at = LegSource(state), rig.T_body_camera[:3, 3]
+        turn = se3.transform(rotation.T, at - rotation.T @ at)  # about the left camera
+        turned_imu = None if camera_imu is None else camera_imu.moved(turn)
+        inertial = [] if turned_imu is None else [InertialSource(turned_imu, smoother)]
+        return SlidingWindowSmoother(rig.moved(turn), smoother, turned_imu, [source, *inertial]), source
 
+    leg_filter = LegOdometryFilter(robot, filter_config, extra_blocks=[start_block(len(robot.leg_names))])
+    own = None if camera_imu is None else camera_imu.T_body_imu[:3, :3]
     return TightOdometry(
-        LegOdometryFilter(robot, filter_config, extra_blocks=[start_block(len(robot.leg_names))]),
+        leg_filter,
         make_smoother,
         stages,
         imu_kind=None if camera_imu is None else CameraImuSample,
+        check=RotationCheck(rig, leg_filter.imu_rotation, own),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
     )

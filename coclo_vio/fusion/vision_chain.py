@@ -47,8 +47,8 @@ class Smoother(Protocol):
     def counts(self) -> Mapping[str, int]:
         """How often each thing happened."""
 
-    def start_from(self, marginal: PoseMarginal) -> None:
-        """Start with the frame of this stamp, and at this pose."""
+    def start_from(self, marginal: PoseMarginal, velocity: tuple[Array, float] | None = None) -> None:
+        """Start with the frame of this stamp, and at this pose; velocity in m/s with its sigma, None at rest."""
 
     def push_imu(self, sample: InertialReading) -> None:
         """Take a reading, before the tracks of the frame that it leads to."""

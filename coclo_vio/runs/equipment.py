@@ -9,6 +9,7 @@ from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.robot.description import robot_names
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.sensor_faults import turned_cameras, turned_imu
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
 from coclo_vio.values.errors import CalibrationMissing, ConfigError, DatasetError, TopicNotFound, listing
 from coclo_vio.values.measurements import (
@@ -60,11 +61,16 @@ class Equipment:
             robot = RobotModel(config.robot)
         if not sensors & VISION_SENSORS:
             return cls(robot)
+        stereo, camera_imu = dataset.stereo_calibration(), dataset.camera_imu_calibration()
+        if config.faults.turns_cameras and stereo is not None:
+            turn_deg, shift_m = config.faults.camera_turn_deg, config.faults.camera_shift_m
+            camera_imu = None if camera_imu is None else turned_imu(camera_imu, stereo, turn_deg, shift_m)
+            stereo = turned_cameras(stereo, turn_deg, shift_m)
         return cls(
             robot,
             dataset.imu_calibration() if config.robot is None else config.robot.imu,
-            dataset.camera_imu_calibration(),
-            dataset.stereo_calibration(),
+            camera_imu,
+            stereo,
             sensors_of(dataset) or ALL_SENSORS,
             dataset.name,
         )

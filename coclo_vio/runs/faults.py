@@ -14,10 +14,12 @@ from pydantic import BeforeValidator, Field
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.runs.encoder_faults import EncoderFaults, flipped_span, offset_span
 from coclo_vio.runs.fault_spans import Span
+from coclo_vio.runs.sensor_faults import GyroscopeOffset, GyroscopeOffsets, LateImages, Vector, offset_gyroscope
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.measurements import (
     ALL_SENSORS,
+    ImuSample,
     JointSample,
     Measurement,
     StereoFrame,
@@ -95,12 +97,33 @@ class FaultsConfig(StageConfig):
         JointOffsets,
         Field(description="JOINT:START:SECONDS:DEG each: the zero of the encoder is off by so many degrees"),
     ] = ()
+    gyroscope_offset: Annotated[
+        GyroscopeOffsets,
+        Field(description="START:SECONDS:RADPS each: added to every axis of the body's gyroscope; as 20:1000:0.05"),
+    ] = ()
+    image_delay_s: Annotated[float, Field(ge=0, le=0.5, description="stamps of images are late by this, s")] = 0.0
+    camera_turn_deg: Annotated[
+        Vector, Field(description="the cameras' calibration is turned by this rotation vector, body axes, deg")
+    ] = (0.0, 0.0, 0.0)
+    camera_shift_m: Annotated[
+        Vector, Field(description="the cameras' calibration is shifted by this, body axes, m")
+    ] = (0.0, 0.0, 0.0)
 
     @property
     def is_none(self) -> bool:
         """Whether there is no fault."""
+        return self.leaves_measurements and not self.turns_cameras
+
+    @property
+    def leaves_measurements(self) -> bool:
+        """Whether every measurement is as recorded."""
         joints = self.frozen_legs or self.silent_joints or self.flipped_encoders or self.encoder_offsets
-        return not (self.blackouts or self.frame_loss or joints)
+        return not (joints or self.blackouts or self.gyroscope_offset or self.frame_loss or self.image_delay_s)
+
+    @property
+    def turns_cameras(self) -> bool:
+        """Whether the cameras' calibration is wrong."""
+        return any(self.camera_turn_deg) or any(self.camera_shift_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +148,7 @@ class Faults:
         self._silent = [Span.parse(text) for text in config.silent_joints]
         self._frozen = [_frozen_leg(text, robot) for text in config.frozen_legs]
         self._encoders = EncoderFaults(config.flipped_encoders, config.encoder_offsets, robot)
+        self._offsets = [GyroscopeOffset.parse(text) for text in config.gyroscope_offset]
 
     def measurements(self, read: Read, sensors: frozenset[type]) -> Iterator[Measurement]:
         """What ``read`` gives of ``sensors``, with the faults on it.
@@ -134,9 +158,15 @@ class Faults:
         Raises:
             DatasetError: the recording is malformed.
         """
-        if self.config.is_none:
+        if self.config.leaves_measurements:
             yield from read(sensors)
             return
+        late = LateImages(self.config.image_delay_s)
+        for measurement in self._changed(read, sensors):
+            yield from late.push(measurement)
+        yield from late.finish()
+
+    def _changed(self, read: Read, sensors: frozenset[type]) -> Iterator[Measurement]:
         start_ns = _first_ns(read)
         losses = np.random.default_rng(self.config.seed)
         blackouts, frozen_legs = _Blackouts(self._dark), _FrozenLegs(self._frozen)
@@ -150,6 +180,8 @@ class Faults:
                     sample = frozen_legs.applied(self._encoders.applied(measurement, after_ns), after_ns)
                     if not any(after_ns in span for span in self._silent):
                         yield sample
+                case ImuSample():
+                    yield offset_gyroscope(measurement, after_ns, self._offsets)
                 case _:
                     yield measurement
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Calibration of the sensors: IMUs (noise, mounting) and cameras (lenses, mounting)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -40,6 +40,15 @@ class ImuCalibration(StageConfig):
         roll, pitch, yaw = self.rotation_body_imu_rpy_rad
         rotation = so3.about_z(yaw) @ so3.exp(np.array([0.0, pitch, 0.0])) @ so3.exp(np.array([roll, 0.0, 0.0]))
         return se3.transform(rotation, np.array(self.position_body_m))
+
+    def moved(self, T: Array) -> Self:
+        """The same IMU with the mounting ``T @ T_body_imu``, T (4, 4)."""
+        T_body_imu = T @ self.T_body_imu
+        R = T_body_imu[:3, :3]
+        roll, pitch = float(np.arctan2(R[2, 1], R[2, 2])), float(np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)))
+        yaw = float(np.arctan2(R[1, 0], R[0, 0]))
+        x, y, z = (float(each) for each in T_body_imu[:3, 3])
+        return self.model_copy(update={"position_body_m": (x, y, z), "rotation_body_imu_rpy_rad": (roll, pitch, yaw)})
 
 
 _SAME_PX = 1e-3
@@ -172,6 +181,10 @@ class RectifiedStereo:
             )
         baseline_m = float(np.linalg.solve(stereo.T_body_left_camera, stereo.T_body_right_camera)[0, 3])
         return cls(stereo.left.focal_px, stereo.left.principal_point_px, baseline_m, stereo.T_body_left_camera)
+
+    def moved(self, T: Array) -> Self:
+        """The same cameras with the mounting ``T @ T_body_camera``, T (4, 4)."""
+        return replace(self, T_body_camera=T @ self.T_body_camera)
 
     @property
     def camera_matrix(self) -> Array:

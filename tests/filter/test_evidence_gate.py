@@ -9,7 +9,7 @@ from state_layouts import layout_of, state_of
 
 from coclo_vio.filter.config import GateConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateOutcome
-from coclo_vio.filter.remembered_poses import as_measured, _pair, frame_pose, in_world
+from coclo_vio.filter.remembered_poses import _pair, as_measured, frame_pose, in_world
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import FRAME

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coclo_vio.filter.between_states import between
 from coclo_vio.filter.camera_frame import CameraFrame
-from coclo_vio.filter.leg_preintegration import START, between, start_block
+from coclo_vio.filter.leg_preintegration import START, start_block
 from coclo_vio.filter.odometry import LegOdometryFilter
-from coclo_vio.geometry import se3
+from coclo_vio.filter.revision import Prior
+from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
 from coclo_vio.values.arrays import Array
@@ -218,3 +220,23 @@ def test_rows_are_the_derivatives_of_the_change_of_coordinates(daisy: RobotModel
     sigmas = np.sqrt(np.diag(first.end.covariance))
     assert np.abs(expected / sigmas).max() > 0.1
     np.testing.assert_allclose(found / sigmas, expected / sigmas, atol=0.01)
+
+
+def test_a_mounting_that_becomes_the_calibration_is_reported_as_before(
+    daisy: RobotModel, noisy_walk: AnalyticTrial
+) -> None:
+    odometry = fresh(daisy)
+    estimates = [each for each in map(odometry.push, noisy_walk.measurements[:600]) if each is not None]
+    stamp_ns = estimates[-1].stamp_ns
+    legs = odometry.preintegration(estimates[0].stamp_ns)
+    before = legs.state(stamp_ns)
+    found = Prior(np.array([0.03, -0.02, 0.04]), np.eye(3) * 1e-3)
+    legs.restart(legs.with_mounting_prior(before, found))
+    reported = legs.calibration(stamp_ns)
+    np.testing.assert_allclose(reported.rotation_body, found.mean, atol=2e-3)  # nothing else has measured it
+    np.testing.assert_allclose(reported.rotation_sigma, np.sqrt(1e-3), rtol=0.05)
+    assert legs.is_calibration_off is False
+    legs.calibrate()
+    np.testing.assert_allclose(legs.calibration(stamp_ns).rotation_body, reported.rotation_body, atol=1e-9)
+    np.testing.assert_allclose(legs.calibrated, so3.exp(reported.rotation_body), atol=1e-9)
+    np.testing.assert_array_equal(legs.camera_errors.mean[:3], np.zeros(3))

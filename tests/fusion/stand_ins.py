@@ -81,7 +81,7 @@ class NotingSmoother:
     def counts(self) -> Mapping[str, int]:
         return {"keyframes": 1}
 
-    def start_from(self, marginal: PoseMarginal) -> None:
+    def start_from(self, marginal: PoseMarginal, velocity: tuple[Array, float] | None = None) -> None:
         self.start = marginal
 
     def push_imu(self, sample: InertialReading) -> None:

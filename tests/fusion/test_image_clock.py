@@ -73,3 +73,19 @@ def test_no_more_than_so_many_are_held(offset_s: float) -> None:
         most = max(most, held)
     assert 10 < most <= (64 if offset_s > 0 else 4096)
     assert clock.counts["not_waited_for_clock"] == len(samples) - held
+
+
+@pytest.mark.parametrize(("offset_ms", "shift_ms"), [(0, -30), (0, 30), (20, -20), (-40, 55)])
+def test_a_shift_holds_for_frames_that_come_later_and_loses_none(offset_ms: int, shift_ms: int) -> None:
+    clock = ImageClock(offset_ms * 1e-3, waits=True)
+    out: list[Measurement] = []
+    for sample in recording():
+        if sample.stamp_ns == 200 * MS and isinstance(sample, StereoTracks):
+            clock.shift(shift_ms * 1e-3)
+        out += clock.push(sample)
+    out += clock.finish()
+    assert len(out) == len(recording())
+    frames_ms = sorted(one.stamp_ns / MS for one in out if isinstance(one, StereoTracks))
+    assert frames_ms == sorted(50.0 * n + offset_ms + shift_ms * (n >= 4) for n in range(8))
+    late = [one.stamp_ns for one in out if one.stamp_ns > 300 * MS]
+    assert late == sorted(late)

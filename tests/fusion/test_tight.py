@@ -24,8 +24,9 @@ from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.leg_source import LegSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
+from coclo_vio.filter.between_states import between
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.leg_preintegration import between, start_block
+from coclo_vio.filter.leg_preintegration import start_block
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.tight import TightOdometry, tight_odometry

@@ -10,14 +10,17 @@ import pytest
 
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_leg_log
+from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.fault_spans import Span
 from coclo_vio.runs.faults import Faults, FaultsConfig
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.running import run_modes
+from coclo_vio.runs.sensor_faults import turned_cameras, turned_imu
 from coclo_vio.simulation.analytic import AnalyticTrialConfig, generate
 from coclo_vio.simulation.body_motion import BodyMotionConfig
+from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.measurements import (
@@ -158,6 +161,49 @@ def test_silent_joints_give_no_sample_and_the_imu_goes_on() -> None:
     assert len(of_kind(faulty, ImuSample)) == 41
 
 
+def test_a_gyroscope_has_its_offset_in_its_span_on_every_axis_and_nothing_else_changes() -> None:
+    rows = recorded()
+    faulty = with_faults(rows, gyroscope_offset=["1:0.5:0.05", "1.2:0.1:-0.01"])
+    for one, other in zip(faulty, rows, strict=True):
+        if type(other) is not ImuSample:
+            assert one is other
+            continue
+        step = (other.stamp_ns - BEGIN_NS) // STEP_NS
+        offset = 0.05 * (10 <= step < 15) - 0.01 * (step == 12)
+        np.testing.assert_allclose(one.angular_velocity, other.angular_velocity + offset, atol=1e-12)  # type: ignore[union-attr]
+        np.testing.assert_array_equal(one.specific_force, UP)  # type: ignore[union-attr]
+
+
+def test_late_images_come_in_the_order_of_their_stamps() -> None:
+    rows = recorded(10)
+    faulty = with_faults(rows, image_delay_s=0.25)
+    assert [one.stamp_ns for one in faulty] == sorted(one.stamp_ns for one in faulty)
+    stamps = [one.stamp_ns for one in of_kind(faulty, StereoFrame)]
+    assert stamps == [one.stamp_ns + 250_000_000 for one in of_kind(rows, StereoFrame)]
+    assert [one for one in faulty if type(one) not in {StereoFrame, StereoTracks}] == [
+        one for one in rows if type(one) not in {StereoFrame, StereoTracks}
+    ]
+
+
+def test_a_wrong_mounting_turns_cameras_and_their_imu_alike_about_the_left_camera() -> None:
+    mounting = se3.transform(so3.exp(np.array([0.3, -0.2, 0.5])), np.array([0.2, 0.1, 0.05]))
+    right = mounting @ se3.transform(np.eye(3), np.array([0.1, 0.0, 0.0]))
+    camera = CameraCalibration(width_px=8, height_px=6, focal_px=(9.0, 9.0), principal_point_px=(3.5, 2.5))
+    stereo = StereoCalibration(
+        left=camera, right=camera, body_left_camera=matrix4(mounting), body_right_camera=matrix4(right)
+    )
+    imu = ImuCalibration(position_body_m=(0.3, 0.0, 0.1), rotation_body_imu_rpy_rad=(0.2, -0.4, 1.0))
+    turn_deg, shift_m = (0.0, 3.0, 0.0), (0.01, 0.0, -0.02)
+    turned = turned_cameras(stereo, turn_deg, shift_m)
+    np.testing.assert_allclose(turned.T_body_left_camera[:3, 3], mounting[:3, 3] + shift_m, atol=1e-12)
+    turn = so3.log(turned.T_body_left_camera[:3, :3] @ mounting[:3, :3].T)
+    np.testing.assert_allclose(np.degrees(turn), turn_deg, atol=1e-9)
+    assert turned.baseline_m == pytest.approx(stereo.baseline_m)
+    moved = turned_imu(imu, stereo, turn_deg, shift_m).T_body_imu
+    before = se3.inverse(mounting) @ imu.T_body_imu
+    np.testing.assert_allclose(se3.inverse(turned.T_body_left_camera) @ moved, before, atol=1e-12)
+
+
 @pytest.mark.parametrize("sensors", [ALL_SENSORS, frozenset({StereoFrame}), frozenset({JointSample, StereoFrame})])
 def test_time_counts_from_the_recordings_first_measurement_whatever_is_read(sensors: frozenset[type]) -> None:
     frames = of_kind(with_faults(recorded(), sensors, blackouts="1:0.5"), StereoFrame)
@@ -180,6 +226,9 @@ def test_a_recording_of_images_alone_counts_from_its_first() -> None:
         ("faults.blackouts=['1:1e300']", "neither above 1e+09"),
         ("faults.frozen_legs=[leg1]", "'leg1' is no LEG:START:SECONDS, such as leg1:20:3"),
         ("faults.frozen_legs=[7]", "must be text LEG:START:SECONDS"),
+        ("faults.gyroscope_offset=['20:5']", "'20:5' is no START:SECONDS:RADPS, such as 20:1000:0.05"),
+        ("faults.gyroscope_offset=['20:5:99']", "RADPS within 10 rad/s"),
+        ("faults.gyroscope_offset=[7]", "must be text START:SECONDS:RADPS"),
         ("faults.frame_loss=1.5", "less than or equal to 1"),
         ("faults.frameloss=0.5", "there is no faults.frameloss; the keys there are: blackouts, "),
     ],

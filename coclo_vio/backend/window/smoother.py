@@ -78,6 +78,7 @@ class SlidingWindowSmoother:
         density = calibration.gyroscope_noise_density
         self._standstill_bias = StandstillBias(max(density, self.config.inertial.gyroscope_noise_density))
         self._last: FrameEstimate | None = None
+        self._given_velocity = np.zeros(3), self.config.start.rest_velocity_mps
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
         self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
@@ -98,12 +99,17 @@ class SlidingWindowSmoother:
         window = self._updater.window
         return None if window is None else window.newest.stamp_ns
 
-    def start_from(self, marginal: PoseMarginal) -> None:
+    def start_from(self, marginal: PoseMarginal, velocity: tuple[Array, float] | None = None) -> None:
         """Start, or start anew, with the frame of this stamp and in the world of this marginal.
 
         No other start is sought any more. From then on the window keeps its information on that world, and the result
         of each keyframe carries its marginal and evidence.
+
+        Args:
+            marginal: of the pose.
+            velocity: world frame, m/s, (3,), and one sigma of each axis; None: at rest.
         """
+        self._given_velocity = velocity or (np.zeros(3), self.config.start.rest_velocity_mps)
         covariance = marginal.covariance + np.eye(6) * FIXED_SIGMA**2  # without any the window could not be solved
         self._updater.given_start = PoseMarginal(marginal.stamp_ns, marginal.T_world_body, covariance)
 
@@ -274,8 +280,9 @@ class SlidingWindowSmoother:
         self._level(self._rest_detector.rest)
         covariance = np.zeros((9, 9))
         covariance[:6, :6] = given.covariance
-        covariance[6:, 6:] = np.eye(3) * self.config.start.rest_velocity_mps**2
-        self._last = self._updater.begin(tracks, given.T_world_body, covariance, np.zeros(3))
+        velocity, sigma_mps = self._given_velocity
+        covariance[6:, 6:] = np.eye(3) * sigma_mps**2
+        self._last = self._updater.begin(tracks, given.T_world_body, covariance, velocity)
         return self._state_estimate(self._last)
 
     def _state_estimate(self, frame: FrameEstimate) -> StateEstimate:

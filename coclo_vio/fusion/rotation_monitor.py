@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an estimator of legs and vision does with a comparison of rotations: feeds it, and acts on what it finds.
+
+A gyroscope's offset is corrected in the filter here. The rest is up to the estimator: a ``Revision`` says what to do.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.revision import Prior, Snapshot
+from coclo_vio.fusion.rotation_check import RotationCheck
+from coclo_vio.fusion.rotation_findings import (
+    CameraMounting,
+    GyroscopeOffset,
+    ImageDelay,
+    VisionAgrees,
+    VisionSuspect,
+)
+from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.measurements import CameraImuSample, ImuSample, Measurement, StereoTracks
+from coclo_vio.values.outputs import Event
+from coclo_vio.values.units import NS_PER_S
+
+_KEPT_S = 4.0
+_MOUNTING_SIGMA_RAD = 0.02  # beyond that of the finding: the filter finds the rest
+_SNAPSHOTS = 4
+_LEAST_BIAS_SIGMA_RADPS = 0.002
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Revision:
+    """What is to be done.
+
+    Attributes:
+        event: what was found.
+        mounting: prior of the cameras' mounting that replaces the one that holds; None: it stays.
+        delay_s: stamps of images are late by this, s.
+        resumed_ns: time of the frame from whose state the filter has resumed, in nanoseconds; None: it has not.
+        is_anew: the window starts anew: what it holds rests on what has proven wrong.
+    """
+
+    event: Event
+    mounting: Prior | None = None
+    delay_s: float = 0.0
+    resumed_ns: int | None = None
+    is_anew: bool = False
+
+
+class RotationMonitor:
+    """Feeds a check with measurements, estimates and tracks, and turns its findings into revisions."""
+
+    def __init__(self, check: RotationCheck, leg_filter: LegOdometryFilter) -> None:
+        """Take a fresh check, and the filter that the estimator has."""
+        self._check, self._filter = check, leg_filter
+        self._latest: StateEstimate | None = None
+        self._snapshots: dict[int, Snapshot] = {}  # of the filter, by the stamps of frames at which intervals begin
+        self._states: deque[StateEstimate] = deque()  # of the last seconds
+
+    def take(self, measurement: Measurement) -> None:
+        """Take a reading of an IMU; anything else is left out."""
+        match measurement:
+            case ImuSample():
+                self._check.push_gyroscope(measurement)
+            case CameraImuSample():
+                self._check.push_camera_gyroscope(measurement)
+
+    def follow(self, state: StateEstimate) -> None:
+        """Take the filter's estimate, right after it was made."""
+        self._latest = state
+        self._states.append(state)
+        while state.stamp_ns - self._states[0].stamp_ns > _KEPT_S * NS_PER_S:
+            self._states.popleft()
+        reading = self._filter.reading
+        if reading is not None:
+            self._check.push_feet(reading.stamp_ns, reading.feet.position_body, reading.is_stance)
+
+    def compare(self, tracks: StereoTracks) -> Revision | None:
+        """Take a frame's tracks, once its result is taken; what is to be done."""
+        if self._latest is None:
+            return None
+        stamp_ns, revision = tracks.stamp_ns, None
+        match self._check.push_tracks(tracks, self._latest.nav.gyroscope_bias):
+            case CameraMounting() as found:
+                revision = self._mounting(stamp_ns, found)
+            case ImageDelay() as found:
+                revision = _delay(stamp_ns, found)
+            case GyroscopeOffset() as found:
+                revision = self._offset(stamp_ns, found, self._latest)
+            case VisionSuspect() as found:
+                revision = Revision(_suspicion(stamp_ns, found))
+            case VisionAgrees():
+                detail = "cameras and gyroscope agree on the rotation again"
+                revision = Revision(Event(stamp_ns, "vision_agrees", detail))
+        if self._check.start_ns == stamp_ns:
+            self._snapshots[stamp_ns] = self._filter.snapshot()
+            if len(self._snapshots) > _SNAPSHOTS:
+                del self._snapshots[min(self._snapshots)]
+        return revision
+
+    def _mounting(self, stamp_ns: int, found: CameraMounting) -> Revision:
+        degrees = np.degrees(found.rotation)
+        sigma = float(np.degrees(np.sqrt(found.covariance.trace() / 3.0)))
+        before = self._filter.mounting_prior
+        expected = float(np.degrees(np.sqrt(before.covariance.trace() / 3.0)))
+        measured = (
+            f"the cameras are turned by ({degrees[0]:.2f}, {degrees[1]:.2f}, {degrees[2]:.2f}) +- {sigma:.2f} deg "
+            f"against the body's gyroscope, where {expected:.2f} deg is expected of the cameras' mounting"
+        )
+        if before.is_known:
+            detail = f"{measured}; it is configured as known: set filter.initial.camera_rotation_sigma_rad"
+            return Revision(Event(stamp_ns, "camera_mounting_off", detail))
+        detail = f"{measured}; it is estimated from that on, as from the start, and the window starts anew"
+        prior = Prior(found.rotation, found.covariance + np.eye(3) * _MOUNTING_SIGMA_RAD**2)
+        return Revision(Event(stamp_ns, "camera_mounting_off", detail), mounting=prior, is_anew=True)
+
+    def _offset(self, stamp_ns: int, found: GyroscopeOffset, latest: StateEstimate) -> Revision:
+        """Give the filter the new bias, and turn it by what it integrated wrongly since the offset began."""
+        resumed, degrees = None, 0.0
+        before = self._snapshots.get(found.start_ns)
+        if before is not None and found.end_ns > found.start_ns:
+            since = np.eye(4)
+            since[:3, :3] = self._check.rotation_since(found.end_ns, latest.stamp_ns, found.bias)
+            now = latest.nav.T_world_body
+            since[:3, 3] = now[:3, :3].T @ latest.nav.velocity_world * ((latest.stamp_ns - found.end_ns) / NS_PER_S)
+            pose = self._pose_at(found.start_ns) @ found.T_start_end @ since
+            resumed = before, pose
+            degrees = float(np.degrees(np.linalg.norm(so3.log(pose[:3, :3] @ now[:3, :3].T))))
+        sigma = max(found.sigma, _LEAST_BIAS_SIGMA_RADPS)
+        self._filter.revise_gyroscope(found.bias, sigma, resumed)
+        x, y, z = found.change
+        agreeing = "the cameras show" if found.witness is None else f"cameras and {_named(found.witness)} agree"
+        detail = (
+            f"the bias of the body's gyroscope is off by ({x:.3f}, {y:.3f}, {z:.3f}) +- {found.sigma:.3f} rad/s, as "
+            f"{agreeing}; the filter takes that over and is turned by {degrees:.1f} deg, and the "
+            "window starts anew"
+        )
+        resumed_ns = None if resumed is None else found.start_ns
+        return Revision(Event(stamp_ns, "gyroscope_offset", detail), resumed_ns=resumed_ns, is_anew=True)
+
+    def _pose_at(self, stamp_ns: int) -> Array:
+        """The filter's pose at a time as it was estimated then, (4, 4)."""
+        near = min(self._states, key=lambda each: abs(each.stamp_ns - stamp_ns))
+        dt_s, T = (stamp_ns - near.stamp_ns) / NS_PER_S, near.nav.T_world_body
+        rotation = T[:3, :3] @ so3.exp(near.nav.angular_velocity_body * dt_s)
+        return se3.transform(rotation, T[:3, 3] + near.nav.velocity_world * dt_s)
+
+
+def _delay(stamp_ns: int, found: ImageDelay) -> Revision:
+    late, delay_ms = "late" if found.delay_s > 0.0 else "early", 1e3 * abs(found.delay_s)
+    detail = (
+        f"stamps of images are {delay_ms:.1f} +- {1e3 * found.sigma_s:.1f} ms {late}, as cameras and gyroscope agree; "
+        "they are corrected from that on, and the window starts anew; set time_offset_s of the cameras' calibration"
+    )
+    return Revision(Event(stamp_ns, "image_delay", detail), delay_s=found.delay_s, is_anew=True)
+
+
+def _suspicion(stamp_ns: int, found: VisionSuspect) -> Event:
+    differ = f"the rotations of cameras and gyroscope differ by {found.rate_radps:.3f} rad/s"
+    if found.witness is None:
+        detail = f"{differ}, and no other sensor tells which of them is wrong; nothing was changed"
+        return Event(stamp_ns, "rotation_disagreement", detail)
+    detail = f"{differ}, and {_named(found.witness)} agree with the gyroscope; nothing was changed but by outlier gates"
+    return Event(stamp_ns, "vision_suspect", detail)
+
+
+def _named(witness: str) -> str:
+    return {"legs": "legs", "camera_gyroscope": "the cameras' own gyroscope"}[witness]

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rotations of the body over an interval by single sensors: a gyroscope, standing feet."""
+
+from collections import deque
+
+import numpy as np
+
+from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.units import NS_PER_S
+
+_KEPT_S = 4.0  # how far back an interval may begin
+_FEWEST_FEET = 3
+_LEAST_SPREAD_M = 0.1  # root mean square of feet about their middle, second axis
+_LONGEST_GAP_S = 0.1
+
+
+class GyroscopeRotation:
+    """Integrates a gyroscope from one time to another.
+
+    Args:
+        rotation_body_imu: ``R_body_imu``, (3, 3).
+    """
+
+    def __init__(self, rotation_body_imu: Array) -> None:
+        self._rotation = rotation_body_imu
+        self._stamps_ns: deque[int] = deque()
+        self._rates: deque[Array] = deque()
+
+    def push(self, stamp_ns: int, rate: Array) -> None:
+        """Take a reading in order, imu frame, rad/s, (3,); others are left out."""
+        if self._stamps_ns and stamp_ns <= self._stamps_ns[-1]:
+            return
+        self._stamps_ns.append(stamp_ns)
+        self._rates.append(rate)
+        while stamp_ns - self._stamps_ns[0] > _KEPT_S * NS_PER_S:
+            self._stamps_ns.popleft()
+            self._rates.popleft()
+
+    def between(self, start_ns: int, end_ns: int, bias: Array) -> tuple[Array, Array] | None:
+        """Rotation vector (3,), rad, and rate at the end less rate at the start (3,), body axes; None without readings.
+
+        Args:
+            start_ns: of the interval.
+            end_ns: of the interval; the last reading holds on up to 0.1 s.
+            bias: is subtracted, body axes, rad/s, (3,).
+        """
+        stamps = np.array(self._stamps_ns, dtype=np.int64)
+        first = int(np.searchsorted(stamps, start_ns, "right")) - 1
+        last = int(np.searchsorted(stamps, end_ns, "right"))
+        if first < 0 or last - first < 2:
+            return None
+        last = min(last + 1, len(stamps))
+        times_s = (stamps[first:last] - start_ns) / NS_PER_S
+        end_s = (end_ns - start_ns) / NS_PER_S
+        if np.diff(np.append(times_s, max(end_s, times_s[-1]))).max() > _LONGEST_GAP_S:
+            return None
+        rates = np.array([self._rates[index] for index in range(first, last)]) @ self._rotation.T - bias
+        inner = times_s[(times_s > 0.0) & (times_s < end_s)]
+        at_s = np.concatenate(([0.0], inner, [end_s]))
+        at = np.column_stack([np.interp(at_s, times_s, rates[:, axis]) for axis in range(3)])
+        rotation = np.eye(3)
+        for turn in so3.exp(0.5 * (at[1:] + at[:-1]) * np.diff(at_s)[:, None]):
+            rotation = rotation @ turn
+        return np.asarray(so3.log(rotation)), np.asarray(at[-1] - at[0])
+
+
+class FeetRotation:
+    """The rotation of the body against feet that stand from one time to another."""
+
+    def __init__(self) -> None:
+        self._stamps_ns: deque[int] = deque()
+        self._feet: deque[tuple[Array, BoolArray]] = deque()
+
+    def push(self, stamp_ns: int, feet: Array, is_stance: BoolArray) -> None:
+        """Take positions of the feet, body frame, m, (n, 3), and which of them stand, (n,)."""
+        self._stamps_ns.append(stamp_ns)
+        self._feet.append((feet, is_stance))
+        while stamp_ns - self._stamps_ns[0] > _KEPT_S * NS_PER_S:
+            self._stamps_ns.popleft()
+            self._feet.popleft()
+
+    def between(self, start_ns: int, end_ns: int) -> Array | None:
+        """Rotation vector, body axes at the start, rad, (3,); None where fewer than three feet stand all the time.
+
+        The feet are those of the samples next to both times. Source: Kabsch 1976.
+        """
+        stamps = np.array(self._stamps_ns, dtype=np.int64)
+        if not len(stamps):
+            return None
+        first, last = (int(np.abs(stamps - stamp_ns).argmin()) for stamp_ns in (start_ns, end_ns))
+        if max(abs(stamps[first] - start_ns), abs(stamps[last] - end_ns)) > _LONGEST_GAP_S * NS_PER_S or last <= first:
+            return None
+        stands = np.array([self._feet[index][1] for index in range(first, last + 1)]).all(axis=0)
+        if np.count_nonzero(stands) < _FEWEST_FEET:
+            return None
+        before, after = (self._feet[index][0][stands] for index in (first, last))
+        before, after = before - before.mean(axis=0), after - after.mean(axis=0)
+        left, sizes, right = np.linalg.svd(after.T @ before)
+        if np.sqrt(sizes[1] / len(before)) < _LEAST_SPREAD_M:
+            return None
+        turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
+        share = (end_ns - start_ns) / float(stamps[last] - stamps[first])  # the samples' interval is not quite this one
+        return np.asarray(so3.log(right.T @ turn @ left.T) * share)
