@@ -62,13 +62,13 @@ class RobustConfig(StageConfig):
     ] = 0.2
     gravity_noise_mps2: Annotated[
         float, Field(gt=0, description="one sigma of a window's specific force less the body's acceleration, m/s^2")
-    ] = 0.1
+    ] = 0.05
     gravity_dwell_s: Annotated[
-        float, Field(ge=0, description="all feet must have stood this long before gravity is measured, s")
+        float, Field(ge=0, description="a foot must have stood this long before gravity is measured, s")
     ] = 0.03
     gravity_window_s: Annotated[
         float, Field(gt=0, le=2, description="gravity is the mean over windows of this length, s")
-    ] = 0.1
+    ] = 0.5
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
     estimates_leg_scale: Annotated[
         bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")
