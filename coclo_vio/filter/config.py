@@ -20,10 +20,12 @@ class InitialConfig(StageConfig):
     moving_tilt_rad: Annotated[float, Field(gt=0, lt=1, description="tilt of a start without rest, rad")] = 0.1
     velocity_mps: Annotated[float, Field(gt=0, description="at rest, m/s")] = 0.01
     moving_velocity_mps: Annotated[float, Field(gt=0, description="of a start without rest, m/s")] = 1.0
-    gyroscope_bias_radps: Annotated[float, Field(gt=0, description="before a standstill has been measured, rad/s")] = (
-        0.02
-    )
-    accelerometer_bias_mps2: Annotated[float, Field(gt=0, description="m/s^2")] = 0.05
+    gyroscope_bias_radps: Annotated[
+        float | None, Field(gt=0, description="before a standstill has been measured, rad/s; null: by the IMU's grade")
+    ] = None
+    accelerometer_bias_mps2: Annotated[
+        float | None, Field(gt=0, description="of each axis, m/s^2; null: by the IMU's grade")
+    ] = None
     rest_force_noise_mps2: Annotated[
         float, Field(gt=0, description="mean specific force at rest, beyond its bias, m/s^2")
     ] = 0.02
