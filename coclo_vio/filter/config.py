@@ -151,6 +151,31 @@ class GateConfig(StageConfig):
     ] = 3
 
 
+class CameraImuConfig(StageConfig):
+    """The camera's IMU beside the body's, in the ``robust`` profile."""
+
+    is_used: Annotated[bool, Field(description="whether the filter uses it where it is there and calibrated")] = True
+    rotation_sigma_rad: Annotated[
+        float, Field(gt=0, lt=0.2, description="error of its mounting against the body's IMU, each axis, rad")
+    ] = 0.004
+    delay_sigma_s: Annotated[
+        float, Field(gt=0, lt=1, description="delay of its readings behind those of the body's IMU, s")
+    ] = 0.005
+    window_s: Annotated[float, Field(gt=0.02, le=1, description="length of a comparison of the two, s")] = 0.1
+    rate_noise_radps: Annotated[
+        float, Field(gt=0, description="one sigma of a difference of angular velocities beyond the gyroscopes', rad/s")
+    ] = 0.001
+    force_noise_mps2: Annotated[
+        float, Field(gt=0, description="one sigma of a difference of specific forces (shocks, bending), m/s^2")
+    ] = 0.1
+    gate_probability: Annotated[
+        float, Field(gt=0.5, lt=1, description="share of correct differences that pass the innovation gate")
+    ] = 0.9999
+    max_rejections: Annotated[
+        int, Field(ge=1, description="after so many rejected differences in a row all biases count as unknown again")
+    ] = 10
+
+
 class FilterConfig(StageConfig):
     """COCLO: the profile, its parameters, the start, and gaps in the data."""
 
@@ -169,6 +194,7 @@ class FilterConfig(StageConfig):
     robust: Annotated[RobustConfig, Field(description="parameters of the robust profile")] = RobustConfig()
     paper: Annotated[PaperConfig, Field(description="parameters of the paper profile")] = PaperConfig()
     initial: Annotated[InitialConfig, Field(description="uncertainty at the start")] = InitialConfig()
+    camera_imu: Annotated[CameraImuConfig, Field(description="the camera's IMU beside the body's")] = CameraImuConfig()
     feedback_gate: Annotated[GateConfig, Field(description="innovation gate of evidence from outside (vision)")] = (
         GateConfig()
     )

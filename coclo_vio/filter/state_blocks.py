@@ -142,7 +142,7 @@ def robust_blocks(
     """
     feet = StateBlock("feet", 3 * legs, Retraction.WORLD)
     remembered = remembered_blocks(initial) if has_frame else ()
-    return (*body_blocks(robust, initial, imu), feet, *extra, *remembered)
+    return (*body_blocks(robust, initial, imu), feet, *remembered, *extra)  # poses are the first of the passive ones
 
 
 def paper_blocks(

@@ -40,6 +40,7 @@ from coclo_vio.values.keyframes import (
     relative_motion,
 )
 from coclo_vio.values.measurements import (
+    CameraImuSample,
     FootForceSample,
     ImuSample,
     JointSample,
@@ -161,7 +162,7 @@ class CombinedOdometry(StreamingEstimator):
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
-            case JointSample() | ImuSample() | FootForceSample():
+            case JointSample() | ImuSample() | CameraImuSample() | FootForceSample():
                 yield from self._take_what_is_due(measurement.stamp_ns)
                 state = self._filter.push(measurement)
                 if state is not None:
