@@ -50,7 +50,9 @@ class ImuCalibration(StageConfig):
         return self
 
     def with_grade_of(self, other: "ImuCalibration") -> "ImuCalibration":
-        """This calibration; grade and sigmas of the biases are the other's where they are not given here."""
+        """This calibration; where it gives no grade, grade and sigmas of the biases are the other's if not given."""
+        if "grade" in self.model_fields_set:
+            return self
         kept = {"grade", "gyroscope_bias", "accelerometer_bias"} - self.model_fields_set
         return ImuCalibration(**(other.model_dump(include=kept) | self.model_dump(exclude_unset=True)))
 
