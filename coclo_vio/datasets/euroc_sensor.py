@@ -26,6 +26,7 @@ _NOISE_KEYS = {
     "accelerometer_noise_density": "accelerometer_noise_density",
     "accelerometer_random_walk": "accelerometer_bias_walk",
 }
+_BIAS_KEYS = ("grade", "gyroscope_bias", "accelerometer_bias")  # of this project, not of EuRoC: as in ImuCalibration
 _DISTORTION_MODELS = {
     "radial-tangential": "radtan",
     "radtan": "radtan",
@@ -80,6 +81,7 @@ def read_imu(path: Path) -> ImuCalibration:
     """
     sensor = read_sensor_yaml(path)
     values: dict[str, Any] = {field: sensor[key] for key, field in _NOISE_KEYS.items() if key in sensor}
+    values |= {key: sensor[key] for key in _BIAS_KEYS if key in sensor}
     T_body_imu = mounting(path, sensor)
     if T_body_imu is not None:
         values["position_body_m"] = tuple(T_body_imu[:3, 3].tolist())
@@ -90,6 +92,7 @@ def read_imu(path: Path) -> ImuCalibration:
 def write_imu(folder: Path, imu: ImuCalibration) -> None:
     """Write ``sensor.yaml`` of an IMU into its folder."""
     noise = {key: getattr(imu, field) for key, field in _NOISE_KEYS.items()}
+    noise |= {key: getattr(imu, key) for key in _BIAS_KEYS if key in imu.model_fields_set}
     _write(folder, {"sensor_type": "imu", "T_BS": _opencv_matrix(imu.T_body_imu), **noise})
 
 

@@ -147,7 +147,7 @@ class FilterpyRival:
         """The windows of ``RobustProfile``; the sigma points are drawn anew, as filterpy does in ``predict`` only."""
         x, force = self.ukf.x, reading.specific_force
         gravity: GravityReading | None
-        if force is None or not reading.is_stance.all():
+        if force is None or not reading.is_stance.any():
             gravity = self._gravity.close()
         else:
             rotation, lever = _rotation(x[ROTATION]), np.array(self._robot.description.imu.position_body_m)

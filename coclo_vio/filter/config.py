@@ -21,10 +21,12 @@ class InitialConfig(StageConfig):
     moving_tilt_rad: Annotated[float, Field(gt=0, lt=1, description="tilt of a start without rest, rad")] = 0.1
     velocity_mps: Annotated[float, Field(gt=0, description="at rest, m/s")] = 0.01
     moving_velocity_mps: Annotated[float, Field(gt=0, description="of a start without rest, m/s")] = 1.0
-    gyroscope_bias_radps: Annotated[float, Field(gt=0, description="before a standstill has been measured, rad/s")] = (
-        0.02
-    )
-    accelerometer_bias_mps2: Annotated[float, Field(gt=0, description="m/s^2")] = 0.05
+    gyroscope_bias_radps: Annotated[
+        float | None, Field(gt=0, description="before a standstill has been measured, rad/s; null: by the IMU's grade")
+    ] = None
+    accelerometer_bias_mps2: Annotated[
+        float | None, Field(gt=0, description="of each axis, m/s^2; null: by the IMU's grade")
+    ] = None
     rest_force_noise_mps2: Annotated[
         float, Field(gt=0, description="mean specific force at rest, beyond its bias, m/s^2")
     ] = 0.02
@@ -63,13 +65,13 @@ class RobustConfig(StageConfig):
     ] = 0.2
     gravity_noise_mps2: Annotated[
         float, Field(gt=0, description="one sigma of a window's specific force less the body's acceleration, m/s^2")
-    ] = 0.1
+    ] = 0.05
     gravity_dwell_s: Annotated[
-        float, Field(ge=0, description="all feet must have stood this long before gravity is measured, s")
+        float, Field(ge=0, description="a foot must have stood this long before gravity is measured, s")
     ] = 0.03
     gravity_window_s: Annotated[
         float, Field(gt=0, le=2, description="gravity is the mean over windows of this length, s")
-    ] = 0.1
+    ] = 0.5
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
     estimates_leg_scale: Annotated[
         bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")
@@ -151,6 +153,31 @@ class GateConfig(StageConfig):
     ] = 3
 
 
+class CameraImuConfig(StageConfig):
+    """The camera's IMU beside the body's, in the ``robust`` profile."""
+
+    is_used: Annotated[bool, Field(description="whether the filter uses it where it is there and calibrated")] = True
+    rotation_sigma_rad: Annotated[
+        float, Field(gt=0, lt=0.2, description="error of its mounting against the body's IMU, each axis, rad")
+    ] = 0.004
+    delay_sigma_s: Annotated[
+        float, Field(gt=0, lt=1, description="delay of its readings behind those of the body's IMU, s")
+    ] = 0.005
+    window_s: Annotated[float, Field(gt=0.02, le=1, description="length of a comparison of the two, s")] = 0.1
+    rate_noise_radps: Annotated[
+        float, Field(gt=0, description="one sigma of a difference of angular velocities beyond the gyroscopes', rad/s")
+    ] = 0.001
+    force_noise_mps2: Annotated[
+        float, Field(gt=0, description="one sigma of a difference of specific forces (shocks, bending), m/s^2")
+    ] = 0.1
+    gate_probability: Annotated[
+        float, Field(gt=0.5, lt=1, description="share of correct differences that pass the innovation gate")
+    ] = 0.9999
+    max_rejections: Annotated[
+        int, Field(ge=1, description="after so many rejected differences in a row all biases count as unknown again")
+    ] = 10
+
+
 class FilterConfig(StageConfig):
     """COCLO: the profile, its parameters, the start, and gaps in the data."""
 
@@ -169,6 +196,7 @@ class FilterConfig(StageConfig):
     robust: Annotated[RobustConfig, Field(description="parameters of the robust profile")] = RobustConfig()
     paper: Annotated[PaperConfig, Field(description="parameters of the paper profile")] = PaperConfig()
     initial: Annotated[InitialConfig, Field(description="uncertainty at the start")] = InitialConfig()
+    camera_imu: Annotated[CameraImuConfig, Field(description="the camera's IMU beside the body's")] = CameraImuConfig()
     feedback_gate: Annotated[GateConfig, Field(description="innovation gate of evidence from outside (vision)")] = (
         GateConfig()
     )

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.stance import Reading
+from coclo_vio.filter.state import RATE, VELOCITY
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
@@ -27,6 +30,11 @@ class GravityReading:
 
     force_world: Array
     duration_s: float
+
+    def sigma(self, core: SquareRootFilter, noise_mps2: float) -> float:
+        """One sigma of each axis: of the force, and of the change of velocity by the filter's own, m/s^2."""
+        variance = float(core.variance(VELOCITY).mean())
+        return float(np.hypot(noise_mps2, np.sqrt(2.0 * variance) / self.duration_s))
 
 
 class GravityWindow:
@@ -46,6 +54,25 @@ class GravityWindow:
         self._opened_ns: int | None = None
         self._last_ns = 0
         self._impulse = self._velocity_then = self._velocity_now = np.zeros(3)
+
+    def collect(
+        self, core: SquareRootFilter, reading: Reading, force_body: Array | None, lever_cross: Array
+    ) -> GravityReading | None:
+        """Take the specific force since the last joint sample, and the filter's velocity at the accelerometer.
+
+        Args:
+            core: the filter.
+            reading: the joint sample; without a foot in stance the window ends.
+            force_body: body frame, m/s^2, (3,); None where the accelerometer is slower than the joints.
+            lever_cross: of the place of the accelerometer, body frame, m: ``w @ lever_cross`` is ``w x place``, (3, 3).
+        """
+        mean = core.mean
+        if not reading.is_stance.any():
+            return self.close()
+        if force_body is None:
+            return None
+        velocity = mean.vector[VELOCITY] + mean.rotation @ (mean.vector[RATE] @ lever_cross)
+        return self.add(reading.stamp_ns, mean.rotation @ force_body, velocity)
 
     def close(self) -> GravityReading | None:
         """End the window because not all feet are known to stand; its reading, if it was long enough."""

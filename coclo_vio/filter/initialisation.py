@@ -18,7 +18,6 @@ from coclo_vio.filter.state import (
 from coclo_vio.geometry import so3
 from coclo_vio.robot.standstill import ImuMeans
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.units import GRAVITY_MPS2
 
 _MIN_FORCE_MPS2 = 1.0  # a smaller mean specific force has no usable direction: the body is taken as level
 
@@ -45,6 +44,7 @@ def initial_filter(
     moving_force: Array | None,
     foot_prior: FootPrior,
     is_wide: bool,
+    is_moving: bool | None = None,
 ) -> SquareRootFilter:
     """The filter at its first reading: position and yaw zero, level by gravity, gyroscope bias from rest.
 
@@ -52,10 +52,11 @@ def initial_filter(
         layout: order of the errors.
         config: uncertainties.
         reading: the first reading; unknown legs start under the body.
-        rest: mean readings at rest, None to start on the move.
-        moving_force: mean specific force for a start on the move, body frame, m/s^2, (3,); None: level.
+        rest: mean readings of the body's IMU at rest; None without.
+        moving_force: mean specific force for a start without them, body frame, m/s^2, (3,); None: level.
         foot_prior: uncertainty of the feet.
         is_wide: see ``SquareRootFilter``.
+        is_moving: whether the robot may move; None: where there are no readings at rest.
     """
     force = moving_force if rest is None else rest.specific_force
     is_level = force is None or float(np.linalg.norm(force)) < _MIN_FORCE_MPS2
@@ -67,7 +68,7 @@ def initial_filter(
     if rest is not None:
         vector[GYROSCOPE_BIAS] = rest.angular_velocity
     mean = State(layout, rotation, vector, np.tile(np.eye(3), (len(layout.poses), 1, 1)))
-    sigmas = layout.sigmas(is_moving=rest is None)
+    sigmas = layout.sigmas(is_moving=rest is None if is_moving is None else is_moving)
     sigmas[layout.feet] = foot_prior.noise_m
     core = SquareRootFilter(mean, sigmas, is_wide=is_wide)
     _correlate_feet(core, foot_prior)
@@ -96,6 +97,5 @@ def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: ImuMean
 
     predicted, rows = core.observe(model)
     measured = np.concatenate((rest.specific_force, rest.angular_velocity))
-    measured[:3] *= GRAVITY_MPS2 / max(float(np.linalg.norm(rest.specific_force)), 1e-6)
     noise = np.repeat((config.rest_force_noise_mps2, config.rest_rate_noise_radps), 3)
     core.update(rows, np.diag(noise), measured - predicted)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from coclo_vio.filter.camera_imu import CameraImu
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
@@ -28,6 +29,7 @@ from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import StartRule
 from coclo_vio.values.arrays import Array, BoolArray, is_finite
+from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -61,6 +63,7 @@ class LegOdometryFilter:
         *,
         remembers_frames: bool = False,
         extra_blocks: Sequence[StateBlock] = (),
+        camera_imu: ImuCalibration | None = None,
     ) -> None:
         """Take a robot and a configuration.
 
@@ -70,12 +73,15 @@ class LegOdometryFilter:
             remembers_frames: keep the poses of a camera frame and of the anchor keyframe in the state, and the errors
                 of the cameras' calibration, for ``mark_frame``.
             extra_blocks: further blocks of the state of the robust profile.
+            camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's; None
+                where there is none.
         """
         self.config = config or FilterConfig.of_robot(robot.description)
         self._counts: Counter[str] = Counter()
         self._robot = robot
         contact = robot.description.contact
         self._profile: Profile
+        self._camera_imu: CameraImu | None = None
         initial = self.config.initial
         if self.config.profile == "paper":
             contact = contact.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
@@ -83,13 +89,15 @@ class LegOdometryFilter:
                 robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
             )
         else:
+            if camera_imu is not None and self.config.camera_imu.is_used:
+                self._camera_imu = CameraImu(camera_imu, robot.description.imu, self.config)
             self._profile = RobustProfile(
                 robot,
                 self.config.robust,
                 self._counts,
                 initial=initial,
                 has_frame=remembers_frames,
-                extra_blocks=extra_blocks,
+                extra_blocks=[*extra_blocks, *(() if self._camera_imu is None else self._camera_imu.blocks)],
             )
         timeout_s = self.config.force_timeout_s
         self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
@@ -119,7 +127,9 @@ class LegOdometryFilter:
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened, by name; see ``LegSensing`` and the profiles."""
-        counts = {**self._counts, **self._sensing.counts, **self._gate.counts}
+        counts = self._counts + Counter(self._sensing.counts) + self._gate.counts
+        if self._camera_imu is not None:
+            counts += self._camera_imu.counts
         return {name: count for name, count in sorted(counts.items()) if count}
 
     def push(self, measurement: Measurement) -> StateEstimate | None:
@@ -131,8 +141,12 @@ class LegOdometryFilter:
         """
         up_body = None if self._core is None else self._core.mean.rotation[2]
         reading = self._sensing.push(measurement, up_body)
+        if self._camera_imu is not None:
+            self._camera_imu.push(measurement)
         if reading is None:
             return None
+        if self._camera_imu is not None:
+            reading = self._camera_imu.completed(reading)
         self._reading = reading
         if self._core is None:
             return self._try_to_start(reading)
@@ -143,6 +157,8 @@ class LegOdometryFilter:
             reading, dt_s = self._predict_gap(self._core, reading)
         try:
             is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
+            if self._camera_imu is not None:
+                self._camera_imu.update(self._core, reading, dt_s)
         except np.linalg.LinAlgError as error:
             raise FilterError(f"the filter failed numerically at {reading.stamp_ns} ns ({error}): {_ADVICE}") from error
         self._stamp_ns = reading.stamp_ns
@@ -289,20 +305,26 @@ class LegOdometryFilter:
         return float(self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s))
 
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
-        rest = self._sensing.rest
-        if not self._start_rule.is_met(reading.stamp_ns, rest):
+        rest, camera_rest = self._sensing.rest, None
+        if rest is None and self._camera_imu is not None:
+            camera_rest = self._camera_imu.rest(reading.stamp_ns)
+        if not self._start_rule.is_met(reading.stamp_ns, rest or camera_rest):
             return None
-        self._counts["started_moving"] += rest is None
+        is_moving = rest is None and camera_rest is None
+        self._counts["started_moving"] += is_moving
         profile = self._profile
         self._core = initial_filter(
             profile.layout,
             self.config.initial,
             reading,
             rest,
-            moving_force=self._sensing.mean_force,
+            moving_force=self._sensing.mean_force if camera_rest is None else camera_rest.specific_force,
+            is_moving=is_moving,
             foot_prior=profile.foot_prior(reading),
             is_wide=profile.is_wide,
         )
+        if self._camera_imu is not None and camera_rest is not None:
+            self._camera_imu.level(self._core, camera_rest)
         profile.start(reading)
         self._stamp_ns = reading.stamp_ns
         return self._estimate(self._core, reading, reading.is_stance)

@@ -18,7 +18,7 @@ from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
-from coclo_vio.filter.state import RATE, VELOCITY, StateLayout
+from coclo_vio.filter.state import StateLayout
 from coclo_vio.filter.state_blocks import StateBlock, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
@@ -162,22 +162,11 @@ class RobustProfile:
         if is_gap:
             self._gravity.close()
             return
-        compared = reading.is_known
-        if self.leg_check is not None and self.leg_check.any_aside:
-            compared = compared & ~self.leg_check.is_aside
-        stands = compared.any() and reading.is_stance[compared].all()
-        if not stands:
-            gravity = self._gravity.close()
-        elif reading.specific_force is None:  # an accelerometer slower than the joints
-            return
-        else:
-            velocity = mean.vector[VELOCITY] + mean.rotation @ (mean.vector[RATE] @ self._imu_lever)
-            gravity = self._gravity.add(reading.stamp_ns, mean.rotation @ reading.specific_force, velocity)
+        gravity = self._gravity.collect(core, reading, reading.specific_force, self._imu_lever)
         if gravity is None:
             return
-        velocity_variance = float(core.variance(VELOCITY).mean())
-        sigma = np.hypot(self._config.gravity_noise_mps2, np.sqrt(2.0 * velocity_variance) / gravity.duration_s)
-        expectation = self._models.expect_gravity(core, mean.rotation.T @ gravity.force_world, float(sigma))
+        sigma = gravity.sigma(core, self._config.gravity_noise_mps2)
+        expectation = self._models.expect_gravity(core, mean.rotation.T @ gravity.force_world, sigma)
         if expectation.innovation_squared > self._gate[3]:
             self._counts["gravity_rejected"] += 1
             return

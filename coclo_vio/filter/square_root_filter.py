@@ -131,6 +131,19 @@ class SquareRootFilter:
             return self.passive.own.diagonal()[errors.start - active : errors.stop - active].copy()
         return np.asarray(np.einsum("ij,ij->i", self.active_factor[errors], self.active_factor[errors]))
 
+    def add_noise(self, name: str, sigma: float) -> None:
+        """Add independent noise to each error of a block, of this sigma in its unit."""
+        at, active = self.mean.layout.at(name), len(self.active_factor)
+        if at.start >= active:
+            errors = np.arange(at.start - active, at.stop - active)
+            own = self.passive.own.copy()
+            own[errors, errors] += sigma**2
+            self.passive, self._joint = PassiveStates(self.passive.cross, own), None
+            return
+        rows = np.zeros((at.stop - at.start, active))
+        rows[:, at] = sigma * np.eye(len(rows))
+        self.replace_active(lower_factor(np.concatenate((self.active_factor.T, rows))))
+
     def report(self, name: str) -> tuple[Array, Array]:
         """Value and one sigma of each error of a plain block of the state, (k,) each."""
         at = self.mean.layout.at(name)

@@ -77,6 +77,7 @@ class StateBlock:
 def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibration) -> tuple[StateBlock, ...]:
     """The blocks that every filter has, in their order: curved ones first."""
     curved, moving_mps = Curvature.PROCESS_AND_MEASUREMENT, initial.moving_velocity_mps
+    gyroscope_sigma, accelerometer_sigma = bias_sigmas(initial, imu)
     tilt, moving_tilt = ((rad, rad, ZERO_SIGMA) for rad in (initial.tilt_rad, initial.moving_tilt_rad))
     return (
         StateBlock("rotation", 3, Retraction.ROTATION, curved, sigma=tilt, moving_sigma=moving_tilt),
@@ -89,8 +90,8 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
             is_reported=True,
         ),
         StateBlock("rate", 3, curvature=Curvature.PROCESS, sigma=initial.rest_rate_noise_radps, moving_sigma=1.0),
-        StateBlock("gyroscope_bias", 3, sigma=initial.gyroscope_bias_radps, walk=imu.gyroscope_bias_walk),
-        StateBlock("accelerometer_bias", 3, sigma=initial.accelerometer_bias_mps2, walk=imu.accelerometer_bias_walk),
+        StateBlock("gyroscope_bias", 3, sigma=gyroscope_sigma, walk=imu.gyroscope_bias_walk),
+        StateBlock("accelerometer_bias", 3, sigma=accelerometer_sigma, walk=imu.accelerometer_bias_walk),
         StateBlock(
             "leg_compliance",
             1,
@@ -102,6 +103,15 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
         _slip("slip", robust.slip_share, robust.slip_memory_s),
         StateBlock("velocity", 3, Retraction.WORLD, sigma=initial.velocity_mps, moving_sigma=moving_mps),
         StateBlock("position", 3, Retraction.WORLD),
+    )
+
+
+def bias_sigmas(initial: InitialConfig, imu: ImuCalibration) -> tuple[float, float]:
+    """One sigma of the biases of gyroscope, rad/s, and accelerometer, m/s^2: as configured, else those of the IMU."""
+    gyroscope, accelerometer = initial.gyroscope_bias_radps, initial.accelerometer_bias_mps2
+    return (
+        imu.gyroscope_bias if gyroscope is None else gyroscope,
+        imu.accelerometer_bias if accelerometer is None else accelerometer,
     )
 
 
@@ -132,7 +142,7 @@ def robust_blocks(
     """
     feet = StateBlock("feet", 3 * legs, Retraction.WORLD)
     remembered = remembered_blocks(initial) if has_frame else ()
-    return (*body_blocks(robust, initial, imu), feet, *extra, *remembered)
+    return (*body_blocks(robust, initial, imu), feet, *remembered, *extra)  # poses are the first of the passive ones
 
 
 def paper_blocks(

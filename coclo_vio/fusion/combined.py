@@ -42,6 +42,7 @@ from coclo_vio.values.keyframes import (
     relative_motion,
 )
 from coclo_vio.values.measurements import (
+    CameraImuSample,
     FootForceSample,
     ImuSample,
     JointSample,
@@ -166,7 +167,7 @@ class CombinedOdometry(StreamingEstimator):
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
-            case JointSample() | ImuSample() | FootForceSample():
+            case JointSample() | ImuSample() | CameraImuSample() | FootForceSample():
                 yield from self._take_what_is_due(measurement.stamp_ns)
                 state = self._filter.push(measurement)
                 if self._monitor is not None:

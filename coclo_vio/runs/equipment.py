@@ -61,6 +61,11 @@ class Equipment:
             robot = RobotModel(config.robot)
         if not sensors & VISION_SENSORS:
             return cls(robot)
+        if not sensors & (VISION_SENSORS - {CameraImuSample}):  # legs that use the camera's IMU
+            camera_imu = dataset.camera_imu_calibration()
+            if camera_imu is None:
+                return cls(robot, sensors=ALL_SENSORS - {CameraImuSample})
+            return cls(robot, camera_imu=camera_imu, sensors=sensors_of(dataset) or ALL_SENSORS)
         stereo, camera_imu = dataset.stereo_calibration(), dataset.camera_imu_calibration()
         if config.faults.turns_cameras and stereo is not None:
             turn_deg, shift_m = config.faults.camera_turn_deg, config.faults.camera_shift_m
@@ -140,6 +145,11 @@ class Equipment:
         """
         if BodyTwistSample not in self.sensors:
             raise TopicNotFound(f"{self.name} has no body twist; a mode of stereo alone needs none")
+
+    @property
+    def second_imu(self) -> ImuCalibration | None:
+        """The calibration of the camera's IMU where it is there, for use beside the body's."""
+        return self.camera_imu if CameraImuSample in self.sensors else None
 
     @property
     def vision_imu(self) -> type[InertialReading] | None:

@@ -43,10 +43,14 @@ class RunConfig(StageConfig):
     ] = "recording"
 
     def on_recording(self, imu: ImuCalibration | None) -> Self:
-        """The same run with the IMU's mounting and noise of a recording, where that one counts."""
+        """The same run with the IMU's mounting and noise of a recording, where that one counts.
+
+        Grade and sigmas of the biases are the robot's where the recording does not give them.
+        """
         if imu is None or self.robot is None or self.imu_calibration == "robot":
             return self
-        return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": imu})})
+        measured = imu.with_grade_of(self.robot.imu)
+        return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": measured})})
 
 
 def resolve(
@@ -101,7 +105,8 @@ def resolve(
 def _preset_values(preset: str | RobotDescription | None) -> dict[str, Any]:
     if preset is None:
         return {}
-    return (preset if isinstance(preset, RobotDescription) else load_robot(preset)).model_dump()
+    robot = preset if isinstance(preset, RobotDescription) else load_robot(preset)
+    return robot.model_dump() | {"imu": robot.imu.model_dump(exclude_unset=True)}  # so that a grade can be changed
 
 
 def _mapping(robot: Any) -> Mapping[str, Any]:

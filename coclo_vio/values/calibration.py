@@ -11,6 +11,7 @@ from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, checked, frozen
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import CalibrationMissing
+from coclo_vio.values.imu_grades import ERRORS_OF_GRADE, ImuGrade
 
 Triple = tuple[float, float, float]
 Row = tuple[float, float, float, float]
@@ -19,20 +20,41 @@ Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 
 
 class ImuCalibration(StageConfig):
-    """Mounting and noise of an IMU. The defaults are those of a cheap MEMS part (Bosch BMI055 class).
+    """Mounting and errors of an IMU. What is not given of its errors is that of its grade (``imu_grades``).
 
-    The filter uses the rotation, the gyroscope's noise and the bias walks. The lever arm and the accelerometer's noise
-    are for the IMU-centric baseline: the filter uses the accelerometer only as the direction of gravity at rest.
+    The filter uses the mounting, the gyroscope's noise, the walks and the sigmas of the biases. The accelerometer's
+    noise is for the IMU-centric baseline and the smoother: the filter uses the accelerometer only as the direction of
+    gravity.
     """
 
+    grade: Annotated[
+        ImuGrade, Field(description="tactical, calibrated_mems or cheap_mems: what is not given of its errors")
+    ] = "cheap_mems"
     position_body_m: Annotated[Triple, Field(description="origin of the imu frame, body frame, m")] = (0.0, 0.0, 0.0)
     rotation_body_imu_rpy_rad: Annotated[
         tuple[Angle, Angle, Angle], Field(description="roll, pitch, yaw of R_body_imu (URDF order: R = Rz Ry Rx), rad")
     ] = (0.0, 0.0, 0.0)
     gyroscope_noise_density: Annotated[float, Field(gt=0, description="white noise, rad/s/sqrt(Hz)")] = 2e-4
     gyroscope_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, rad/s^2/sqrt(Hz)")] = 2e-5
+    gyroscope_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, rad/s")] = 0.02
     accelerometer_noise_density: Annotated[float, Field(gt=0, description="white noise, m/s^2/sqrt(Hz)")] = 2e-3
     accelerometer_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, m/s^3/sqrt(Hz)")] = 3e-4
+    accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, m/s^2")] = 0.2
+
+    @model_validator(mode="after")
+    def _errors_by_grade(self) -> Self:
+        """Fill in what is not given; it counts as not given still, so that another grade may replace it."""
+        for name, value in ERRORS_OF_GRADE[self.grade]._asdict().items():
+            if name not in self.model_fields_set:
+                self.__dict__[name] = value
+        return self
+
+    def with_grade_of(self, other: "ImuCalibration") -> "ImuCalibration":
+        """This calibration; where it gives no grade, grade and sigmas of the biases are the other's if not given."""
+        if "grade" in self.model_fields_set:
+            return self
+        kept = {"grade", "gyroscope_bias", "accelerometer_bias"} - self.model_fields_set
+        return ImuCalibration(**(other.model_dump(include=kept) | self.model_dump(exclude_unset=True)))
 
     @property
     def T_body_imu(self) -> Array:

@@ -6,9 +6,11 @@ import pytest
 
 from coclo_vio.datasets import images
 from coclo_vio.datasets.dataset import open_dataset
+from coclo_vio.datasets.euroc_sensor import read_imu, write_imu
 from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.writer import write_euroc_folder
 from coclo_vio.geometry import se3, so3
+from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.errors import DatasetError, TopicNotFound
 from coclo_vio.values.measurements import ALL_SENSORS, ImuSample, JointSample, StereoFrame
 
@@ -218,3 +220,11 @@ def test_euroc_v1_01_as_it_is(shared_data, biped):
     assert truth.has_stamps
     assert len(truth.trajectory) == 28_712
     assert truth.trajectory.path_length_m() == pytest.approx(58.4, abs=1.0)
+
+
+def test_grade_and_bias_sigmas_of_an_imu_are_kept_where_they_are_given(tmp_path: Path) -> None:
+    cheap = ImuCalibration()
+    for imu in (ImuCalibration(grade="calibrated_mems", accelerometer_bias=0.01), cheap):
+        write_imu(tmp_path, imu)
+        assert read_imu(tmp_path / "sensor.yaml") == imu
+    assert "grade" not in (tmp_path / "sensor.yaml").read_text()

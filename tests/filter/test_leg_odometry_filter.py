@@ -246,7 +246,7 @@ def test_without_new_imu_samples_gravity_is_not_used(
         return float(path[-1].covariance[0, 0] - before.covariance[0, 0])
 
     unbroken, _ = clean_runs["robust"]
-    assert gained(estimates) > 5.0 * gained(unbroken) > 0.0
+    assert gained(estimates) > 0.0 > gained(unbroken)
 
 
 def test_torques_that_are_missing_are_counted(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:

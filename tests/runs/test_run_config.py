@@ -9,6 +9,7 @@ from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.imu_grades import ERRORS_OF_GRADE
 
 
 def _file(folder: Path, values: object) -> Path:
@@ -147,3 +148,13 @@ def test_a_configured_imu_counts_whatever_the_recording_has() -> None:
     assert configured.on_recording(recorded).robot.imu.gyroscope_noise_density == 0.5
     contradictory = resolve("go1", settings=["robot.imu.gyroscope_noise_density=0.5", "imu_calibration=recording"])
     assert contradictory.on_recording(recorded).robot.imu == recorded
+
+
+def test_a_recording_without_a_grade_leaves_that_of_the_robots_imu() -> None:
+    config = resolve("go1", settings=["robot.imu.grade=calibrated_mems", "imu_calibration=recording"])
+    assert config.robot.imu.accelerometer_bias == ERRORS_OF_GRADE["calibrated_mems"].accelerometer_bias
+    noisy = config.on_recording(ImuCalibration(gyroscope_noise_density=1e-3)).robot.imu
+    assert noisy.gyroscope_noise_density == 1e-3
+    assert noisy.accelerometer_bias == config.robot.imu.accelerometer_bias
+    graded = config.on_recording(ImuCalibration(grade="tactical")).robot.imu
+    assert graded.accelerometer_bias == ERRORS_OF_GRADE["tactical"].accelerometer_bias

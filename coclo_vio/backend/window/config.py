@@ -104,8 +104,12 @@ class InertialConfig(StageConfig):
     accelerometer_bias_walk: Annotated[
         float, Field(ge=0, description="least random walk of the bias, m/s^3/sqrt(Hz)")
     ] = 1e-3
-    gyroscope_bias: Annotated[float, Field(gt=0, description="one sigma before the start, rad/s")] = 0.05
-    accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma before the start, m/s^2")] = 0.5
+    gyroscope_bias: Annotated[
+        float | None, Field(gt=0, description="one sigma before the start, rad/s; null: by the IMU's grade")
+    ] = None
+    accelerometer_bias: Annotated[
+        float | None, Field(gt=0, description="one sigma before the start, m/s^2; null: by the IMU's grade")
+    ] = None
     max_gap_s: Annotated[float, Field(gt=0, description="longest gap between readings that is integrated over, s")] = (
         0.2
     )

@@ -36,7 +36,11 @@ class InertialSource(KeyframeSource):
     """
 
     def __init__(self, imu: ImuCalibration, config: SmootherConfig) -> None:
-        self._config = config
+        self._config, own = config, config.inertial
+        self._bias_sigmas = (
+            imu.accelerometer_bias if own.accelerometer_bias is None else own.accelerometer_bias,
+            imu.gyroscope_bias if own.gyroscope_bias is None else own.gyroscope_bias,
+        )
         self.preintegration = Preintegration(imu, config.inertial)
         self.bias = gtsam.imuBias.ConstantBias()
         self._bias_covariance = np.eye(BIASES.dimensions)
@@ -66,11 +70,13 @@ class InertialSource(KeyframeSource):
         """Take a reading."""
         self.preintegration.push(sample)
 
-    def level(self, rest: ImuMeans | None, gyroscope_sigma_radps: float) -> None:
+    def level(self, rest: ImuMeans | None, gyroscope_sigma_radps: float | None) -> None:
         """The biases before the start: the gyroscope's from a rest, where there is one, with its sigma."""
         if rest is not None:
             self.bias = gtsam.imuBias.ConstantBias(np.zeros(3), rest.angular_velocity)
-        sigmas = np.repeat([self._config.inertial.accelerometer_bias, gyroscope_sigma_radps], 3)
+        accelerometer_sigma, gyroscope_sigma = self._bias_sigmas
+        rate_sigma = gyroscope_sigma if gyroscope_sigma_radps is None else gyroscope_sigma_radps
+        sigmas = np.repeat([accelerometer_sigma, rate_sigma], 3)
         self._bias_covariance = np.diag(sigmas**2)
 
     def begin(self, number: int, stamp_ns: int, velocity_world: Array, velocity_sigma_mps: float) -> FirstKeyframe:

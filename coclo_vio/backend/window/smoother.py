@@ -266,9 +266,7 @@ class SlidingWindowSmoother:
 
     def _level(self, rest: ImuMeans | None) -> None:
         """The biases of the IMU before the start."""
-        sigma = self.config.inertial.gyroscope_bias
-        if rest is not None:
-            sigma = self._standstill_bias.rate_sigma(rest.span_s)
+        sigma = None if rest is None else self._standstill_bias.rate_sigma(rest.span_s)
         for source in self._inertial:
             source.level(rest, sigma)
 

@@ -31,7 +31,9 @@ def _estimator(name: str, equipment: "Equipment", config: "RunConfig") -> Estima
     from coclo_vio.filter.odometry import LegOdometryFilter  # noqa: PLC0415 -- loads Pinocchio
     from coclo_vio.fusion.leg_odometry import LegOdometry  # noqa: PLC0415
 
-    return LegOdometry(name, LegOdometryFilter(equipment.require_robot(), config.filter))
+    return LegOdometry(
+        name, LegOdometryFilter(equipment.require_robot(), config.filter, camera_imu=equipment.second_imu)
+    )
 
 
 MODES = (
@@ -50,6 +52,7 @@ MODES = (
                 paper_drift_percent={"flat": 1.01, "ramp": 6.51, "stairs": 7.28},
             ),
         ),
+        uses=frozenset({Need.IMU}),
         rank=10,
         default_rank=1,
         table=True,
@@ -60,6 +63,7 @@ MODES = (
         frozenset({Need.LEGS}),
         _coclo_leg_scale,
         (TrajectoryKind("coclo_leg_scale", colour="#0072b2", line_width=1.0, line_style="-.", layer=3),),
+        uses=frozenset({Need.IMU}),
         rank=40,
         compared=Compared.ON_REQUEST,
     ),

@@ -17,7 +17,9 @@ def _combined(equipment: "Equipment", config: "RunConfig") -> Estimator:
     from coclo_vio.fusion.combined import combined_odometry  # noqa: PLC0415 -- loads GTSAM and OpenCV
 
     return combined_odometry(
-        LegOdometryFilter(equipment.require_robot(), config.filter, remembers_frames=True),
+        LegOdometryFilter(
+            equipment.require_robot(), config.filter, remembers_frames=True, camera_imu=equipment.second_imu
+        ),
         equipment.require_cameras(),
         config.frontend,
         config.smoother,
@@ -55,6 +57,7 @@ MODES = (
                 paper_drift_percent={"flat": 1.46, "stairs": 5.28},
             ),
         ),
+        uses=frozenset({Need.IMU}),
         rank=30,
         default_rank=0,
         table=True,

@@ -12,7 +12,7 @@ from scipy import signal
 from coclo_vio.simulation.trial.imperfection import Imperfection
 from coclo_vio.simulation.trial.motion import Motion
 from coclo_vio.values.arrays import Array, IntArray
-from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.calibration import ImuCalibration, Triple
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import InertialReading, JointSample
 from coclo_vio.values.units import NS_PER_S
@@ -159,8 +159,10 @@ def joint_samples(
 
 def nominal_calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:
     """The calibration that a user would have: the IMU's mounting, and its noise by the data sheet."""
+    position_m, rotation_rpy_rad = _mounting_fields(T_body_imu)
     return ImuCalibration(
-        **_mounting_fields(T_body_imu),
+        position_body_m=position_m,
+        rotation_body_imu_rpy_rad=rotation_rpy_rad,
         gyroscope_noise_density=max(config.gyroscope_noise_density, 1e-9),
         gyroscope_bias_walk=config.gyroscope_bias_walk,
         accelerometer_noise_density=max(config.accelerometer_noise_density, 1e-9),
@@ -168,13 +170,13 @@ def nominal_calibration(config: ImuConfig, T_body_imu: Array) -> ImuCalibration:
     )
 
 
-def _mounting_fields(T_body_imu: Array) -> dict[str, tuple[float, float, float]]:
-    """A mounting in the fields of ``ImuCalibration``."""
+def _mounting_fields(T_body_imu: Array) -> tuple[Triple, Triple]:
+    """Position and roll, pitch, yaw of a mounting, as in ``ImuCalibration``."""
     R = T_body_imu[:3, :3]
     pitch = -float(np.arcsin(np.clip(R[2, 0], -1.0, 1.0)))
     roll, yaw = float(np.arctan2(R[2, 1], R[2, 2])), float(np.arctan2(R[1, 0], R[0, 0]))
     x, y, z = T_body_imu[:3, 3].tolist()
-    return {"position_body_m": (x, y, z), "rotation_body_imu_rpy_rad": (roll, pitch, yaw)}
+    return (x, y, z), (roll, pitch, yaw)
 
 
 def _with_scaled_shocks(truth: Array, scale: float, step_s: float) -> Array:

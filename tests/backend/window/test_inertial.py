@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from worlds import IMU, NS_PER_S, WALK, pose_at, readings, stamps_ns, velocity_at
 
-from coclo_vio.backend.window.config import InertialConfig, StandstillWindowConfig
+from coclo_vio.backend.window.config import InertialConfig, SmootherConfig, StandstillWindowConfig
 from coclo_vio.backend.window.inertial import Preintegration, is_possible
+from coclo_vio.backend.window.inertial_source import InertialSource
+from coclo_vio.backend.window.variables import BIASES
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.standstill import StandstillDetector
 from coclo_vio.values.calibration import ImuCalibration
@@ -364,3 +366,15 @@ def test_a_reading_that_comes_twice_counts_once() -> None:
         for _ in range(1 + k % 2):
             twice.push(sample)
     np.testing.assert_array_equal(once.means.angular_velocity, twice.means.angular_velocity)
+
+
+def test_biases_before_the_start_are_as_uncertain_as_the_imus_grade() -> None:
+    imu = ImuCalibration(grade="calibrated_mems")
+    for inertial, expected in (
+        (InertialConfig(), (imu.accelerometer_bias, imu.gyroscope_bias)),
+        (InertialConfig(accelerometer_bias=0.4, gyroscope_bias=0.03), (0.4, 0.03)),
+    ):
+        source = InertialSource(imu, SmootherConfig(inertial=inertial))
+        source.level(None, None)
+        sigmas = np.sqrt(np.diag(source.begin(0, 0, np.zeros(3), 0.1).covariances[BIASES]))
+        np.testing.assert_allclose(sigmas, np.repeat(expected, 3))

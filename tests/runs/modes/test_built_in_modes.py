@@ -127,9 +127,23 @@ def test_a_mode_of_legs_without_a_robot_asks_for_one(name: str) -> None:
 
 @pytest.mark.parametrize("name", LEG_MODES)
 def test_a_mode_of_legs_reads_no_camera(name: str) -> None:
-    assert mode_of(name).sensors_of(LEGS_ONLY) == LEG_SENSORS
+    assert mode_of(name).sensors_of(replace(LEGS_ONLY, sensors=LEG_SENSORS)) == LEG_SENSORS
     everything = replace(VISION, robot=ROBOT, sensors=LEG_SENSORS | {StereoFrame, CameraImuSample})
-    assert mode_of(name).sensors_of(everything) == LEG_SENSORS
+    uses_both_imus = name in {"coclo", "coclo_leg_scale"}
+    assert mode_of(name).sensors_of(everything) == LEG_SENSORS | ({CameraImuSample} if uses_both_imus else set())
+
+
+@pytest.mark.parametrize("name", ["coclo", "combined"])
+def test_the_cameras_imu_is_a_state_of_the_filter_where_it_is_there_and_calibrated(name: str) -> None:
+    def states(equipment: Equipment) -> set[str]:
+        estimator = mode_of(name).make(equipment, resolve("daisy"))
+        return {block.name for block in estimator._filter._profile.layout.blocks}  # type: ignore[attr-defined]
+
+    sensors = LEG_SENSORS | {StereoFrame, CameraImuSample}
+    both = replace(VISION, robot=ROBOT, camera_imu=ImuCalibration(), sensors=sensors)
+    assert "camera_gyroscope_bias" in states(both)
+    assert "camera_gyroscope_bias" not in states(replace(both, sensors=sensors - {CameraImuSample}))
+    assert "camera_gyroscope_bias" not in states(replace(both, camera_imu=None))
 
 
 @pytest.mark.parametrize("name", VISUAL_MODES)
