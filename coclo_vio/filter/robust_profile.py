@@ -19,7 +19,7 @@ from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustMode
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
 from coclo_vio.filter.state import StateLayout
-from coclo_vio.filter.state_blocks import StateBlock, robust_blocks
+from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
@@ -61,7 +61,7 @@ class RobustProfile:
         self.leg_check: LegCheck | None = None
         self._robot: RobotDescription = robot.description
         self._model = robot
-        self._gyroscope_error_radps = initial.gyroscope_bias_radps
+        self._gyroscope_error_radps = bias_sigmas(initial, imu)[0]
         self._config = config
         self._counts = counts
         radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
