@@ -86,7 +86,7 @@ class LegPreintegration:
         camera = np.maximum([*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma], _FLOOR)
         tilt = np.maximum(np.sqrt(np.sum(np.square(core.active_factor[:2]), axis=1)), _FLOOR)
         constants = np.concatenate((camera, tilt))
-        self._constants_floor = np.maximum(_FLOOR, _FLOOR_SHARE * constants)
+        self._constants_floor = np.maximum(_FLOOR, np.append(_FLOOR_SHARE * camera, np.zeros(2)))
         self._constants_covariance = np.diag(np.square(constants))  # at the start of the motion
         self._gain = np.zeros((len(self._used), ERRORS))  # of the constants on the state at the start of the motion
         self.calibrated: Array = np.eye(3)

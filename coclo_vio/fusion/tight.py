@@ -6,7 +6,7 @@ state as the window estimated it, and what it measured until the next keyframe, 
 Between keyframes the same filter gives the estimate at the joint rate.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -49,7 +49,6 @@ from coclo_vio.values.units import NS_PER_S
 if TYPE_CHECKING:
     from coclo_vio.backend.window.leg_source import LegSource
 
-_MOST_READINGS = 1000
 _CAMERAS_KEPT_S = 3.0
 _VELOCITY_SIGMA_MPS = 0.1  # where a window starts anew, beyond the filter's
 
@@ -85,7 +84,7 @@ class TightOdometry(StreamingEstimator):
             make_smoother: makes a fresh smoother once the legs' first state is known.
             frontend: a fresh one; None where a recording has tracks, not frames.
             names: of the trajectory at the joint rate and of that at the rate of the frames.
-            imu_kind: the kind of readings, of another IMU than the filter's, that the smoother gets; None for none.
+            imu_kind: the kind of readings, of another IMU than the filter's, that are compared; None for none.
             check: a fresh comparison of rotations by cameras, gyroscopes and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
@@ -95,8 +94,6 @@ class TightOdometry(StreamingEstimator):
         self._filter, self._make_smoother = leg_filter, make_smoother
         self._vision = VisionChain(frontend, pictures_every)
         self._imu_kind = imu_kind
-        self._readings: deque[InertialReading] = deque(maxlen=_MOST_READINGS)  # before the window
-        self._reading_ns: int | None = None
         self._legs: LegPreintegration | None = None
         self._window: tuple[Smoother, LegSource] | None = None
         self._last_pose: Array | None = None  # of the last frame
@@ -118,7 +115,6 @@ class TightOdometry(StreamingEstimator):
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
             case InertialReading() if type(measurement) is self._imu_kind:
-                self._take_reading(measurement)
                 if self._monitor is not None:
                     self._monitor.take(measurement)
             case JointSample() | ImuSample() | FootForceSample():
@@ -133,16 +129,6 @@ class TightOdometry(StreamingEstimator):
                     yield from self._filter.take_events()
             case StereoFrame() | StereoTracks():
                 yield from self._process_frame(measurement)
-
-    def _take_reading(self, reading: InertialReading) -> None:
-        if self._reading_ns is not None and reading.stamp_ns <= self._reading_ns:
-            self._counted["imu_stamp_refused"] += 1
-            return
-        self._reading_ns = reading.stamp_ns
-        if self._window is None:
-            self._readings.append(reading)
-        else:
-            self._window[0].push_imu(reading)
 
     def _process_frame(self, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         if self._latest is None:
@@ -176,8 +162,6 @@ class TightOdometry(StreamingEstimator):
         smoother, source = self._make_smoother(state, legs.calibrated)
         smoother.start_from(PoseMarginal(state.stamp_ns, state.T_world_body, state.covariance[:6, :6]), velocity)
         self._window = smoother, source
-        while self._readings:
-            smoother.push_imu(self._readings.popleft())
         result = yield from self._track(smoother, frame, state.T_world_body)
         legs.restart(source.newest)
         yield from self._outputs_of(legs, result, latest)
@@ -272,7 +256,7 @@ def tight_odometry(
         stereo: the cameras.
         frontend: parameters of the front end.
         smoother: parameters of the smoother.
-        camera_imu: mounting and noise of the cameras' own IMU, which ties keyframes too; None where there is none.
+        camera_imu: mounting of the cameras' own IMU, whose rotation is compared; None where there is none.
         has_frames: whether there are images; otherwise tracks of rectified ones.
         pictures_every: draw the tracks on every n-th frame; on none if None.
 
@@ -280,8 +264,7 @@ def tight_odometry(
         ConfigError: the paper's profile, or cameras that cannot be rectified.
         CalibrationMissing: tracks, and cameras that are not rectified.
     """
-    from coclo_vio.backend.window.inertial_source import InertialSource  # noqa: PLC0415 -- loads GTSAM
-    from coclo_vio.backend.window.leg_source import LegSource  # noqa: PLC0415
+    from coclo_vio.backend.window.leg_source import LegSource  # noqa: PLC0415 -- loads GTSAM
     from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415
 
     if filter_config.profile != "robust":
@@ -294,9 +277,7 @@ def tight_odometry(
     def make_smoother(state: LegState, rotation: Array) -> tuple[Smoother, LegSource]:
         source, at = LegSource(state), rig.T_body_camera[:3, 3]
         turn = se3.transform(rotation.T, at - rotation.T @ at)  # about the left camera
-        turned_imu = None if camera_imu is None else camera_imu.moved(turn)
-        inertial = [] if turned_imu is None else [InertialSource(turned_imu, smoother)]
-        return SlidingWindowSmoother(rig.moved(turn), smoother, turned_imu, [source, *inertial]), source
+        return SlidingWindowSmoother(rig.moved(turn), smoother, None, [source]), source
 
     leg_filter = LegOdometryFilter(robot, filter_config, extra_blocks=[start_block(len(robot.leg_names))])
     own = None if camera_imu is None else camera_imu.T_body_imu[:3, :3]

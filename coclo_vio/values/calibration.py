@@ -39,7 +39,7 @@ class ImuCalibration(StageConfig):
     gyroscope_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, rad/s")] = 0.02
     accelerometer_noise_density: Annotated[float, Field(gt=0, description="white noise, m/s^2/sqrt(Hz)")] = 2e-3
     accelerometer_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, m/s^3/sqrt(Hz)")] = 3e-4
-    accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, m/s^2")] = 0.2
+    accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, m/s^2")] = 0.1
 
     @model_validator(mode="after")
     def _errors_by_grade(self) -> Self:

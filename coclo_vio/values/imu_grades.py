@@ -13,8 +13,9 @@ Sources, by grade:
   repeatability over a year 0.2 deg/s and 0.03 m/s^2); VectorNav VN-100 (0.0035 deg/s/sqrt(Hz), 140 ug/sqrt(Hz)) is of
   this grade.
 * ``cheap_mems``: Bosch BMI055, as in the RealSense D435i (0.014 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), offsets of 1 deg/s and
-  70 mg), BMI088 (1 deg/s and 20 mg) and InvenSense ICM-20948 (offsets of 5 deg/s and 50 mg as soldered): 20 mg, what
-  the better of them have as delivered and the others after a calibration by their user.
+  70 mg), BMI088 (1 deg/s and 20 mg) and InvenSense ICM-20948 (offsets of 5 deg/s and 50 mg as soldered): 10 mg, which
+  takes the 20 mg of the better of them as two sigmas; the others need a calibration by their user, or a value of their
+  own. Where nothing turns the robot, a wider prior cannot be told from tilt and lets the estimate of it wander.
 """
 
 from typing import Literal, NamedTuple
@@ -45,6 +46,6 @@ class ImuErrors(NamedTuple):
 ERRORS_OF_GRADE: dict[ImuGrade, ImuErrors] = {
     "tactical": ImuErrors(1.2e-5, 1e-7, 1e-4, 5e-4, 1e-5, 0.017),
     "calibrated_mems": ImuErrors(2e-4, 5e-6, 3.5e-3, 8e-4, 5e-5, 0.03),
-    "cheap_mems": ImuErrors(2e-4, 2e-5, 0.02, 2e-3, 3e-4, 0.2),
+    "cheap_mems": ImuErrors(2e-4, 2e-5, 0.02, 2e-3, 3e-4, 0.1),
 }
 """The errors that each grade stands for; the sources are above."""

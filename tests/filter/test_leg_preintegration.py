@@ -9,6 +9,7 @@ import pytest
 
 from coclo_vio.filter.between_states import between
 from coclo_vio.filter.camera_frame import CameraFrame
+from coclo_vio.filter.config import FilterConfig, InitialConfig
 from coclo_vio.filter.leg_preintegration import START, start_block
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior
@@ -25,8 +26,11 @@ EVERY = 25  # estimates from keyframe to keyframe
 FRAME_NS = 3_000_000  # from a joint sample to a frame
 
 
+CONFIG = FilterConfig(initial=InitialConfig(accelerometer_bias_mps2=0.05, gyroscope_bias_radps=0.02))
+
+
 def fresh(robot: RobotModel) -> LegOdometryFilter:
-    return LegOdometryFilter(robot, extra_blocks=[start_block(len(robot.leg_names))])
+    return LegOdometryFilter(robot, CONFIG, extra_blocks=[start_block(len(robot.leg_names))])
 
 
 def walked(
@@ -68,7 +72,7 @@ def motions(daisy: RobotModel, noisy_walk: AnalyticTrial) -> list[LegMotion]:
 def test_a_filter_that_starts_anew_at_keyframes_from_its_own_state_estimates_as_one_that_does_not(
     daisy: RobotModel, noisy_walk: AnalyticTrial
 ) -> None:
-    whole = [one for one in map(LegOdometryFilter(daisy).push, noisy_walk.measurements) if one is not None]
+    whole = [one for one in map(LegOdometryFilter(daisy, CONFIG).push, noisy_walk.measurements) if one is not None]
     parted = walked(daisy, noisy_walk.measurements)[1]
     assert len(parted) == len(whole) > 10 * EVERY
     np.testing.assert_allclose(parted[-1].nav.T_world_body, whole[-1].nav.T_world_body, atol=2e-5)

@@ -21,7 +21,6 @@ from walk_among_points import (
 )
 
 from coclo_vio.backend.window.config import SmootherConfig
-from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.leg_source import LegSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.filter.between_states import between
@@ -32,10 +31,10 @@ from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.tight import TightOdometry, tight_odometry
 from coclo_vio.fusion.vision_chain import Smoother
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
+from coclo_vio.values.calibration import CameraCalibration, StereoCalibration, matrix4
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.leg_motion import LegState
-from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement, StereoTracks
+from coclo_vio.values.measurements import JointSample, Measurement, StereoTracks
 from coclo_vio.values.outputs import Estimate, Output
 
 KEYFRAMES, STEPS, LANDMARKS = 6, 4, 2
@@ -127,17 +126,16 @@ def test_in_a_linear_world_the_window_estimates_as_all_measurements_at_once(seed
     np.testing.assert_allclose(covariance[newest, newest], expected_covariance, rtol=1e-5, atol=1e-10)
 
 
-def tight(camera_imu: ImuCalibration | None = None) -> TightOdometry:
-    """The real filter and smoother, on tracks, and with an IMU of the cameras where its calibration is given."""
+def tight() -> TightOdometry:
+    """The real filter and smoother, on tracks."""
     config = SmootherConfig.parse({"noise": {"track_px": NOISE_PX, "disparity_px": NOISE_PX}}, "test")
 
-    def make_smoother(state: LegState) -> tuple[Smoother, LegSource]:
+    def make_smoother(state: LegState, rotation: Array) -> tuple[Smoother, LegSource]:
         source = LegSource(state)
-        inertial = [] if camera_imu is None else [InertialSource(camera_imu, config)]
-        return SlidingWindowSmoother(RIG, config, camera_imu, [source, *inertial]), source
+        return SlidingWindowSmoother(RIG, config, None, [source]), source
 
     legs = LegOdometryFilter(DAISY, extra_blocks=[start_block(len(DAISY.leg_names))])
-    return TightOdometry(legs, make_smoother, None, imu_kind=CameraImuSample)
+    return TightOdometry(legs, make_smoother, None)
 
 
 def outputs_of(odometry: TightOdometry, measurements: Iterable[Measurement]) -> list[Output]:
@@ -168,22 +166,6 @@ def test_vision_makes_the_estimate_more_certain_than_legs_alone() -> None:
     together = states(whole_walk()[1], "tight")[-1]
     sigmas = [np.sqrt(np.trace(one.covariance[3:6, 3:6])) for one in (together, alone)]
     assert sigmas[0] < 0.8 * sigmas[1]
-
-
-def test_an_imu_of_the_cameras_makes_the_tilt_more_certain() -> None:
-    """It has the readings of the body's IMU here, and is taken as another one."""
-    readings = [
-        CameraImuSample(one.stamp_ns, one.angular_velocity, one.specific_force)
-        for one in stream()
-        if type(one) is ImuSample
-    ]
-    odometry = tight(DAISY.description.imu)
-    outputs = outputs_of(odometry, in_order([*stream(), *readings]))
-    with_imu, without_imu = states(outputs, "tight")[-1], states(whole_walk()[1], "tight")[-1]
-    assert error_m(with_imu) < 0.01
-    assert "smoother_imu_gap" not in odometry.counts
-    tilts = [np.sqrt(np.trace(one.covariance[:2, :2])) for one in (with_imu, without_imu)]
-    assert tilts[0] < 0.98 * tilts[1]
 
 
 def test_without_any_landmark_the_estimate_is_that_of_leg_odometry() -> None:
