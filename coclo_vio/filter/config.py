@@ -101,6 +101,9 @@ class RobustConfig(StageConfig):
         ),
     ] = 0.01
     slip_memory_s: Annotated[float, Field(gt=0, description="time constant of that slip, s")] = 10.0
+    learns_slip: Annotated[
+        bool, Field(description="whether the size of that slip is learnt where vision corrects the filter")
+    ] = True
     gate_probability: Annotated[
         float, Field(gt=0.5, lt=1, description="share of correct leg measurements that pass the innovation gate")
     ] = 0.997

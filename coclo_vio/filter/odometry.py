@@ -23,6 +23,7 @@ from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
 from coclo_vio.filter.state_blocks import StateBlock
 from coclo_vio.filter.state_kernels import plain_covariance
+from coclo_vio.filter.state_level import StateLevel
 from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.leg_sensing import LegSensing
@@ -105,6 +106,7 @@ class LegOdometryFilter:
         self._core: SquareRootFilter | None = None
         self._stamp_ns = 0
         self._exchange: KeyframeExchange | None = None
+        self._levels: list[StateLevel] = []
         self._gate = EvidenceGate(self.config.feedback_gate)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
@@ -250,6 +252,19 @@ class LegOdometryFilter:
             resume_from(core, *resumed, _RESUMED_SIGMAS)
             core.mean.vector[RATE] = rate - core.mean.vector[GYROSCOPE_BIAS]
         shift_gyroscope(core, bias, sigma)
+
+    def learn_levels(self) -> None:
+        """Learn how large slip is in this recording; call it after a correction from outside.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
+        core = self._started()
+        if not self._levels and self.config.profile == "robust" and self.config.robust.learns_slip:
+            decaying = [block for block in core.mean.layout.blocks if np.isfinite(block.memory_s) and block.walk > 0.0]
+            self._levels = [StateLevel(block) for block in decaying]
+        for level in self._levels:
+            level.learn(core, self._stamp_ns)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.

@@ -319,6 +319,7 @@ class CombinedOdometry(StreamingEstimator):
         self._known_to_both = pair.poses().end
         self._keyframe = pair.keep()
         if outcome in {GateOutcome.ACCEPTED, GateOutcome.FORCED}:
+            self._filter.learn_levels()
             yield self._filter.camera_calibration(pair.stamp_ns)
 
     def _outputs_of(self, result: FrameResult, latest: StateEstimate, in_world: _InWorld) -> Iterator[Output]:

@@ -184,6 +184,7 @@ class TightOdometry(StreamingEstimator):
                 newest, self._mounting = legs.with_mounting_prior(newest, self._mounting), None
                 self._is_anew = self._is_mounting_off = True
             legs.restart(newest)
+            self._filter.learn_levels()
             self._is_anew = self._is_anew or (self._is_mounting_off and legs.is_calibration_off)
             if self._is_anew and self._is_mounting_off:
                 legs.calibrate()

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The level of a decaying state, such as slip: learnt for this recording from what corrections show of the state.
+
+How much feet slip differs by a factor of ten from ground to ground, and decides what legs weigh against vision. A state
+``x`` that decays to zero, with a random walk that keeps its variance at ``s^2``, has ``E[x^2] = s^2``, and given the
+data ``E[x^2] = mean^2 + variance``. The mean of that over time is the next ``s^2`` (expectation maximisation). Where
+nothing observes the state its variance is ``s^2``, and the level stays where it is.
+Source: Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977.
+"""
+
+import numpy as np
+
+from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.state_blocks import StateBlock
+
+_LIMITS = (0.2, 4.0)  # of the level
+_PRIOR_MEMORIES = 2.0  # the declared sigma counts as much as data of so many time constants of the state
+_FADING_MEMORIES = 6.0  # data fade with so many time constants
+
+
+class StateLevel:
+    """The sigma of a block as a multiple of the declared one, and its random walk accordingly.
+
+    Attributes:
+        level: that multiple.
+    """
+
+    def __init__(self, block: StateBlock) -> None:
+        """Take a block that decays and has a random walk."""
+        self.level = 1.0
+        self._block = block
+        self._sigma = float(np.mean(np.asarray(block.sigma)))
+        self._weight, self._sum = 0.0, 0.0
+        self._stamp_ns: int | None = None
+
+    def learn(self, core: SquareRootFilter, stamp_ns: int) -> None:
+        """Take the state after a correction from outside, and set its random walk.
+
+        Args:
+            core: the filter; its layout's walks are set in place.
+            stamp_ns: of the filter, in nanoseconds.
+        """
+        before, self._stamp_ns = self._stamp_ns, stamp_ns
+        if before is None or stamp_ns <= before:
+            return
+        layout = core.mean.layout
+        at = layout.at(self._block.name)
+        squared = float(np.mean(np.square(core.mean.vector[at]) + core.variance(at))) / self._sigma**2
+        new = (stamp_ns - before) * 1e-9 / self._block.memory_s
+        kept = float(np.exp(-new / _FADING_MEMORIES))
+        self._weight, self._sum = kept * self._weight + new, kept * self._sum + new * squared
+        self.level = float(np.sqrt((_PRIOR_MEMORIES + self._sum) / (_PRIOR_MEMORIES + self._weight)))
+        self.level = float(np.clip(self.level, *_LIMITS))
+        layout.walks[at] = self._block.walk * self.level
