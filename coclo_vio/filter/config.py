@@ -39,7 +39,7 @@ class InitialConfig(StageConfig):
     ] = 0.004
     stereo_scale_sigma: Annotated[
         float, Field(ge=0, lt=0.2, description="relative error of lengths by stereo, where there are cameras")
-    ] = 0.01
+    ] = 0.005
 
 
 class RobustConfig(StageConfig):
