@@ -15,7 +15,8 @@ Sources, by grade:
 * ``cheap_mems``: Bosch BMI055, as in the RealSense D435i (0.014 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), offsets of 1 deg/s and
   70 mg), BMI088 (1 deg/s and 20 mg) and InvenSense ICM-20948 (offsets of 5 deg/s and 50 mg as soldered): 10 mg, which
   takes the 20 mg of the better of them as two sigmas; the others need a calibration by their user, or a value of their
-  own. Where nothing turns the robot, a wider prior cannot be told from tilt and lets the estimate of it wander.
+  own. Where nothing turns the robot, a bias is not distinguishable from tilt, and the estimate of tilt wanders within
+  the prior.
 """
 
 from typing import Literal, NamedTuple
