@@ -134,7 +134,10 @@ def test_every_setting_that_a_page_gives_exists() -> None:
 def test_every_event_is_on_a_page_with_its_condition() -> None:
     vision = {name for row in _table(_page("vision.md"), "| event | condition |") for name in _in_code(row[0])}
     bridge = set(re.findall(r"`(feedback_\w+ed)`", _page("bridge.md")))
-    assert vision | bridge == _event_kinds()
+    rotations = _table(_page("robustness.md"), "| event | when | what is done |")
+    compared = {name for row in rotations for name in _in_code(row[0])}
+    compared |= set(re.findall(r"`(vision_agrees)`", _page("robustness.md")))
+    assert vision | bridge | compared == _event_kinds()
 
 
 def _event_kinds() -> set[str]:

@@ -25,7 +25,8 @@ def test_the_papers_figures_are_those_of_its_table() -> None:
         "ramp": {"coclo": 6.51, "vins": 22.04},
         "stairs": {"coclo": 7.28, "vins": 8.55, "combined_coclo": 2.61, "combined_vins": 5.28},
     }
-    assert fused_pairs(NAMES) == [("combined_coclo", "coclo"), ("combined_vins", "vins")]
+    pairs = [("combined_coclo", "coclo"), ("combined_vins", "vins"), ("tight", "coclo"), ("tight_vins", "vins")]
+    assert fused_pairs(NAMES) == pairs
     assert standalone_names() == ["coclo", "vins"]
 
 

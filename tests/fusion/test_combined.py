@@ -176,7 +176,7 @@ def test_the_calibration_comes_after_each_accepted_feedback_with_sigmas_that_nev
     assert {one.stamp_ns for one in calibrations} <= set(keyframes_ns)
     sigmas = np.array([(*one.rotation_sigma, one.stereo_scale_sigma) for one in calibrations])
     assert (np.diff(sigmas, axis=0) <= 1e-12).all()
-    assert (sigmas[-1] < 0.9 * sigmas[0]).all()
+    assert (sigmas[-1] < np.array([0.9, 0.9, 0.9, 0.97]) * sigmas[0]).all()  # lengths by stereo are known well before
     assert calibrations[-1].stereo_scale == pytest.approx(1.0, abs=3.0 * calibrations[-1].stereo_scale_sigma)
     assert (np.abs(calibrations[-1].rotation_body) < 3.0 * calibrations[-1].rotation_sigma).all()
 
