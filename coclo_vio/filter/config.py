@@ -65,7 +65,7 @@ class RobustConfig(StageConfig):
     ] = 0.2
     gravity_noise_mps2: Annotated[
         float, Field(gt=0, description="one sigma of a window's specific force less the body's acceleration, m/s^2")
-    ] = 0.05
+    ] = 0.1
     gravity_dwell_s: Annotated[
         float, Field(ge=0, description="a foot must have stood this long before gravity is measured, s")
     ] = 0.03
