@@ -157,7 +157,7 @@ class LegPreintegration:
 
     @property
     def is_calibration_off(self) -> bool:
-        """Whether the cameras are surely turned against the calibration: gravity by their own IMU is tilted by that."""
+        """Whether the cameras are surely turned against the calibration that their window has."""
         turn, covariance = self._frame.errors[:3], self._constants_covariance[:3, :3]
         size = float(np.linalg.norm(turn))
         return size > _CALIBRATED_RAD and size**2 > 4.0 * float(turn @ covariance @ turn) / size**2

@@ -5,7 +5,7 @@ The biases are those of the part as mounted and calibrated by its maker, a year 
 of a data sheet, which is one sigma or a typical value, each axis. The random walks of the biases are not in data
 sheets; they are chosen such that the bias changes by about its in-run instability in a few minutes.
 
-Sources, by grade:
+Sources, by grade; the figures are as remembered of the data sheets and were not checked against them:
 
 * ``tactical``: Honeywell HG4930 (angle random walk 0.04 deg/sqrt(h), velocity random walk 0.03 m/s/sqrt(h), bias
   repeatability 20 deg/h and 1.7 mg).

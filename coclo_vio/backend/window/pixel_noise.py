@@ -57,11 +57,6 @@ class PixelNoise:
         return self._config.repeated_disparity_px * self.scale
 
     @property
-    def walk_px(self) -> float:
-        """Drift of a track from keyframe to keyframe."""
-        return self._config.walk_px * self.scale
-
-    @property
     def huber(self) -> float:
         """In sigmas, as in the configuration of what the residuals show."""
         return self._config.huber * self.shown / self.scale
