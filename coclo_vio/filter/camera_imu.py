@@ -4,7 +4,7 @@
 While both measure, only their difference is used (``imu_comparison``): it contains neither the body's motion nor the
 errors of the legs, so nothing of these is counted twice. It ties the biases of the two to each other, and with them
 the tilt, which is the body's accelerometer less its bias. While the body's IMU is silent the camera's measures rate
-and gravity itself. Its states are passive: nothing else touches them, and without it they are not there.
+and gravity itself. Nothing else touches its states, and without it they are not there.
 
 With the mounting's error ``m``, a rotation vector in body axes, and the delay ``d`` of the camera's IMU behind the
 body's, the camera's IMU measures ``w + m x w + b - d dw/dt`` and ``f + m x f + b``; the body's ``w + b`` and ``f + b``.
@@ -37,8 +37,10 @@ _ROTATION, _DELAY = "camera_imu_rotation", "camera_imu_delay"
 _GYROSCOPE, _ACCELEROMETER = "camera_gyroscope_bias", "camera_accelerometer_bias"
 
 
-def camera_imu_blocks(config: CameraImuConfig, initial: InitialConfig, imu: ImuCalibration) -> tuple[StateBlock, ...]:
-    """The states of the camera's IMU: its biases, error of its mounting and delay, body axes; passive."""
+def camera_imu_blocks(
+    config: CameraImuConfig, initial: InitialConfig, imu: ImuCalibration, *, is_passive: bool = True
+) -> tuple[StateBlock, ...]:
+    """The states of the camera's IMU: its biases, error of its mounting and delay, body axes."""
     gyroscope_sigma, accelerometer_sigma = bias_sigmas(initial, imu)
     sigmas = {
         _GYROSCOPE: gyroscope_sigma,
@@ -47,7 +49,7 @@ def camera_imu_blocks(config: CameraImuConfig, initial: InitialConfig, imu: ImuC
         _DELAY: config.delay_sigma_s,
     }
     return tuple(
-        StateBlock(name, 1 if name == _DELAY else 3, sigma=sigma, is_reported=True, is_passive=True)
+        StateBlock(name, 1 if name == _DELAY else 3, sigma=sigma, is_reported=True, is_passive=is_passive)
         for name, sigma in sigmas.items()
     )
 
@@ -59,11 +61,14 @@ class CameraImu:
         imu: mounting and errors of the camera's IMU.
         body_imu: of the body's.
         config: of the filter.
+        is_passive: whether its states are passive; otherwise they are part of the state at keyframes.
     """
 
-    def __init__(self, imu: ImuCalibration, body_imu: ImuCalibration, config: FilterConfig) -> None:
+    def __init__(
+        self, imu: ImuCalibration, body_imu: ImuCalibration, config: FilterConfig, *, is_passive: bool = True
+    ) -> None:
         own, robust = config.camera_imu, config.robust
-        self.blocks = camera_imu_blocks(own, config.initial, imu)
+        self.blocks = camera_imu_blocks(own, config.initial, imu, is_passive=is_passive)
         self.counts: Counter[str] = Counter()
         self._imu, self._body_imu, self._config, self._initial = imu, body_imu, own, config.initial
         self._rotation_body_imu, self._lever_cross = imu.T_body_imu[:3, :3], so3.hat(imu.T_body_imu[:3, 3])

@@ -19,7 +19,7 @@ measurements of the legs touch them, they only change coordinates.
 Source: Forster et al. 2017 (preintegration); derivatives by statistical linearisation.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.linalg import block_diag, cho_solve
@@ -47,9 +47,15 @@ _CALIBRATED_RAD = 0.005  # least turn of the cameras by which a calibration is o
 Extrapolation = Callable[[int], tuple[float, tuple[float, float]]]
 
 
-def start_block(legs: int) -> StateBlock:
-    """The remembered state of a keyframe, as a block of the robust profile's state for a number of legs."""
-    return StateBlock(START, BODY_ERRORS + 3 * legs, sigma=ZERO_SIGMA, is_passive=True)
+def start_block(legs: int, extra: Sequence[StateBlock] = ()) -> StateBlock:
+    """The remembered state of a keyframe, as a block of the robust profile's state for a number of legs.
+
+    Args:
+        legs: their number.
+        extra: further blocks of the state; those that are not passive are remembered too.
+    """
+    size = BODY_ERRORS + 3 * legs + sum(block.size for block in extra if not block.is_passive)
+    return StateBlock(START, size, sigma=ZERO_SIGMA, is_passive=True)
 
 
 class LegPreintegration:

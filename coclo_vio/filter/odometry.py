@@ -13,7 +13,7 @@ from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
 from coclo_vio.filter.leg_consistency import LegConsistency
-from coclo_vio.filter.leg_preintegration import START, LegPreintegration
+from coclo_vio.filter.leg_preintegration import START, LegPreintegration, start_block
 from coclo_vio.filter.paper_profile import PaperProfile
 from coclo_vio.filter.profile import Profile
 from coclo_vio.filter.revision import Prior, Snapshot, replace_prior, resume_from, shift_gyroscope
@@ -63,6 +63,7 @@ class LegOdometryFilter:
         config: FilterConfig | None = None,
         *,
         remembers_frames: bool = False,
+        preintegrates: bool = False,
         extra_blocks: Sequence[StateBlock] = (),
         camera_imu: ImuCalibration | None = None,
     ) -> None:
@@ -73,6 +74,7 @@ class LegOdometryFilter:
             config: of the filter; the robot's own if None.
             remembers_frames: keep the poses of a camera frame and of the anchor keyframe in the state, and the errors
                 of the cameras' calibration, for ``mark_frame``.
+            preintegrates: keep the whole state of a keyframe in the state, for ``preintegration``; robust profile.
             extra_blocks: further blocks of the state of the robust profile.
             camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's; None
                 where there is none.
@@ -91,14 +93,18 @@ class LegOdometryFilter:
             )
         else:
             if camera_imu is not None and self.config.camera_imu.is_used:
-                self._camera_imu = CameraImu(camera_imu, robot.description.imu, self.config)
+                self._camera_imu = CameraImu(
+                    camera_imu, robot.description.imu, self.config, is_passive=not preintegrates
+                )
+            extra = (*extra_blocks, *(() if self._camera_imu is None else self._camera_imu.blocks))
+            start = (start_block(len(robot.leg_names), extra),) if preintegrates else ()
             self._profile = RobustProfile(
                 robot,
                 self.config.robust,
                 self._counts,
                 initial=initial,
                 has_frame=remembers_frames,
-                extra_blocks=[*extra_blocks, *(() if self._camera_imu is None else self._camera_imu.blocks)],
+                extra_blocks=(*extra, *start),
             )
         timeout_s = self.config.force_timeout_s
         self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
@@ -203,7 +209,7 @@ class LegOdometryFilter:
             anchor_ns: time of the first frame, from which poses by cameras are counted, in nanoseconds.
 
         Raises:
-            FilterError: the filter has not started yet, or was made without ``extra_blocks=[start_block(legs)]``.
+            FilterError: the filter has not started yet, or was made without ``preintegrates``.
         """
         core = self._started()
         core.mean.layout.at(START)

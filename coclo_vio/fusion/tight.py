@@ -15,7 +15,7 @@ import numpy as np
 
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.leg_preintegration import LegPreintegration, start_block
+from coclo_vio.filter.leg_preintegration import LegPreintegration
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior
 from coclo_vio.frontend.config import FrontendConfig
@@ -115,6 +115,7 @@ class TightOdometry(StreamingEstimator):
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
             case InertialReading() if type(measurement) is self._imu_kind:
+                self._filter.push(measurement)
                 if self._monitor is not None:
                     self._monitor.take(measurement)
             case JointSample() | ImuSample() | FootForceSample():
@@ -280,7 +281,7 @@ def tight_odometry(
         turn = se3.transform(rotation.T, at - rotation.T @ at)  # about the left camera
         return SlidingWindowSmoother(rig.moved(turn), smoother, None, [source]), source
 
-    leg_filter = LegOdometryFilter(robot, filter_config, extra_blocks=[start_block(len(robot.leg_names))])
+    leg_filter = LegOdometryFilter(robot, filter_config, preintegrates=True, camera_imu=camera_imu)
     own = None if camera_imu is None else camera_imu.T_body_imu[:3, :3]
     return TightOdometry(
         leg_filter,

@@ -10,7 +10,7 @@ import pytest
 from coclo_vio.filter.between_states import between
 from coclo_vio.filter.camera_frame import CameraFrame
 from coclo_vio.filter.config import FilterConfig, InitialConfig
-from coclo_vio.filter.leg_preintegration import START, start_block
+from coclo_vio.filter.leg_preintegration import START
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior
 from coclo_vio.geometry import se3, so3
@@ -30,7 +30,7 @@ CONFIG = FilterConfig(initial=InitialConfig(accelerometer_bias_mps2=0.05, gyrosc
 
 
 def fresh(robot: RobotModel) -> LegOdometryFilter:
-    return LegOdometryFilter(robot, CONFIG, extra_blocks=[start_block(len(robot.leg_names))])
+    return LegOdometryFilter(robot, CONFIG, preintegrates=True)
 
 
 def walked(

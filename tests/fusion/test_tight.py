@@ -25,7 +25,6 @@ from coclo_vio.backend.window.leg_source import LegSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.filter.between_states import between
 from coclo_vio.filter.config import FilterConfig
-from coclo_vio.filter.leg_preintegration import start_block
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.tight import TightOdometry, tight_odometry
@@ -134,7 +133,7 @@ def tight() -> TightOdometry:
         source = LegSource(state)
         return SlidingWindowSmoother(RIG, config, None, [source]), source
 
-    legs = LegOdometryFilter(DAISY, extra_blocks=[start_block(len(DAISY.leg_names))])
+    legs = LegOdometryFilter(DAISY, preintegrates=True)
     return TightOdometry(legs, make_smoother, None)
 
 
