@@ -37,6 +37,7 @@ class CompiledModels:
         self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float], layout: StateLayout
     ) -> None:
         self._config = config = sensing.config
+        self.imu_delay_s = 0.0
         self._encoder_noise_rad = float(encoder_noise_rad)
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
         self._sensing = SensingConstants(
@@ -76,7 +77,7 @@ class CompiledModels:
             motion,
             foot_noise,
             self._process,
-            dt_s,
+            (dt_s, self.imu_delay_s),
             core.spread(layout.curved_in_process).width_squared,
         )
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)

@@ -104,6 +104,19 @@ class RobustConfig(StageConfig):
     learns_slip: Annotated[
         bool, Field(description="whether the size of that slip is learnt where vision corrects the filter")
     ] = True
+    gyroscope_noise_density: Annotated[
+        float,
+        Field(
+            ge=0, description="least white noise, rad/s/sqrt(Hz), also with a better calibration: impacts, scale, axes"
+        ),
+    ] = 5e-4
+    imu_delay_s: Annotated[
+        float,
+        Field(gt=-0.03, lt=0.03, description="expected delay of the gyroscope behind the joints (its low-pass), s"),
+    ] = 0.003
+    imu_delay_sigma_s: Annotated[
+        float, Field(ge=0, lt=0.03, description="one sigma of that, s; 0: it is known, otherwise it is estimated")
+    ] = 0.003
     gate_probability: Annotated[
         float, Field(gt=0.5, lt=1, description="share of correct leg measurements that pass the innovation gate")
     ] = 0.997

@@ -10,6 +10,7 @@ import numpy as np
 from coclo_vio.filter.camera_imu import CameraImu
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
+from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
 from coclo_vio.filter.leg_consistency import LegConsistency
@@ -183,6 +184,11 @@ class LegOdometryFilter:
         check = self._profile.leg_check
         return None if check is None else check.consistency
 
+    @property
+    def imu_delay(self) -> ImuDelay | None:
+        """Delay of the gyroscope behind the joints; None before the start, and in the paper's profile."""
+        return self._profile.imu_delay
+
     def take_events(self) -> Sequence[Event]:
         """What was reported since the last call: legs that are set aside or used again."""
         check = self._profile.leg_check
@@ -323,7 +329,10 @@ class LegOdometryFilter:
 
     def _gyroscope_noise(self, dt_s: float) -> float:
         """One sigma of the gyroscope averaged over a step, rad/s."""
-        return float(self._robot.description.imu.gyroscope_noise_density / np.sqrt(dt_s))
+        density = self._robot.description.imu.gyroscope_noise_density
+        if self.config.profile == "robust":
+            density = max(density, self.config.robust.gyroscope_noise_density)
+        return float(density / np.sqrt(dt_s))
 
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
         rest, camera_rest = self._sensing.rest, None

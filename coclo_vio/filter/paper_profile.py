@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from coclo_vio.filter.config import InitialConfig, PaperConfig
+from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import FootPrior
 from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.measurement_model import specific_force_at_rest
@@ -60,6 +61,7 @@ class PaperProfile:
         self.is_wide = True
         self.can_coast = False
         self.leg_check: LegCheck | None = None
+        self.imu_delay: ImuDelay | None = None
         self._config = config
         self._counts = counts
 

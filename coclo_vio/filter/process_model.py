@@ -91,12 +91,14 @@ def noise_rows(
     radii_m: Array,
     foot_noise: Array,
     config: RobustConfig,
+    imu_delay_s: float = 0.0,
 ) -> Array:
     """Rows ``N``, (6 + walks + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
     Rate and velocity change by white accelerations and are linear from one sample to the next: their measurements at
     both ends of a step determine the rotation and the motion in it. A rate that varied between samples (white
     acceleration in continuous time) would add 9e-4 rad to the tilt at each step, many times the noise of a gyroscope.
+    Rates that are late by ``d`` lack ``d`` times the change of the rate of the rotation in the step.
 
     Args:
         mean: the predicted mean.
@@ -105,11 +107,12 @@ def noise_rows(
         radii_m: as in ``predict``.
         foot_noise: lower factors of the covariance of each foot position in the body frame, m, (n, 3, 3).
         config: densities of the accelerations and of the feet; those of random walks are declared with their blocks.
+        imu_delay_s: of the rate behind the rotation, s.
     """
     layout = mean.layout
     own_rows = slice(_ACCELERATIONS + len(layout.walking), None)
     rows = np.zeros((own_rows.start + 3 * layout.legs, layout.dimension))
-    _set_body_rows(rows, mean, dt_s, config)
+    _set_body_rows(rows, mean, dt_s, config, imu_delay_s)
     world_turn, moved = rows[0:3, ROTATION], rows[3:6, POSITION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
@@ -127,10 +130,10 @@ def noise_rows(
     return rows
 
 
-def _set_body_rows(rows: Array, mean: State, dt_s: float, config: RobustConfig) -> None:
+def _set_body_rows(rows: Array, mean: State, dt_s: float, config: RobustConfig, imu_delay_s: float) -> None:
     """Write the noise of the body's accelerations, and a row for each error that has a random walk."""
     root, identity, layout = np.sqrt(dt_s), np.eye(3), mean.layout
-    rows[0:3, ROTATION] = config.angular_acceleration_density * root * 0.5 * dt_s * mean.rotation.T
+    rows[0:3, ROTATION] = config.angular_acceleration_density * root * (0.5 * dt_s + imu_delay_s) * mean.rotation.T
     rows[0:3, RATE] = config.angular_acceleration_density * root * identity
     rows[3:6, POSITION] = config.acceleration_density * root * 0.5 * dt_s * identity
     rows[3:6, VELOCITY] = config.acceleration_density * root * identity

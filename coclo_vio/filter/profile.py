@@ -3,6 +3,7 @@
 
 from typing import Protocol
 
+from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import FootPrior
 from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.square_root_filter import SquareRootFilter
@@ -19,12 +20,14 @@ class Profile(Protocol):
         is_wide: sigma points as far away as in the paper, see ``SquareRootFilter``.
         can_coast: whether ``coast`` is there, which predicts across gaps of the joints.
         leg_check: compares each leg with the others; None before the start, and where the profile has none.
+        imu_delay: of the gyroscope behind the joints; None before the start, and where the profile knows none.
     """
 
     layout: StateLayout
     is_wide: bool
     can_coast: bool
     leg_check: LegCheck | None
+    imu_delay: ImuDelay | None
 
     def start(self, reading: Reading) -> None:
         """Take the first reading."""

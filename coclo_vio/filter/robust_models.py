@@ -30,7 +30,13 @@ class Expectation(Protocol):
 
 
 class RobustModels(Protocol):
-    """Prediction and measurements of one joint sample."""
+    """Prediction and measurements of one joint sample.
+
+    Attributes:
+        imu_delay_s: of the gyroscope behind the joints, s: the state's rate is late by it, its rotation is not.
+    """
+
+    imu_delay_s: float
 
     def foot_noise(self, reading: Reading) -> Array:
         """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; of an unknown leg any."""
@@ -65,6 +71,7 @@ class DirectModels:
 
     def __init__(self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float]) -> None:
         self._sensing, self._encoder_noise_rad, self._gate = sensing, encoder_noise_rad, gate
+        self.imu_delay_s = 0.0
 
     def foot_noise(self, reading: Reading) -> Array:
         """Encoders through the Jacobian, and bending."""
@@ -79,7 +86,13 @@ class DirectModels:
         core.predict(
             lambda stack: process_model.predict(stack, dt_s, motion, sensing.radii_m, sensing.hips_body),
             lambda mean: process_model.noise_rows(
-                mean, dt_s, motion, radii_m=sensing.radii_m, foot_noise=foot_noise, config=config
+                mean,
+                dt_s,
+                motion,
+                radii_m=sensing.radii_m,
+                foot_noise=foot_noise,
+                config=config,
+                imu_delay_s=self.imu_delay_s,
             ),
         )
 

@@ -11,6 +11,7 @@ from coclo_vio.filter import measurement_model
 from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.gravity import GravityWindow
+from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import FootPrior
 from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.leg_intervals import IntervalNoise
@@ -18,7 +19,7 @@ from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
-from coclo_vio.filter.state import StateLayout
+from coclo_vio.filter.state import GYROSCOPE_BIAS, StateLayout
 from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
@@ -59,6 +60,7 @@ class RobustProfile:
         self.is_wide = False
         self.can_coast = True
         self.leg_check: LegCheck | None = None
+        self.imu_delay: ImuDelay | None = None
         self._robot: RobotDescription = robot.description
         self._model = robot
         self._gyroscope_error_radps = bias_sigmas(initial, imu)[0]
@@ -84,8 +86,10 @@ class RobustProfile:
         self._footholds = Footholds(reading, self._robot.contact.on_force)
         self._rejecting_s = 0.0
         config = self._config.leg_check
+        foot_m = float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).mean() / np.sqrt(3.0))
+        expected = self._config.imu_delay_s, self._config.imu_delay_sigma_s
+        self.imu_delay = ImuDelay(self._model.foot_radii_m, foot_m, *expected)
         if config.is_enabled:
-            foot_m = float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).mean() / np.sqrt(3.0))
             noise = IntervalNoise(foot_m, self._config.foothold_creep, self._gyroscope_error_radps)
             self.leg_check = LegCheck(self._model, config, noise)
 
@@ -104,6 +108,8 @@ class RobustProfile:
         motion = self._footholds.advance(reading, is_gap=is_gap)
         foot_noise = self._models.foot_noise(reading)
         self._counts["no_contact"] += not reading.is_stance.any()
+        if self.imu_delay is not None:
+            self._models.imu_delay_s = self.imu_delay.value_s
         self._models.predict(core, motion, dt_s, foot_noise)
         expectation = self._models.expect(
             core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps, dt_s=dt_s
@@ -116,6 +122,8 @@ class RobustProfile:
         expectation.update(core, rejected)
         self._update_gravity(core, reading, is_gap=is_gap)
         self._compare_legs(core, reading, is_gap=is_gap)
+        if self.imu_delay is not None and self._config.imu_delay_sigma_s > 0.0:
+            self.imu_delay.push(reading, core.mean.rotation[2], core.mean.vector[GYROSCOPE_BIAS])
         return reading.is_stance & ~rejected
 
     def _compare_legs(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:

@@ -123,10 +123,10 @@ class RotationCalibration:
         self.covariance[BIAS] = self.covariance[:, BIAS] = 0.0
         self.covariance[BIAS, BIAS] = np.eye(3) * (_STEP_SHARE * float(np.linalg.norm(by))) ** 2
 
-    def remove_delay(self) -> None:
-        """Stamps of images are corrected by the delay from now on; what is left of it is to be found."""
+    def remove_delay(self, delay_s: float) -> None:
+        """Stamps of images are corrected by this from now on, s."""
         self.mean = self.mean.copy()
-        self.mean[DELAY] = 0.0
+        self.mean[DELAY] -= delay_s
 
     def _follow_noise(self, pair: RotationPair, residual: Array) -> None:
         """Let the factor of the claimed noise follow the residuals."""

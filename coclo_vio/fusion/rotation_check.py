@@ -63,6 +63,7 @@ class RotationCheck:
 
     Attributes:
         calibration: what is known of mounting, delay and bias.
+        gyroscope_delay_s: of the gyroscope behind the joints as it is known without cameras, s.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class RotationCheck:
             rotation_body_camera_imu: of the cameras' own, (3, 3); None where there is none.
         """
         self.calibration = RotationCalibration()
+        self.gyroscope_delay_s = 0.0
         self._rig = rig
         self._gyroscope, self._feet = GyroscopeRotation(rotation_body_imu), FeetRotation()
         own = rotation_body_camera_imu
@@ -199,10 +201,11 @@ class RotationCheck:
         if known.pairs < _FEWEST_PAIRS:
             return None
         mounting, covariance = known.mean[MOUNTING], known.covariance[MOUNTING, MOUNTING]
-        delay_s, sigma_s = float(known.mean[DELAY]), float(np.sqrt(known.covariance[DELAY, DELAY]))
+        delay_s = float(known.mean[DELAY]) + self.gyroscope_delay_s
+        sigma_s = float(np.sqrt(known.covariance[DELAY, DELAY]))
         if abs(delay_s) > max(_SIGMAS * sigma_s, _LEAST_DELAY_S):
             self._start = None  # stamps change from here on
-            known.remove_delay()
+            known.remove_delay(delay_s)
             return ImageDelay(delay_s, sigma_s)
         reported, least = self._reported_mounting, _LEAST_MOUNTING_RAD
         if reported is not None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior, Snapshot
+from coclo_vio.fusion.rotation_calibration import DELAY
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_findings import (
     CameraMounting,
@@ -84,6 +85,7 @@ class RotationMonitor:
         if self._latest is None:
             return None
         stamp_ns, revision = tracks.stamp_ns, None
+        self._follow_delay()
         match self._check.push_tracks(tracks, self._latest.nav.gyroscope_bias):
             case CameraMounting() as found:
                 revision = self._mounting(stamp_ns, found)
@@ -101,6 +103,15 @@ class RotationMonitor:
             if len(self._snapshots) > _SNAPSHOTS:
                 del self._snapshots[min(self._snapshots)]
         return revision
+
+    def _follow_delay(self) -> None:
+        """The check gets the gyroscope's delay by the legs, and the filter gets that behind the images."""
+        delay, known = self._filter.imu_delay, self._check.calibration
+        if delay is None:
+            return
+        self._check.gyroscope_delay_s = delay.by_legs_s
+        if known.pairs > 0:
+            delay.measure(-float(known.mean[DELAY]), float(np.sqrt(known.covariance[DELAY, DELAY])))
 
     def _mounting(self, stamp_ns: int, found: CameraMounting) -> Revision:
         degrees = np.degrees(found.rotation)
