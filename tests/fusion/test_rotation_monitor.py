@@ -76,6 +76,15 @@ def test_late_stamps_of_images_are_reported_and_corrected_from_then_on() -> None
     assert min(abs(last.stamp_ns - stamp_ns) for stamp_ns in recorded) < 0.006 * NS_PER_S
 
 
+def test_a_small_delay_behind_the_images_becomes_that_of_the_gyroscope() -> None:
+    run = Run(with_late_images(stream(), -0.006), np.zeros(3))
+    assert run.kinds == []
+    delay = run.filter.imu_delay
+    assert delay is not None
+    assert abs(delay.by_legs_s) < 0.003
+    assert 0.004 < delay.value_s < 0.007
+
+
 def test_an_offset_of_the_gyroscope_is_reported_and_taken_out_of_bias_and_attitude() -> None:
     run = Run(with_offset_gyroscope(stream(), 5.5, np.full(3, 0.05)), np.zeros(3))
     assert run.kinds == ["gyroscope_offset"]
