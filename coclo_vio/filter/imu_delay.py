@@ -24,11 +24,12 @@ from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.units import NS_PER_S
 
 _INTERVAL_NS = 99_000_000  # about half a period of what shakes a walking body; stamps jitter
+_PAUSE_NS = 90_000_000  # until the next interval
 _LONGEST_STEP_NS = 60_000_000
 _FEWEST_FEET = 2
 _BIAS_SIGMA_RADPS = 0.01  # of what the filter's bias leaves
 _MEMORY_S = 60.0
-_GATE = 16.3  # chi-square, three degrees of freedom, one in 1,000
+_GATE = 18.5  # chi-square, four degrees of freedom, one in 1,000, of the change by one interval
 _LONGEST_S = 0.03  # delays beyond this are faults, not low-passes
 _BENDING_S, _IMAGES_S = 0.003, 0.001  # one sigma of what legs that bend, and stamps of images, are off for long
 _WIDE_S = 0.02
@@ -53,12 +54,13 @@ class ImuDelay:
         self._radii_m, self._variance = radii_m, 2.0 * foot_m**2
         self._prior = np.diag(1.0 / np.square([_WIDE_S, *[_BIAS_SIGMA_RADPS] * 3]))
         self._information, self._vector = np.zeros((4, 4)), np.zeros(4)
+        self._covariance = np.linalg.inv(self._prior)
         self._noise_scale = 1.0  # of variances
         self._begin: tuple[Reading, Array] | None = None
         self._steps: list[tuple[float, Array]] = []  # length, s, and mean rate, rad/s
         self._rate: Array = np.zeros(3)
         self._stood: BoolArray = np.zeros(len(radii_m), dtype=np.bool_)
-        self._last_ns = 0
+        self._last_ns = self._next_ns = 0
 
     def push(self, reading: Reading, up_body: Array, bias: Array) -> None:
         """Take a reading.
@@ -70,6 +72,8 @@ class ImuDelay:
         """
         rate, step_ns = reading.angular_velocity, reading.stamp_ns - self._last_ns
         self._last_ns = reading.stamp_ns
+        if self._begin is None and reading.stamp_ns < self._next_ns:
+            return
         if rate is None:
             self._begin = None
             return
@@ -82,7 +86,7 @@ class ImuDelay:
         if reading.stamp_ns - begin.stamp_ns >= _INTERVAL_NS:
             if np.count_nonzero(self._stood) >= _FEWEST_FEET and begin.angular_velocity is not None:
                 self._compare(begin, reading, up, rate - begin.angular_velocity)
-            self._start(reading, rate, up_body)
+            self._begin, self._next_ns = None, reading.stamp_ns + _PAUSE_NS
 
     def _start(self, reading: Reading, rate: Array, up_body: Array) -> None:
         self._begin, self._steps = (reading, up_body), []
@@ -102,35 +106,33 @@ class ImuDelay:
         )
         moved, levers = moved[self._stood], levers[self._stood]
         moved, levers = moved - moved.mean(axis=0), levers - levers.mean(axis=0)  # what all feet share is the motion
-        rows = -so3.hat(levers)  # theta x lever
-        information = np.einsum("nki,nkj->ij", rows, rows)
-        vector = np.einsum("nki,nk->i", rows, moved)
-        theta = np.linalg.lstsq(information, vector, rcond=1e-3)[0]
-        freedom = 3 * len(moved) - 6
+        rows = so3.hat(levers).reshape(-1, 3)  # theta x lever = -hat(lever) theta
+        derivatives = np.concatenate((rate_change[:, None], float(sum(durations)) * np.eye(3)), axis=1)
+        self._add(rows @ derivatives, moved.ravel(), float(sum(durations)))
+
+    def _add(self, rows: Array, measured: Array, dt_s: float) -> None:
+        """Take ``measured = -rows @ [delay, bias] + noise`` of the feet, m, (3 k, 4) and (3 k,)."""
+        off = measured + rows @ (self._covariance @ self._vector)
+        freedom = len(measured) - 6
         if freedom > 0:
-            self._follow_noise(float(np.sum(np.square(moved - rows @ theta))) / (freedom * self._variance))
-        self._add(information / (self._variance * self._noise_scale), theta, rate_change, float(sum(durations)))
+            self._follow_noise(float(off @ off) / (freedom * self._variance))
+        weight = 1.0 / (self._variance * self._noise_scale)
+        information = weight * rows.T @ rows
+        along = weight * rows.T @ off
+        excess = along @ np.linalg.solve(self._prior + self._information + information, along)
+        if excess > _GATE:
+            return
+        kept = float(np.exp(-dt_s / _MEMORY_S))
+        self._information = kept * self._information + information
+        self._vector = kept * self._vector - weight * rows.T @ measured
+        self._covariance = np.linalg.inv(self._prior + self._information)
+        own_s, sigma_s = float(self._covariance[0] @ self._vector), float(np.sqrt(self._covariance[0, 0]))
+        self._by_legs = own_s, float(np.hypot(sigma_s, _BENDING_S))
 
     def _follow_noise(self, ratio: float) -> None:
         """Let the noise of feet follow what is left of their positions, in which bending and slip are."""
         scale = self._noise_scale + (min(ratio, 4.0 * self._noise_scale) - self._noise_scale) / _NOISE_MEMORY
         self._noise_scale = min(max(scale, _LEAST_NOISE_SCALE), _MOST_NOISE_SCALE)
-
-    def _add(self, information: Array, theta: Array, rate_change: Array, dt_s: float) -> None:
-        derivatives = np.concatenate((rate_change[:, None], dt_s * np.eye(3)), axis=1)
-        known = self._prior + self._information
-        covariance = np.linalg.inv(known)
-        off = theta - derivatives @ (covariance @ self._vector)
-        spread = np.eye(3) + derivatives @ covariance @ derivatives.T @ information
-        if off @ information @ np.linalg.solve(spread, off) > _GATE:
-            return
-        kept = float(np.exp(-dt_s / _MEMORY_S))
-        weighted = derivatives.T @ information
-        self._information = kept * self._information + weighted @ derivatives
-        self._vector = kept * self._vector + weighted @ theta
-        covariance = np.linalg.inv(self._prior + self._information)
-        own_s, sigma_s = float((covariance @ self._vector)[0]), float(np.sqrt(covariance[0, 0]))
-        self._by_legs = own_s, float(np.hypot(sigma_s, _BENDING_S))
 
     def measure(self, delay_s: float, sigma_s: float) -> None:
         """Take the delay behind the images, with one sigma, s: all that cameras have measured until now."""

@@ -81,10 +81,9 @@ def rotation_error_rad(robot: RobotModel, trial: AnalyticTrial, delay_s: float, 
     rates = dict(zip(trial.truth.stamps_ns.tolist(), late_rates(trial, delay_s), strict=True))
     truth = dict(zip(trial.truth.stamps_ns.tolist(), trial.body.rotation, strict=True))
     rows = []
-    for measurement in trial.measurements:
-        if isinstance(measurement, ImuSample) and measurement.stamp_ns in rates:
-            measurement = replace(measurement, angular_velocity=rates[measurement.stamp_ns])
-        estimate = odometry.push(measurement)
+    for one in trial.measurements:
+        is_late = isinstance(one, ImuSample) and one.stamp_ns in rates
+        estimate = odometry.push(replace(one, angular_velocity=rates[one.stamp_ns]) if is_late else one)
         if estimate is not None:
             rows.append((estimate.nav.T_world_body[:3, :3], truth[estimate.stamp_ns]))
     by_filter, true = (np.array(each) for each in zip(*rows, strict=True))
