@@ -150,7 +150,7 @@ def nees_of(noted: list[tuple[Piece, Array]]) -> Row:
             float(error[part] @ np.linalg.solve(piece.covariance[part, part], error[part])) / (part.stop - part.start)
             for piece, error in noted
         ]
-        row[name] = {"median": np.median(values), "mean": np.mean(values), "largest": np.max(values)}
+        row[name] = {"median": float(np.median(values)), "mean": float(np.mean(values)), "largest": max(values)}
     errors = np.array([error for _, error in noted])
     row["rms_mrad_mm"] = (1e3 * np.sqrt(np.mean(np.square(errors), axis=0))).tolist()
     return row
