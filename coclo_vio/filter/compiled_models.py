@@ -18,7 +18,7 @@ from coclo_vio.filter import (
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.measurement_table import Measured, Sensed, SensingConstants, gravity_table
 from coclo_vio.filter.process_kernel import ProcessConstants
-from coclo_vio.filter.robust_models import innovation_squared_of, noise_rows_of
+from coclo_vio.filter.robust_models import innovation_squared_of, mean_excess_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import SLIP, State, StateLayout
@@ -160,6 +160,11 @@ class CompiledExpectation:
         """As in ``Expectation``."""
         rows, noise = self.measured.rows, noise_rows_of(self.measured.table.noise)
         return innovation_squared_of(rows, noise, self.measured.innovation)
+
+    @property
+    def mean_excess(self) -> float:
+        """As in ``Expectation``."""
+        return mean_excess_of(self.measured.rows, self.measured.innovation)
 
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
         """One update by the rows that are left."""

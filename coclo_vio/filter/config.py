@@ -72,6 +72,12 @@ class RobustConfig(StageConfig):
     gravity_window_s: Annotated[
         float, Field(gt=0, le=2, description="gravity is the mean over windows of this length, s")
     ] = 0.5
+    gravity_least_scale: Annotated[
+        float,
+        Field(
+            gt=0, le=1, description="the noise of gravity follows its innovations down to this share; 1: it does not"
+        ),
+    ] = 0.35
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
     estimates_leg_scale: Annotated[
         bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")

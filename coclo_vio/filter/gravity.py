@@ -16,6 +16,8 @@ from coclo_vio.filter.state import RATE, VELOCITY
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
+_PRIOR, _MEMORY = 6.0, 60.0  # windows
+_MOST_EXCESS, _MOST_SCALE = 9.0, 4.0
 _TIMEOUT_NS = 100_000_000  # a window with a longer gap between samples is dropped
 
 
@@ -35,6 +37,33 @@ class GravityReading:
         """One sigma of each axis: of the force, and of the change of velocity by the filter's own, m/s^2."""
         variance = float(core.variance(VELOCITY).mean())
         return float(np.hypot(noise_mps2, np.sqrt(2.0 * variance) / self.duration_s))
+
+
+class GravityScale:
+    """The noise of gravity windows in this recording, as a multiple of the claimed one.
+
+    How evenly a robot accelerates, and how its accelerometer bears shocks, differs by a factor of ten. The squared
+    innovations, less the filter's own variance, over the claimed variance have the mean ``scale^2``. The mean fades
+    with ``_MEMORY`` windows, and begins with ``_PRIOR`` windows of 1.
+    Source: adaptive measurement noise by innovations, Mehra, "On the identification of variances", 1970.
+
+    Args:
+        least: below which the scale does not fall: scale factors and misaligned axes do not show in innovations.
+
+    Attributes:
+        scale: of the sigma.
+    """
+
+    def __init__(self, least: float) -> None:
+        self.scale = 1.0
+        self._least, self._weight, self._sum = least, _PRIOR, _PRIOR
+
+    def learn(self, squared: float) -> None:
+        """Take a window: its mean squared innovation, less the filter's variance, over the claimed variance."""
+        limited = min(max(squared, 0.0), _MOST_EXCESS * self.scale**2)  # one shock does not decide
+        kept = 1.0 - 1.0 / _MEMORY
+        self._weight, self._sum = kept * self._weight + 1.0, kept * self._sum + limited
+        self.scale = min(max(float(np.sqrt(self._sum / self._weight)), self._least), _MOST_SCALE)
 
 
 class GravityWindow:

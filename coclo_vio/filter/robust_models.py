@@ -25,6 +25,10 @@ class Expectation(Protocol):
     def innovation_squared(self) -> float:
         """Normalised innovation squared of all rows."""
 
+    @property
+    def mean_excess(self) -> float:
+        """Mean over the rows of the squared innovation less the variance of what the filter expects."""
+
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
         """Update the filter by all rows but those of the rejected legs (n,)."""
 
@@ -177,6 +181,11 @@ class DirectExpectation:
         """As in ``Expectation``."""
         return innovation_squared_of(self.rows, self.noise, self.innovation)
 
+    @property
+    def mean_excess(self) -> float:
+        """As in ``Expectation``."""
+        return mean_excess_of(self.rows, self.innovation)
+
     def update(self, core: SquareRootFilter, rejected: BoolArray) -> None:
         """One update by the rows that are left."""
         rows, noise, innovation = self.rows, self.noise, self.innovation
@@ -199,3 +208,8 @@ def noise_rows_of(factors: Array) -> Array:
 def innovation_squared_of(rows: Array, noise: Array, innovation: Array) -> float:
     """Normalised innovation squared, of rows (m, M) of the predicted measurement and (k, M) of the noise."""
     return float(innovation @ np.linalg.solve(rows.T @ rows + noise.T @ noise, innovation))
+
+
+def mean_excess_of(rows: Array, innovation: Array) -> float:
+    """Mean of squared innovations (M,) less the variances of the predicted measurement, with rows (m, M)."""
+    return float(np.mean(np.square(innovation) - np.sum(np.square(rows), axis=0)))

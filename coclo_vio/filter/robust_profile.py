@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from coclo_vio.filter import measurement_model
 from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import InitialConfig, RobustConfig
-from coclo_vio.filter.gravity import GravityWindow
+from coclo_vio.filter.gravity import GravityScale, GravityWindow
 from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import FootPrior
 from coclo_vio.filter.leg_check import LegCheck
@@ -79,6 +79,7 @@ class RobustProfile:
         self._imu_lever = so3.hat(np.array(description.imu.position_body_m))  # w @ it = w x position
         self._footholds: Footholds | None = None
         self._rejecting_s = 0.0
+        self._gravity_scale = GravityScale(config.gravity_least_scale)
         self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
 
     def start(self, reading: Reading) -> None:
@@ -173,8 +174,11 @@ class RobustProfile:
         gravity = self._gravity.collect(core, reading, reading.specific_force, self._imu_lever)
         if gravity is None:
             return
-        sigma = gravity.sigma(core, self._config.gravity_noise_mps2)
+        claimed = gravity.sigma(core, self._config.gravity_noise_mps2)
+        sigma = claimed * self._gravity_scale.scale
         expectation = self._models.expect_gravity(core, mean.rotation.T @ gravity.force_world, sigma)
+        if self._config.gravity_least_scale < 1.0:
+            self._gravity_scale.learn(expectation.mean_excess / claimed**2)
         if expectation.innovation_squared > self._gate[3]:
             self._counts["gravity_rejected"] += 1
             return

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.filter.config import FilterConfig, InitialConfig, RobustConfig
-from coclo_vio.filter.gravity import GravityReading, GravityWindow
+from coclo_vio.filter.gravity import GravityReading, GravityScale, GravityWindow
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import so3
 from coclo_vio.robot.model import RobotModel
@@ -144,3 +144,32 @@ def test_tilt_that_starts_wrong_converges_while_the_body_sways(daisy: RobotModel
     assert with_gravity[0] > 0.95
     assert with_gravity[-100:].max() < 0.3
     assert without[-100:].min() > 0.45
+
+
+def test_the_noise_of_windows_follows_their_innovations_between_its_limits() -> None:
+    generator = np.random.default_rng(7)
+    for sigma, expected in ((0.1, 0.35), (0.6, 0.6), (2.0, 2.0), (9.0, 4.0)):
+        scale = GravityScale(0.35)
+        for _ in range(200):
+            scale.learn(float(np.mean(np.square(sigma * generator.standard_normal(3)))))
+        assert scale.scale == pytest.approx(expected, rel=0.2)
+
+
+def test_one_shock_does_not_decide_the_noise_of_windows() -> None:
+    scale = GravityScale(0.35)
+    for _ in range(100):
+        scale.learn(0.2)
+    before = scale.scale
+    scale.learn(1e4)
+    assert before < scale.scale < 1.2 * before
+
+
+def test_a_filter_learns_how_good_its_gravity_is(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    """With exact windows tilt becomes certain sooner than by the claimed noise."""
+    sigmas = []
+    for least in (1.0, 0.35):
+        config = FilterConfig.of_robot(daisy.description, {"robust": {"gravity_least_scale": least}})
+        odometry = LegOdometryFilter(daisy, config)
+        last = [one for one in map(odometry.push, noisy_walk.measurements) if one is not None][-1]
+        sigmas.append(float(np.sqrt(last.covariance[:2, :2].trace())))
+    assert sigmas[1] < sigmas[0]
