@@ -27,7 +27,8 @@ def test_filterpy_runs_the_same_models() -> None:
     readings = benchmark.moving_readings(robot, benchmark.benchmark_trial(robot, walk_s=2.0).measurements)
     density = robot.description.imu.gyroscope_noise_density
     initial = InitialConfig(moving_tilt_rad=0.01, moving_velocity_mps=0.1, accelerometer_bias_mps2=0.05)
-    profile = RobustProfile(robot, RobustConfig(), Counter(), initial=initial)
+    config = RobustConfig(imu_delay_s=0.0, imu_delay_sigma_s=0.0, gravity_least_scale=1.0)  # the rival learns nothing
+    profile = RobustProfile(robot, config, Counter(), initial=initial)
     core = initial_filter(
         profile.layout,
         initial,
@@ -38,7 +39,7 @@ def test_filterpy_runs_the_same_models() -> None:
         is_wide=profile.is_wide,
     )
     profile.start(readings[0])
-    rival = FilterpyRival(robot, RobustConfig(), core.mean, core.factor)
+    rival = FilterpyRival(robot, config, core.mean, core.factor)
     rival.run(readings, density)
     for before, reading in pairwise(readings):
         dt_s = (reading.stamp_ns - before.stamp_ns) * 1e-9
