@@ -18,7 +18,7 @@ KNOWN = 1e10  # information of the first pose
 
 
 @dataclass
-class Belief:
+class Gaussian:
     """An estimator of some unknowns: information (n, n), and information times error as rows of primitives (n, D)."""
 
     information: Array
@@ -45,12 +45,12 @@ class Belief:
         self.information[np.ix_(at, at)] += information
         self.vectors[at] += vectors
 
-    def of(self, kept: list[int]) -> "Belief":
+    def of(self, kept: list[int]) -> "Gaussian":
         """The marginal of some unknowns, in this order."""
         left = [index for index in range(len(self.information)) if index not in kept]
         across = self.information[np.ix_(kept, left)] @ np.linalg.inv(self.information[np.ix_(left, left)])
         information = self.information[np.ix_(kept, kept)] - across @ self.information[np.ix_(left, kept)]
-        return Belief(information, self.vectors[kept] - across @ self.vectors[left])
+        return Gaussian(information, self.vectors[kept] - across @ self.vectors[left])
 
     def variances(self, index: int) -> tuple[float, float]:
         """True and claimed variance of an unknown."""
@@ -88,9 +88,9 @@ class World:
         bias = self._noise(self.bias)
         nothing = np.zeros(self._size)
         start = np.diag([KNOWN, self.bias**-2])
-        self.filter = Belief(start.copy(), np.stack([nothing, -bias / self.bias**2]))
-        self.joint = Belief(start, self.filter.vectors.copy())
-        self.window = Belief(np.array([[KNOWN]]), nothing[None])
+        self.filter = Gaussian(start.copy(), np.stack([nothing, -bias / self.bias**2]))
+        self.joint = Gaussian(start, self.filter.vectors.copy())
+        self.window = Gaussian(np.array([[KNOWN]]), nothing[None])
         self._ages: list[int] = []
         self._see_new()
         self._ages = [index % self.life for index in range(self.landmarks)]  # they do not go all at once
@@ -133,7 +133,7 @@ class World:
         self._see_new()
 
 
-def _novel(pair: Belief, known: Belief) -> tuple[Array, Array]:
+def _novel(pair: Gaussian, known: Gaussian) -> tuple[Array, Array]:
     """What a marginal of two poses knows beyond that of the first one."""
     information, vectors = np.zeros((2, 2)), np.zeros(pair.vectors.shape)
     information[0, 0], vectors[0] = known.information[0, 0], known.vectors[0]
