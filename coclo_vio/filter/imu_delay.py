@@ -17,7 +17,7 @@ Source: the rotational part of Kelly and Sukhatme, "Visual-inertial sensor fusio
 
 import numpy as np
 
-from coclo_vio.filter.leg_residual_kernel import translations
+from coclo_vio.filter.leg_intervals import translations_between
 from coclo_vio.geometry import so3
 from coclo_vio.robot.leg_sensing import Reading
 from coclo_vio.values.arrays import Array, BoolArray
@@ -97,13 +97,7 @@ class ImuDelay:
         turn = np.eye(3)
         for each in so3.exp(np.array(rates) * np.array(durations)[:, None]):
             turn = turn @ each
-        moved, levers = translations(
-            (begin.feet.position_body, end.feet.position_body),
-            (begin.feet.rotation_body_foot, end.feet.rotation_body_foot),
-            turn,
-            up,
-            self._radii_m,
-        )
+        moved, levers = translations_between(begin, end, turn, up, self._radii_m)
         moved, levers = moved[self._stood], levers[self._stood]
         moved, levers = moved - moved.mean(axis=0), levers - levers.mean(axis=0)  # what all feet share is the motion
         rows = so3.hat(levers).reshape(-1, 3)  # theta x lever = -hat(lever) theta

@@ -47,6 +47,19 @@ class LegInterval:
     duration_s: float
 
 
+def translations_between(
+    begin: Reading, end: Reading, turn: Array, up_body: Array, radii_m: Array
+) -> tuple[Array, Array]:
+    """``leg_residual_kernel.translations`` of two readings: of the body by each leg, and its lever, m, (n, 3) each."""
+    return translations(
+        (begin.feet.position_body, end.feet.position_body),
+        (begin.feet.rotation_body_foot, end.feet.rotation_body_foot),
+        turn,
+        up_body,
+        radii_m,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class IntervalNoise:
     """Expected errors of what legs measure over an interval.
@@ -109,13 +122,7 @@ class LegIntervals:
     ) -> LegInterval:
         duration_s = (end.stamp_ns - begin.stamp_ns) / NS_PER_S
         up = rotation[2].copy()
-        moved, levers = translations(
-            (begin.feet.position_body, end.feet.position_body),
-            (begin.feet.rotation_body_foot, end.feet.rotation_body_foot),
-            turn,
-            up,
-            self._radii_m,
-        )
+        moved, levers = translations_between(begin, end, turn, up, self._radii_m)
         sigma_m = self._noise.sigma_m(duration_s)
         residual, predicted, variance, step_m = compared(
             moved, levers, stood, trusted, sigma_m, self._noise.turn_radps * duration_s

@@ -37,7 +37,6 @@ from coclo_vio.values.measurements import (
     CameraImuSample,
     FootForceSample,
     ImuSample,
-    InertialReading,
     JointSample,
     Measurement,
     StereoFrame,
@@ -72,7 +71,6 @@ class TightOdometry(StreamingEstimator):
         frontend: Frontend | None,
         *,
         names: tuple[str, str] = ("tight", "tight_vins"),
-        imu_kind: type[InertialReading] | None = None,
         check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
@@ -84,7 +82,6 @@ class TightOdometry(StreamingEstimator):
             make_smoother: makes a fresh smoother once the legs' first state is known.
             frontend: a fresh one; None where a recording has tracks, not frames.
             names: of the trajectory at the joint rate and of that at the rate of the frames.
-            imu_kind: the kind of readings, of another IMU than the filter's, that are compared; None for none.
             check: a fresh comparison of rotations by cameras, gyroscopes and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
@@ -93,7 +90,6 @@ class TightOdometry(StreamingEstimator):
         self._joint_name, self._frame_name = names
         self._filter, self._make_smoother = leg_filter, make_smoother
         self._vision = VisionChain(frontend, pictures_every)
-        self._imu_kind = imu_kind
         self._legs: LegPreintegration | None = None
         self._window: tuple[Smoother, LegSource] | None = None
         self._last_pose: Array | None = None  # of the last frame
@@ -114,11 +110,7 @@ class TightOdometry(StreamingEstimator):
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
-            case InertialReading() if type(measurement) is self._imu_kind:
-                self._filter.push(measurement)
-                if self._monitor is not None:
-                    self._monitor.take(measurement)
-            case JointSample() | ImuSample() | FootForceSample():
+            case JointSample() | ImuSample() | CameraImuSample() | FootForceSample():
                 state = self._filter.push(measurement)
                 if self._monitor is not None:
                     self._monitor.take(measurement)
@@ -258,7 +250,8 @@ def tight_odometry(
         stereo: the cameras.
         frontend: parameters of the front end.
         smoother: parameters of the smoother.
-        camera_imu: mounting of the cameras' own IMU, whose rotation is compared; None where there is none.
+        camera_imu: mounting and errors of the cameras' own IMU, which levels the body and is compared in rotation; None
+            where there is none.
         has_frames: whether there are images; otherwise tracks of rectified ones.
         pictures_every: draw the tracks on every n-th frame; on none if None.
 
@@ -287,7 +280,6 @@ def tight_odometry(
         leg_filter,
         make_smoother,
         stages,
-        imu_kind=None if camera_imu is None else CameraImuSample,
         check=RotationCheck(rig, leg_filter.imu_rotation, own),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
