@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import Field
 
 from coclo_vio.datasets.columns import ColumnNames
+from coclo_vio.datasets.corrections import Corrections
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.values.config import StageConfig
@@ -21,6 +22,9 @@ class DatasetConfig(StageConfig):
     sort: Annotated[
         bool, Field(description="sort measurements by time (holds all of them in memory); otherwise as in the file")
     ] = False
+    corrections: Annotated[
+        Corrections, Field(description="units, axes and clocks of the recording that are not as they should be")
+    ] = Corrections()
     rosbag: Annotated[RosbagConfig, Field(description="how a rosbag is read")] = RosbagConfig()
     allow_partial: Annotated[
         bool,

@@ -12,6 +12,7 @@ from typing import Protocol
 from coclo_vio.datasets import euroc_folder, kitti_odometry, leg_log, stereo_track_file
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.corrected_dataset import CorrectedDataset
 from coclo_vio.datasets.read_report import ReadReport, StreamReport
 from coclo_vio.datasets.robot_fit import RobotFit, fit_of
 from coclo_vio.datasets.rosbag import reader as rosbag
@@ -167,7 +168,7 @@ def register_format(
 
 
 def open_dataset(path: Path, robot: RobotDescription | None, config: DatasetConfig | None = None) -> Dataset:
-    """The recording at ``path``, of any known format.
+    """The recording at ``path``, of any known format, corrected as configured.
 
     Args:
         path: a file or a folder.
@@ -177,7 +178,9 @@ def open_dataset(path: Path, robot: RobotDescription | None, config: DatasetConf
     Raises:
         DatasetError: no such path, no known format (lists the formats), or a malformed recording.
     """
-    return _format_of(path).open(path, robot, config or DatasetConfig())
+    config = config or DatasetConfig()
+    dataset = _format_of(path).open(path, robot, config)
+    return dataset if config.corrections.is_none else CorrectedDataset(dataset, config.corrections)
 
 
 def guess_robot(path: Path, config: DatasetConfig | None = None) -> str | None:

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A dataset whose samples, stamps and ground truth are corrected as configured (``corrections``)."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coclo_vio.datasets.corrections import (
+    ACCELERATION_UNITS,
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    RATE_UNITS,
+    STAMP_UNITS_NS,
+    Corrections,
+    ImuCorrections,
+)
+from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, StreamReport
+from coclo_vio.datasets.sequencer import merge_streams
+from coclo_vio.geometry import se3, so3
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import TimestampError
+from coclo_vio.values.measurements import (
+    LEG_SENSORS,
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    Measurement,
+    StereoFrame,
+    StereoTracks,
+)
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.values.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from coclo_vio.datasets.dataset import Dataset
+
+_LATEST_NS = 2**62
+_Change = Callable[[Any], Measurement]
+
+
+class CorrectedDataset:
+    """A dataset with corrections; everything that is not corrected is the dataset's own.
+
+    Streams of different delays are read one by one and merged by their corrected stamps.
+    """
+
+    def __init__(self, dataset: "Dataset", corrections: Corrections) -> None:
+        self._dataset = dataset
+        self._corrections = corrections
+        self._unit_ns = STAMP_UNITS_NS[corrections.stamp_unit]
+        self._delays_ns = {kind: round(delay_s * NS_PER_S) for kind, delay_s in _delays_s(corrections).items()}
+        self._changes: Mapping[type, _Change] = {
+            ImuSample: _imu_change(corrections.imu),
+            CameraImuSample: _imu_change(corrections.camera_imu),
+            JointSample: self._joints,
+            StereoFrame: self._frame,
+        }
+
+    def __getattr__(self, name: str) -> Any:
+        """What the format has beyond the protocol, such as topics."""
+        return getattr(self._dataset, name)
+
+    def measurements(self, sensors: frozenset[type] = LEG_SENSORS) -> Iterator[Measurement]:
+        """All samples of ``sensors`` in order of their corrected stamps, from the beginning at each call.
+
+        Raises:
+            DatasetError: the recording is malformed.
+            TimestampError: a corrected stamp is beyond the year 2116.
+        """
+        delays = {self._delays_ns.get(kind, 0) for kind in sensors}
+        if len(delays) <= 1:
+            yield from map(self._corrected, self._dataset.measurements(sensors))
+            return
+        streams = [self._dataset.measurements(frozenset({kind})) for kind in sensors]
+        yield from merge_streams([map(self._corrected, stream) for stream in streams])
+
+    def ground_truth(self) -> GroundTruth | None:
+        """The corrected reference trajectory, or None.
+
+        Raises:
+            DatasetError: it is malformed.
+        """
+        given, how = self._dataset.ground_truth(), self._corrections.ground_truth
+        if given is None or not how.is_read:
+            return None
+        T_world_body = given.trajectory.T_world_body
+        rotations, positions = T_world_body[:, :3, :3], T_world_body[:, :3, 3] * LENGTH_UNITS[how.length_unit]
+        if how.quaternion == "wxyz":
+            rotations = so3.from_quat_xyzw(np.roll(so3.to_quat_xyzw(rotations), -1, axis=1))
+        velocity = given.trajectory.velocity_world
+        stamps = given.trajectory.stamps_ns.tolist()
+        corrected = Trajectory(
+            np.array([_in_ns(stamp, how.stamp_unit) for stamp in stamps]) if given.has_stamps else np.array(stamps),
+            se3.transform(rotations, positions),
+            None if velocity is None else velocity * LENGTH_UNITS[how.length_unit],
+        )
+        return replace(given, trajectory=corrected)
+
+    def report(self) -> ReadReport:
+        """What the recording holds, on the corrected clock.
+
+        Raises:
+            DatasetError: the recording is malformed.
+        """
+        report = self._dataset.report()
+        note = f"corrected as configured: {_described(self._corrections)}"
+        streams = tuple(map(self._stream, report.streams))
+        return ReadReport(report.format, streams, report.dropped, (*report.notes, note))
+
+    def _stream(self, stream: StreamReport) -> StreamReport:
+        kind = next(kind for kind, name in STREAM_NAMES.items() if name == stream.name)
+        return replace(
+            stream,
+            rate_hz=stream.rate_hz / self._unit_ns,
+            longest_gap_s=stream.longest_gap_s * self._unit_ns,
+            start_ns=self._stamp_ns(kind, stream.start_ns),
+            end_ns=self._stamp_ns(kind, stream.end_ns),
+            longest_gap_start_ns=self._stamp_ns(kind, stream.longest_gap_start_ns),
+        )
+
+    def _corrected(self, sample: Measurement) -> Measurement:
+        kind = type(sample)
+        change = self._changes.get(kind)
+        changed = sample if change is None else change(sample)
+        stamp_ns = self._stamp_ns(kind, sample.stamp_ns)
+        return changed if stamp_ns == sample.stamp_ns else replace(changed, stamp_ns=stamp_ns)
+
+    def _stamp_ns(self, kind: type, stamp_ns: int) -> int:
+        return _in_ns(stamp_ns, self._corrections.stamp_unit) - self._delays_ns.get(kind, 0)
+
+    def _joints(self, sample: JointSample) -> JointSample:
+        how = self._corrections.joints
+        return JointSample(
+            sample.stamp_ns,
+            sample.position * ANGLE_UNITS[how.position_unit],
+            sample.velocity * how.velocity_factor,
+            sample.effort * how.effort_factor,
+        )
+
+    def _frame(self, frame: StereoFrame) -> StereoFrame:
+        if not self._corrections.stereo.is_swapped:
+            return frame
+        return StereoFrame(frame.stamp_ns, frame.right, frame.left)
+
+
+def _in_ns(stamp: int, unit: str) -> int:
+    """Nanoseconds of a stamp in another unit."""
+    stamp_ns = stamp * STAMP_UNITS_NS[unit]
+    if abs(stamp_ns) > _LATEST_NS:
+        raise TimestampError(
+            f"the stamp {stamp} in {unit} is beyond the year 2116; correct stamp_unit under dataset.corrections"
+        )
+    return stamp_ns
+
+
+def _imu_change(how: ImuCorrections) -> _Change:
+    rotation: Array = how.rotation
+    rate_factor = RATE_UNITS[how.rate_unit]
+    force_factor = how.acceleration_sign * ACCELERATION_UNITS[how.acceleration_unit]
+
+    def change(sample: Any) -> Measurement:
+        rate, force = rotation @ sample.angular_velocity, rotation @ sample.specific_force
+        changed: Measurement = type(sample)(sample.stamp_ns, rate_factor * rate, force_factor * force)
+        return changed
+
+    return change
+
+
+def _delays_s(corrections: Corrections) -> dict[type, float]:
+    return {
+        ImuSample: corrections.imu.delay_s,
+        CameraImuSample: corrections.camera_imu.delay_s,
+        JointSample: corrections.joints.delay_s,
+        FootForceSample: corrections.foot_force.delay_s,
+        StereoFrame: corrections.stereo.delay_s,
+        StereoTracks: corrections.stereo.delay_s,
+    }
+
+
+def _described(corrections: Corrections) -> str:
+    changed = corrections.model_dump(exclude_defaults=True)
+    found = []
+    for key, value in changed.items():
+        inner = value.items() if isinstance(value, dict) else [("", value)]
+        found += [f"{key}{'.' if name else ''}{name} = {each}" for name, each in inner]
+    return ", ".join(found)
