@@ -38,8 +38,8 @@ class ImuCorrections(StageConfig):
     axes: Annotated[
         str,
         Field(
-            description="the recording's axes that are x, y and z of the imu frame, each with its sign: 'x -y -z' where "
-            "the recording has x ahead, y right, z down (NED) and the imu frame z up"
+            description="the recording's axes that are x, y and z of the imu frame, each with its sign: 'x -y -z' "
+            "where the recording has x ahead, y right, z down (NED) and the imu frame z up"
         ),
     ] = _SAME_AXES
     acceleration_sign: Annotated[

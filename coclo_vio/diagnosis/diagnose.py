@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""All checks of a recording in the order of their stages."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from coclo_vio.diagnosis.evidence import Evidence
+from coclo_vio.diagnosis.finding import Finding, Stage
+from coclo_vio.values.errors import CocloError
+
+
+class Cost(IntEnum):
+    """What a check needs; a run takes those up to ``SAMPLES``, and a few images."""
+
+    REPORT = 0
+    """What is known once the recording was read through: stamps, calibrations, the robot's description."""
+    SAMPLES = 1
+    """Readings of the first minutes, and a few images."""
+    IMAGES = 2
+    """Tracks over many images."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check.
+
+    Attributes:
+        name: of it, in a diagnosis.
+        stage: what it is about.
+        cost: what it needs.
+        find: what is not as it should be, in a recording; nothing where the recording does not allow the check.
+    """
+
+    name: str
+    stage: Stage
+    cost: Cost
+    find: Callable[[Evidence], Iterable[Finding]]
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What the checks found.
+
+    Attributes:
+        checked: names of the checks by stage, in order.
+        findings: in the order of their stages, errors first.
+    """
+
+    checked: dict[Stage, tuple[str, ...]]
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """Those with which a result cannot be right."""
+        return tuple(finding for finding in self.findings if finding.is_error)
+
+    @property
+    def certain_settings(self) -> tuple[str, ...]:
+        """The settings that certainly correct something, each once."""
+        certain = (setting for finding in self.findings if finding.is_certain for setting in finding.remedy)
+        return tuple(dict.fromkeys(certain))
+
+    def of_stage(self, stage: Stage) -> tuple[Finding, ...]:
+        """The findings of a stage."""
+        return tuple(finding for finding in self.findings if finding.stage is stage)
+
+    def of_streams(self, streams: Iterable[str]) -> tuple[Finding, ...]:
+        """The findings that concern one of these streams."""
+        names = set(streams)
+        return tuple(finding for finding in self.findings if finding.streams & names)
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain values, with a verdict for each stage."""
+        return {
+            "stages": {stage.value: _verdict(self.of_stage(stage)) for stage in self.checked},
+            "checks": {stage.value: list(names) for stage, names in self.checked.items()},
+            "findings": [finding.to_json() for finding in self.findings],
+            "settings": list(self.certain_settings),
+        }
+
+
+def diagnose(evidence: Evidence, checks: Iterable[Check], most: Cost = Cost.IMAGES) -> Diagnosis:
+    """Carry out checks on a recording.
+
+    Args:
+        evidence: the recording.
+        checks: which.
+        most: those that need more are left out.
+    """
+    affordable = [check for check in checks if check.cost <= most]
+    stages = [stage for stage in Stage if any(check.stage is stage for check in affordable)]
+    checked = {stage: tuple(check.name for check in affordable if check.stage is stage) for stage in stages}
+    found = [finding for check in affordable for finding in _found(check, evidence)]
+    order = list(Stage)
+    found.sort(key=lambda finding: (order.index(finding.stage), not finding.is_error))
+    return Diagnosis(checked, tuple(dict.fromkeys(found)))
+
+
+def _found(check: Check, evidence: Evidence) -> Iterator[Finding]:
+    try:
+        yield from check.find(evidence)
+    except CocloError:  # what cannot be read is reported by inspection and run
+        return
+
+
+def _verdict(findings: tuple[Finding, ...]) -> str:
+    if any(finding.is_error for finding in findings):
+        return "error"
+    return "warning" if findings else "good"

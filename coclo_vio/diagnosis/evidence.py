@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the checks look at: the samples of a recording's first minutes as arrays, its calibrations and its robot."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from typing import Any, TypeVar
+
+import numpy as np
+
+from coclo_vio.datasets.dataset import Dataset
+from coclo_vio.datasets.read_report import ReadReport
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.calibration import ImuCalibration, SensorCalibrations
+from coclo_vio.values.errors import CocloError, DatasetError
+from coclo_vio.values.measurements import (
+    ALL_SENSORS,
+    CameraImuSample,
+    FootForceSample,
+    ImuSample,
+    JointSample,
+    Measurement,
+    StereoFrame,
+)
+from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.values.units import NS_PER_S
+
+_MOST_S = 180.0
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InertialRecord:
+    """Readings of an IMU, in its own frame.
+
+    Attributes:
+        stamps_ns: (N,).
+        rate: rad/s, (N, 3).
+        force: m/s^2, (N, 3).
+    """
+
+    stamps_ns: IntArray
+    rate: Array
+    force: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRecord:
+    """Readings of all joints, NaN where there is none.
+
+    Attributes:
+        stamps_ns: (N,).
+        position: rad, (N, J).
+        velocity: rad/s, (N, J).
+        effort: Nm, (N, J).
+    """
+
+    stamps_ns: IntArray
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceRecord:
+    """Readings of the foot sensors.
+
+    Attributes:
+        stamps_ns: (N,).
+        force: (N, legs), in the unit of the recording.
+    """
+
+    stamps_ns: IntArray
+    force: Array
+
+
+class Evidence:
+    """A recording as the checks see it; nothing is read before it is asked for.
+
+    Attributes:
+        dataset: the recording.
+        robot: whose joints they are; None where it is not known, or its description does not fit its URDF.
+        robot_imu: the mounting and noise of the body's IMU that a run would use; None where nothing is known.
+        seconds: how much of the recording is looked at, s.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        robot: RobotModel | None,
+        robot_imu: ImuCalibration | None,
+        seconds: float = _MOST_S,
+    ) -> None:
+        self.dataset = dataset
+        self.robot = robot
+        self.robot_imu = robot_imu
+        self.seconds = seconds
+
+    @cached_property
+    def report(self) -> ReadReport | None:
+        """Streams, rates, gaps, notes; None where the recording cannot be read."""
+        return _tried(self.dataset.report)
+
+    @cached_property
+    def calibrations(self) -> SensorCalibrations:
+        """Of cameras and IMUs; None where a calibration is missing or malformed."""
+        own = _tried(self.dataset.imu_calibration)
+        return SensorCalibrations(
+            stereo=_tried(self.dataset.stereo_calibration),
+            imu=self.robot_imu or own,
+            camera_imu=_tried(self.dataset.camera_imu_calibration),
+        )
+
+    @cached_property
+    def truth(self) -> GroundTruth | None:
+        """The reference trajectory, None where there is none or it is malformed."""
+        return _tried(self.dataset.ground_truth)
+
+    @property
+    def imu(self) -> InertialRecord | None:
+        """The body's IMU."""
+        return self._inertial(ImuSample)
+
+    @property
+    def camera_imu(self) -> InertialRecord | None:
+        """The IMU of the camera."""
+        return self._inertial(CameraImuSample)
+
+    @cached_property
+    def joints(self) -> JointRecord | None:
+        """The joints."""
+        rows = self._samples.get(JointSample)
+        if not rows or self.robot is None:
+            return None
+        return JointRecord(
+            _stamps(rows),
+            np.array([row.position for row in rows]),
+            np.array([row.velocity for row in rows]),
+            np.array([row.effort for row in rows]),
+        )
+
+    @cached_property
+    def foot_force(self) -> ForceRecord | None:
+        """The foot sensors."""
+        rows = self._samples.get(FootForceSample)
+        return ForceRecord(_stamps(rows), np.array([row.force for row in rows])) if rows else None
+
+    @cached_property
+    def _samples(self) -> dict[type, list[Any]]:
+        """All samples but the images of the first minutes; those before a defect where there is one."""
+        found: dict[type, list[Any]] = defaultdict(list)
+        sensors = ALL_SENSORS - {StereoFrame}
+        last_ns: int | None = None
+        try:
+            for sample in self.dataset.measurements(sensors):
+                if last_ns is None:
+                    last_ns = sample.stamp_ns + round(self.seconds * NS_PER_S)
+                if sample.stamp_ns > last_ns:
+                    break
+                found[type(sample)].append(sample)
+        except DatasetError:  # inspection and run report it
+            pass
+        return found
+
+    def _inertial(self, kind: type) -> InertialRecord | None:
+        rows = self._samples.get(kind)
+        if not rows:
+            return None
+        rates, forces = (
+            np.array([getattr(row, name) for row in rows]) for name in ("angular_velocity", "specific_force")
+        )
+        return InertialRecord(_stamps(rows), rates, forces)
+
+    def frames(self, most: int, every: int = 1) -> Sequence[StereoFrame]:
+        """Every n-th of the first stereo frames, decoded; fewer where one cannot be read."""
+        found: list[StereoFrame] = []
+        try:
+            stream: Iterator[Measurement] = self.dataset.measurements(frozenset({StereoFrame}))
+            for frame in islice(stream, 0, most * every, every):
+                if isinstance(frame, StereoFrame):
+                    found.append(frame)
+        except CocloError:  # inspection and run report it
+            pass
+        return found
+
+
+def _stamps(rows: Sequence[Any]) -> IntArray:
+    return np.array([row.stamp_ns for row in rows], dtype=np.int64)
+
+
+def _tried(read: Callable[[], _T | None]) -> _T | None:
+    try:
+        return read()
+    except CocloError:  # inspection and run report it
+        return None
