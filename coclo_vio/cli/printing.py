@@ -46,6 +46,8 @@ def print_run(record: RunRecord, folder: Path, *, brief: bool = False) -> None:
     uses_imu = any("imu" in trajectory.sensors for trajectory in record.estimators.values())
     if record.robot is not None and uses_imu and record.imu_calibration == "recording":
         say("IMU: mounting and noise of the recording; --set imu_calibration=robot takes the robot's instead")
+    for finding in record.findings:
+        say(f"{finding.severity} in {' and '.join(finding.streams)}: {finding.sentence}")
     if record.reader is not None:
         for note in record.reader.notes:
             say(f"note: {note}")

@@ -1,6 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The checks there are: a further one is one function in ``checks`` and one row here."""
 
-from coclo_vio.diagnosis.diagnose import Check
+from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
+from coclo_vio.diagnosis.checks.imu_readings import find_readings
+from coclo_vio.diagnosis.diagnose import Check, Cost
+from coclo_vio.diagnosis.finding import Stage
 
-CHECKS: tuple[Check, ...] = ()
+CHECKS: tuple[Check, ...] = (
+    Check("units and gravity", Stage.IMU, Cost.SAMPLES, find_readings),
+    Check("body IMU against the legs", Stage.IMU, Cost.SAMPLES, find_body_axes),
+    Check("camera IMU against body IMU", Stage.IMU, Cost.SAMPLES, find_camera_imu_axes),
+)

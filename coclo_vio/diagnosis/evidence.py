@@ -3,7 +3,6 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from typing import Any, TypeVar
@@ -12,8 +11,10 @@ import numpy as np
 
 from coclo_vio.datasets.dataset import Dataset
 from coclo_vio.datasets.read_report import ReadReport
+from coclo_vio.diagnosis.feet import FeetRecord, feet_of
+from coclo_vio.diagnosis.records import ForceRecord, InertialRecord, JointRecord
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.values.arrays import Array, IntArray
+from coclo_vio.values.arrays import IntArray
 from coclo_vio.values.calibration import ImuCalibration, SensorCalibrations
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import (
@@ -30,51 +31,6 @@ from coclo_vio.values.units import NS_PER_S
 
 _MOST_S = 180.0
 _T = TypeVar("_T")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class InertialRecord:
-    """Readings of an IMU, in its own frame.
-
-    Attributes:
-        stamps_ns: (N,).
-        rate: rad/s, (N, 3).
-        force: m/s^2, (N, 3).
-    """
-
-    stamps_ns: IntArray
-    rate: Array
-    force: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JointRecord:
-    """Readings of all joints, NaN where there is none.
-
-    Attributes:
-        stamps_ns: (N,).
-        position: rad, (N, J).
-        velocity: rad/s, (N, J).
-        effort: Nm, (N, J).
-    """
-
-    stamps_ns: IntArray
-    position: Array
-    velocity: Array
-    effort: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ForceRecord:
-    """Readings of the foot sensors.
-
-    Attributes:
-        stamps_ns: (N,).
-        force: (N, legs), in the unit of the recording.
-    """
-
-    stamps_ns: IntArray
-    force: Array
 
 
 class Evidence:
@@ -119,12 +75,12 @@ class Evidence:
         """The reference trajectory, None where there is none or it is malformed."""
         return _tried(self.dataset.ground_truth)
 
-    @property
+    @cached_property
     def imu(self) -> InertialRecord | None:
         """The body's IMU."""
         return self._inertial(ImuSample)
 
-    @property
+    @cached_property
     def camera_imu(self) -> InertialRecord | None:
         """The IMU of the camera."""
         return self._inertial(CameraImuSample)
@@ -147,6 +103,13 @@ class Evidence:
         """The foot sensors."""
         rows = self._samples.get(FootForceSample)
         return ForceRecord(_stamps(rows), np.array([row.force for row in rows])) if rows else None
+
+    @cached_property
+    def feet(self) -> FeetRecord | None:
+        """Where the feet are and which of them stand; None without joints or without a robot."""
+        if self.robot is None or self.joints is None:
+            return None
+        return feet_of(self.robot, self.joints, self.foot_force)
 
     @cached_property
     def _samples(self) -> dict[type, list[Any]]:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from coclo_vio.datasets.read_report import ReadReport
+from coclo_vio.diagnosis.finding import Finding
 from coclo_vio.values.outputs import Calibration, Event
 from coclo_vio.values.record import Record
 from coclo_vio.values.units import NS_PER_S
@@ -58,6 +59,23 @@ class CalibrationRecord(_Part):
             stereo_scale=scale,
             stereo_scale_sigma=sigma,
         )
+
+
+class FindingRecord(_Part):
+    """What a check found in the recording; see ``diagnosis.finding.Finding``."""
+
+    kind: str
+    stage: str
+    severity: str
+    sentence: str
+    streams: tuple[str, ...]
+    remedy: tuple[str, ...]
+    is_certain: bool
+
+    @classmethod
+    def of(cls, finding: Finding) -> "FindingRecord":
+        """The record of a finding."""
+        return cls.model_validate(finding.to_json())
 
 
 class KeyframeSummary(_Part):
@@ -128,6 +146,7 @@ class RunRecord(Record):
         recording_ns: first and last stamp of the recording, None where it is not known.
         estimators: the trajectories by name.
         reader: what was read, None where the recording cannot be read through.
+        findings: what physics or the recording itself contradict in it, before the run.
     """
 
     next_step: ClassVar[str] = "run again with `coclo-vio run` or `coclo-vio compare`"
@@ -142,6 +161,7 @@ class RunRecord(Record):
     recording_ns: Interval | None = None
     estimators: dict[str, TrajectoryRecord] = Field(default_factory=dict)
     reader: ReadReport | None = None
+    findings: tuple[FindingRecord, ...] = ()
 
     def by_mode(self) -> Mapping[str, TrajectoryRecord]:
         """The first trajectory of each mode, by the name of the mode."""

@@ -10,14 +10,16 @@ from coclo_vio import __version__
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
 from coclo_vio.datasets.read_ahead import read_ahead
 from coclo_vio.datasets.read_report import STREAM_NAMES
+from coclo_vio.diagnosis.diagnose import Diagnosis
 from coclo_vio.runs import pipeline, run_folder
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.run_config import RunConfig
-from coclo_vio.runs.run_record import GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
+from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import IMAGE_SENSORS
@@ -43,7 +45,7 @@ def run_modes(
     """Run each mode on a recording; returns what ``run.json`` holds.
 
     A mode that fails leaves its estimates up to there, and the others run; so they do where the recording lacks what
-    one of them needs.
+    one of them needs, or contradicts physics in what one of them reads (unless ``dataset.allow_partial`` is set).
 
     Args:
         path: the recording.
@@ -62,6 +64,9 @@ def run_modes(
     resolved = config.on_recording(dataset.imu_calibration())
     faults = Faults(resolved.faults, resolved.robot)
     prepared = {name: _prepared(mode, path, dataset, resolved, pictures_every) for name, mode in modes.items()}
+    diagnosis = preflight(dataset, resolved)
+    if not config.dataset.allow_partial:
+        prepared = {name: _contradicted(ready, diagnosis) or ready for name, ready in prepared.items()}
     lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
@@ -69,7 +74,7 @@ def run_modes(
     run_folder.clear(run_folder.prepare(folder))
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
-        record = _described(path, dataset, config, resolved, folder)
+        record = _described(path, dataset, config, resolved, folder, diagnosis)
         run_folder.write_record(folder, record)
         for name, ready in prepared.items():
             if isinstance(ready, CocloError):
@@ -132,9 +137,17 @@ def _prepared(
     return _Prepared(mode, estimator, mode.sensors_of(equipment), legs, config.dataset.reading_threads > 0)
 
 
-def _described(path: Path, dataset: Dataset, given: RunConfig, resolved: RunConfig, folder: Path) -> RunRecord:
-    """``run.json`` before any mode has run; the ground truth goes to its own file."""
-    truth = dataset.ground_truth()
+def _contradicted(ready: "_Prepared | CocloError", diagnosis: Diagnosis) -> CocloError | None:
+    """Why a mode that could run cannot be right, or None."""
+    return None if isinstance(ready, CocloError) else refusal(diagnosis, ready.sensors)
+
+
+def _described(
+    path: Path, dataset: Dataset, given: RunConfig, resolved: RunConfig, folder: Path, diagnosis: Diagnosis
+) -> RunRecord:
+    """``run.json`` before any mode has run; the ground truth goes to its own file, unless it cannot be meant so."""
+    is_wrong = truth_errors(diagnosis) and not given.dataset.allow_partial
+    truth = None if is_wrong else dataset.ground_truth()
     if truth is not None:
         run_folder.write_ground_truth(folder, truth)
     is_robots = resolved.robot is not None and resolved.robot == given.robot
@@ -145,6 +158,7 @@ def _described(path: Path, dataset: Dataset, given: RunConfig, resolved: RunConf
         imu_calibration="robot" if is_robots else "recording",
         ground_truth=None if truth is None else GroundTruthRecord(source=truth.source, has_stamps=truth.has_stamps),
         faults=None if resolved.faults.is_none else resolved.faults.model_dump(mode="json"),
+        findings=tuple(map(FindingRecord.of, diagnosis.findings)),
     )
 
 
