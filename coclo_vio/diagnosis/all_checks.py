@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The checks there are: a further one is one function in ``checks`` and one row here."""
 
+from coclo_vio.diagnosis.checks.cameras import find_calibration, find_pairs
 from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
 from coclo_vio.diagnosis.checks.imu_readings import find_readings
 from coclo_vio.diagnosis.diagnose import Check, Cost
@@ -10,4 +11,6 @@ CHECKS: tuple[Check, ...] = (
     Check("units and gravity", Stage.IMU, Cost.SAMPLES, find_readings),
     Check("body IMU against the legs", Stage.IMU, Cost.SAMPLES, find_body_axes),
     Check("camera IMU against body IMU", Stage.IMU, Cost.SAMPLES, find_camera_imu_axes),
+    Check("calibration of the cameras", Stage.CAMERAS, Cost.REPORT, find_calibration),
+    Check("images as a pair", Stage.CAMERAS, Cost.SAMPLES, find_pairs),
 )

@@ -17,7 +17,6 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.units import NS_PER_S
 
-
 _EXPLAINS = 0.85  # with other axes or another unit
 _BETTER = 1.4  # times less is left
 _TILT_DEG, _OTHER_AXES_DEG = 40.0, 60.0  # between gravity and the legs' up: slopes and stairs stay below 40
@@ -154,7 +153,8 @@ def find_camera_imu_axes(evidence: Evidence) -> Iterator[Finding]:
             "imus_disagree_on_gravity",
             Stage.IMU,
             "camera_imu imu",
-            f"gravity by the two IMUs is {_angle_deg(force, up):.0f} deg apart in body axes while their gyroscopes agree; "
+            f"gravity by the two IMUs is {_angle_deg(force, up):.0f} deg apart in body axes while their gyroscopes "
+            "agree; "
             "calibrate both accelerometers, one has a large bias or other axes",
         )
 
@@ -167,7 +167,8 @@ def _camera_scale(fit: RateFit) -> Iterator[Finding]:
                 "camera_imu_rate_unit",
                 Stage.IMU,
                 "camera_imu",
-                f"the camera's gyroscope reads {1.0 / fit.scale:.1f} times the body's; its unit is {unit}: set {setting}",
+                f"the camera's gyroscope reads {1.0 / fit.scale:.1f} times the body's; its unit is {unit}: set "
+                f"{setting}",
                 setting,
                 is_certain=True,
             )

@@ -72,7 +72,8 @@ def _accelerometer(stream: str, record: InertialRecord) -> Iterator[Finding]:
             f"{stream}_acceleration_scale",
             Stage.IMU,
             stream,
-            f"the {_NAMES[stream]} accelerometer reads {size:.4g} m/s^2 in the median, {100 * (size / 9.81 - 1):+.0f} % "
+            f"the {_NAMES[stream]} accelerometer reads {size:.4g} m/s^2 in the median, "
+            f"{100 * (size / 9.81 - 1):+.0f} % "
             "from gravity (9.81): calibrate its scale and bias; a tilt follows from the wrong part",
         )
 
