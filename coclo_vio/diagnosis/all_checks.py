@@ -2,12 +2,17 @@
 """The checks there are: a further one is one function in ``checks`` and one row here."""
 
 from coclo_vio.diagnosis.checks.cameras import find_calibration, find_pairs
+from coclo_vio.diagnosis.checks.clocks import find_apart, find_offset_of_camera_imu, find_offsets, find_units
 from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
 from coclo_vio.diagnosis.checks.imu_readings import find_readings
 from coclo_vio.diagnosis.diagnose import Check, Cost
 from coclo_vio.diagnosis.finding import Stage
 
 CHECKS: tuple[Check, ...] = (
+    Check("unit of stamps", Stage.CLOCKS, Cost.REPORT, find_units),
+    Check("streams at the same time", Stage.CLOCKS, Cost.REPORT, find_apart),
+    Check("offsets by angular velocities", Stage.CLOCKS, Cost.IMAGES, find_offsets),
+    Check("offset of images to their IMU", Stage.CLOCKS, Cost.IMAGES, find_offset_of_camera_imu),
     Check("units and gravity", Stage.IMU, Cost.SAMPLES, find_readings),
     Check("body IMU against the legs", Stage.IMU, Cost.SAMPLES, find_body_axes),
     Check("camera IMU against body IMU", Stage.IMU, Cost.SAMPLES, find_camera_imu_axes),

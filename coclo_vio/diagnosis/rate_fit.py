@@ -29,6 +29,8 @@ _LEAST_SHARE = 0.15  # of the largest excitation: an axis with less is not judge
 _TRIM = 3.0  # robust sigmas beyond which a window is left out
 _TO_SIGMA = 1.4826
 _PASSES = 4
+_LONGEST_DELAY_S, _COARSE_STEP_S, _FINE_STEP_S = 0.2, 0.02, 0.005
+_EXPLAINED = 0.85  # at most is left at the best delay
 _UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
 
 
@@ -179,3 +181,56 @@ def _windows(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> tuple[Ar
         rows.append(integral.reshape(len(one), 3, 9))
         changes.append(between[-1] - between[0])
     return np.concatenate(rows), np.concatenate(changes)
+
+
+def delay_of_feet(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> tuple[float, float] | None:
+    """How late the joints' stamps are behind a gyroscope's, and its sigma, s; None where feet do not decide on it.
+
+    The delay with which the rates leave least of what standing feet do, over all windows and over each half.
+
+    Args:
+        feet: where they are.
+        stamps_ns: of the gyroscope, (N,).
+        measured: its rates, turned by its mounting, (N, 3).
+    """
+    centred = measured - np.median(measured, axis=0)
+    best = [_best_delay(part, stamps_ns, centred) for part in (feet, *_halves(feet))]
+    if best[0] is None or best[1] is None or best[2] is None:
+        return None
+    return best[0], max(0.5 * abs(best[1] - best[2]), _FINE_STEP_S / 4.0)
+
+
+def _halves(feet: FeetRecord) -> tuple[FeetRecord, FeetRecord]:
+    middle = len(feet.stamps_ns) // 2
+    parts = (slice(0, middle), slice(middle, None))
+    first, second = (
+        FeetRecord(feet.stamps_ns[p], feet.position_body[p], feet.is_stance[p], feet.load[p]) for p in parts
+    )
+    return first, second
+
+
+def _best_delay(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> float | None:
+    """The delay with the least residual, s; None at the border of the search or where it explains little."""
+    if len(feet.stamps_ns) < 2:
+        return None
+
+    def left(delay_s: float) -> float:
+        rows, changes = _windows(feet, stamps_ns + round(delay_s * NS_PER_S), measured)
+        if len(rows) < _FEWEST:
+            return np.inf
+        still = float(np.median(np.linalg.norm(changes, axis=1)))
+        own = np.linalg.norm(changes - rows @ np.eye(3).ravel(), axis=1)
+        return float(np.median(own)) / still if still > 0.0 else np.inf
+
+    coarse = np.arange(-_LONGEST_DELAY_S, _LONGEST_DELAY_S + 1e-9, _COARSE_STEP_S)
+    at = int(np.argmin([left(delay_s) for delay_s in coarse]))
+    if at in (0, len(coarse) - 1):
+        return None
+    fine = coarse[at] + np.arange(-_COARSE_STEP_S, _COARSE_STEP_S + 1e-9, _FINE_STEP_S)
+    residuals = np.array([left(delay_s) for delay_s in fine])
+    lowest = int(np.argmin(residuals))
+    if not residuals[lowest] < _EXPLAINED or lowest in (0, len(fine) - 1):
+        return None
+    before, least, after = residuals[lowest - 1 : lowest + 2]
+    bend = before - 2.0 * least + after
+    return float(fine[lowest] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0) * _FINE_STEP_S)

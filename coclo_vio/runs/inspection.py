@@ -125,6 +125,7 @@ class Inspection:
         ground_truth: the reference trajectory, None where there is none.
         problems: what could not be read, a sentence each.
         missing: by mode, what it lacks; nothing for a mode that is ready.
+        findings: what physics, the recording itself or the robot's description contradict.
     """
 
     name: str
@@ -136,10 +137,11 @@ class Inspection:
     ground_truth: Truth | None
     problems: tuple[str, ...]
     missing: dict[str, tuple[str, ...]]
+    findings: tuple[Finding, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The same as plain values, with each mode's ``ready``."""
-        values = asdict(self)
+        values = {**asdict(self), "findings": [finding.to_json() for finding in self.findings]}
         modes = {mode: {"ready": not lacks, "missing": list(lacks)} for mode, lacks in values.pop("missing").items()}
         return {**values, "modes": modes}
 

@@ -22,6 +22,7 @@ _BETTER = 1.4  # times less is left
 _TILT_DEG, _OTHER_AXES_DEG = 40.0, 60.0  # between gravity and the legs' up: slopes and stairs stay below 40
 _SAME_AXES_DEG = 12.0  # from a rotation that turns axes into axes
 _LEAST_CORRELATION = 0.8  # of two gyroscopes, so that their difference is one of axes
+_SMALL_TURN_DEG, _OF_SMALL_TURN = 30.0, 0.97  # a delay between the two looks like a small turn, with less correlation
 _MOUNTING_DEG = 8.0
 _SCALE = 0.2
 _SMOOTHED_S = 0.1
@@ -133,7 +134,8 @@ def find_camera_imu_axes(evidence: Evidence) -> Iterator[Finding]:
     if fit is None or fit.correlation < _LEAST_CORRELATION:
         return
     yield from _camera_scale(fit)
-    if fit.is_determined and fit.angle_deg > _MOUNTING_DEG:
+    is_clear = fit.angle_deg > _SMALL_TURN_DEG or fit.correlation > _OF_SMALL_TURN
+    if fit.is_determined and fit.angle_deg > _MOUNTING_DEG and is_clear:
         yield _camera_mounting(fit, R_camera, body, camera, R_body)
         return
     force, up = R_camera @ np.median(camera.force, axis=0), R_body @ np.median(body.force, axis=0)

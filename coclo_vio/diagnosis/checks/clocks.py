@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Clocks: stamps in another unit, streams that were never recorded at the same time, offsets and drifts by motion."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from coclo_vio.datasets.corrections import STAMP_UNITS_NS
+from coclo_vio.datasets.read_report import ReadReport
+from coclo_vio.diagnosis.evidence import Evidence
+from coclo_vio.diagnosis.finding import Finding, Severity, Stage, error, warning
+from coclo_vio.diagnosis.rate_fit import delay_of_feet
+from coclo_vio.diagnosis.rates import ClockOffset, by_cameras, by_gyroscope, clock_offset
+from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.values.units import NS_PER_S
+
+_PLAUSIBLE_HZ = (5.0, 8000.0)  # of joints and IMUs
+_FAST_STREAMS = ("joints", "imu", "camera_imu", "foot_force")
+_STREAMS = ("joints", "imu", "foot_force", "camera_imu", "stereo", "stereo_tracks")
+_CORRECTIONS = {"stereo_tracks": "stereo"}
+_REAL_S, _WRONG_S = 0.006, 0.05  # an offset that is noted, and one with which a result cannot be right
+_SIGMAS = 4.0
+_CERTAIN_S = 0.003
+_FRAMES = 250
+_DRIFT = 5e-5  # s/s: 50 ppm, a cheap clock
+
+
+def find_units(evidence: Evidence) -> Iterator[Finding]:
+    """Stamps whose rates cannot be those of joints and IMUs."""
+    report = evidence.report
+    streams = [] if report is None else [s for s in report.streams if s.name in _FAST_STREAMS and s.samples > 20]
+    for stream in streams:
+        if stream.rate_hz <= _PLAUSIBLE_HZ[1]:
+            continue
+        units = [
+            unit for unit, ns in STAMP_UNITS_NS.items() if _PLAUSIBLE_HZ[0] < stream.rate_hz / ns < _PLAUSIBLE_HZ[1]
+        ]
+        cure = f"set dataset.corrections.stamp_unit={units[0]}" if units else "give stamps in nanoseconds"
+        all_fast = all(each.rate_hz > _PLAUSIBLE_HZ[1] for each in streams)
+        yield error(
+            "stamp_unit",
+            Stage.CLOCKS,
+            " ".join(each.name for each in streams),
+            f"{stream.name} come at {stream.rate_hz:.3g} Hz by their stamps, at most {_PLAUSIBLE_HZ[1]:g} is "
+            "expected: the "
+            f"stamps are not nanoseconds but {units[0] if units else 'another unit'}; {cure}",
+            *([f"dataset.corrections.stamp_unit={units[0]}"] if units else []),
+            is_certain=bool(units) and all_fast,
+        )
+        return
+
+
+def find_apart(evidence: Evidence) -> Iterator[Finding]:
+    """Streams that were never recorded at the same time as the first one of their kind."""
+    report = evidence.report
+    names = [name for name in _STREAMS if report is not None and report.stream(name) is not None]
+    for name in names[1:]:
+        if report is not None:
+            yield from _apart(report, names[0], name)
+
+
+def _apart(report: ReadReport, first: str, name: str) -> Iterator[Finding]:
+    reference, stream = report.stream(first), report.stream(name)
+    if reference is None or stream is None or min(reference.samples, stream.samples) < 2:
+        return
+    apart_s = (max(reference.start_ns, stream.start_ns) - min(reference.end_ns, stream.end_ns)) / NS_PER_S
+    if apart_s <= 0.0:
+        return
+    begins_s = (stream.start_ns - reference.start_ns) / NS_PER_S
+    setting = f"dataset.corrections.{_CORRECTIONS.get(name, name)}.delay_s={begins_s:.6f}"
+    yield error(
+        "streams_apart",
+        Stage.CLOCKS,
+        f"{name}",
+        f"{name} and {first} were never recorded at the same time: their stamps are {apart_s:.4g} s apart, as of two "
+        f"clocks (one since the start of a computer, one since 1970?); if both began at once set {setting}, or use the "
+        "bag's own times (dataset.rosbag.clock=received)",
+        setting,
+    )
+
+
+def find_offsets(evidence: Evidence) -> Iterator[Finding]:
+    """Offsets and drifts of clocks against the body's IMU, by angular velocities."""
+    imu, mounting = evidence.imu, evidence.robot_imu
+    if imu is None or mounting is None or len(imu.stamps_ns) < 100:
+        return
+    R_body_imu = mounting.T_body_imu[:3, :3]
+    reference = by_gyroscope(imu, R_body_imu)
+    camera_imu, of_camera = evidence.camera_imu, evidence.calibrations.camera_imu
+    if camera_imu is not None and of_camera is not None and len(camera_imu.stamps_ns) > 100:
+        other = by_gyroscope(camera_imu, of_camera.T_body_imu[:3, :3])
+        yield from _of_clock("camera_imu", clock_offset(reference, other))
+    if evidence.feet is not None:
+        found = delay_of_feet(evidence.feet, imu.stamps_ns, imu.rate @ R_body_imu.T)
+        if found is not None:
+            yield from _of_clock("joints", ClockOffset(-found[0], found[1], 1.0, 0.0, np.inf))
+    seen = _by_cameras(evidence)
+    if seen is not None:
+        yield from _of_clock("stereo", clock_offset(reference, seen))
+
+
+def find_offset_of_camera_imu(evidence: Evidence) -> Iterator[Finding]:
+    """The offset of images against the cameras' own IMU, where there is no body IMU."""
+    imu, mounting = evidence.camera_imu, evidence.calibrations.camera_imu
+    if evidence.imu is not None or imu is None or mounting is None or len(imu.stamps_ns) < 100:
+        return
+    seen = _by_cameras(evidence)
+    if seen is not None:
+        yield from _of_clock("stereo", clock_offset(by_gyroscope(imu, mounting.T_body_imu[:3, :3]), seen))
+
+
+def _by_cameras(evidence: Evidence) -> Trajectory | None:
+    stereo = evidence.calibrations.stereo
+    frames = [] if stereo is None else evidence.frames(_FRAMES)
+    return None if stereo is None or len(frames) < 10 else by_cameras(frames, stereo)
+
+
+def _of_clock(stream: str, offset: ClockOffset | None) -> Iterator[Finding]:
+    """What an offset of a stream against the body's IMU means."""
+    if offset is None:
+        return
+    late_s = -offset.seconds
+    if abs(late_s) > max(_REAL_S, _SIGMAS * offset.sigma_s):
+        setting = f"dataset.corrections.{stream}.delay_s={late_s:.4f}"
+        severity = Severity.ERROR if abs(late_s) > _WRONG_S else Severity.WARNING
+        sentence = (
+            f"the stamps of {stream} are {1e3 * abs(late_s):.1f} +- {1e3 * offset.sigma_s:.1f} ms "
+            f"{'late' if late_s > 0.0 else 'early'} against the body's IMU by their angular velocities (correlation "
+            f"{offset.correlation:.2f}); set {setting}"
+        )
+        yield Finding(
+            f"{stream}_delay",
+            Stage.CLOCKS,
+            severity,
+            sentence,
+            frozenset({stream}),
+            (setting,),
+            is_certain=offset.sigma_s < _CERTAIN_S,
+        )
+    if abs(offset.drift) > max(_DRIFT, _SIGMAS * offset.drift_sigma):
+        yield warning(
+            f"{stream}_clock_drift",
+            Stage.CLOCKS,
+            stream,
+            f"the clock of {stream} drifts by {1e6 * offset.drift:.0f} +- {1e6 * offset.drift_sigma:.0f} us a second "
+            "against that of the body's IMU: synchronise the two clocks (PTP, chrony), or cut the recording short",
+        )
