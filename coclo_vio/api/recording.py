@@ -7,8 +7,10 @@ from pathlib import Path
 
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.runs.examination import Examination, examine
 from coclo_vio.runs.inspection import Inspection, inspect_recording, resolve_if_known
 from coclo_vio.runs.mode_choice import compared_modes, default_mode
+from coclo_vio.runs.preflight import preflight
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.calibration import SensorCalibrations
 from coclo_vio.values.measurements import ALL_SENSORS, Measurement
@@ -93,12 +95,22 @@ class Recording:
         return self.dataset().ground_truth()
 
     def inspect(self) -> Inspection:
-        """What it holds and which modes that is enough for; reads it through once.
+        """What it holds, what contradicts physics in it, and which modes that is enough for.
 
         Raises:
             DatasetError: it cannot be read at all.
         """
-        return inspect_recording(self.path, self.robot, self.config.dataset)
+        return inspect_recording(
+            self.path, self.robot, self.config.dataset, lambda dataset: preflight(dataset, self.config)
+        )
+
+    def diagnose(self) -> Examination:
+        """Everything that physics, the recording itself or the robot's description contradict, and what corrects it.
+
+        Raises:
+            DatasetError: it cannot be read at all.
+        """
+        return examine(self.path, self.config)
 
 
 def open_recording(

@@ -46,6 +46,10 @@ COMMANDS = {
     "inspect": _Entry(
         "showing", "List what a recording holds: streams, gaps, clock jumps, joints, calibrations, and what modes lack."
     ),
+    "doctor": _Entry(
+        "examining",
+        "Find what physics, the recording or the robot's description contradict: units, clocks, axes, joints, cameras.",
+    ),
     "benchmark": _Entry("showing", "Time filter, front end and smoother on one core, beside filterpy if installed."),
     "config": _Entry("showing", "Print the resolved configuration as YAML; every key can be changed with --set."),
     "robots": _Entry("showing", "List the known robots."),

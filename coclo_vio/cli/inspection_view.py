@@ -60,6 +60,7 @@ def _sections(inspection: Inspection) -> list[Section]:
         ("calibration", [(sensor, text or "not in the recording") for sensor, text in inspection.calibrations.items()]),
         ("ground truth", [_truth_row(inspection.ground_truth)]),
         ("problems", [("-", problem) for problem in inspection.problems]),
+        ("findings", [(finding.severity.value, finding.sentence) for finding in inspection.findings]),
         ("left out", [(str(count), reason) for reason, count in inspection.report.dropped.items()]),
         ("notes", [("-", note) for note in inspection.report.notes if note not in " ".join(inspection.problems)]),
         ("modes", list(_mode_rows(inspection))),

@@ -9,9 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from coclo_vio.datasets.corrections import Corrections
 from coclo_vio.datasets.dataset import Dataset
 from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.diagnosis.feet import FeetRecord, feet_of
+from coclo_vio.diagnosis.rates import by_cameras, by_gyroscope
 from coclo_vio.diagnosis.records import ForceRecord, InertialRecord, JointRecord
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import IntArray
@@ -26,10 +28,12 @@ from coclo_vio.values.measurements import (
     Measurement,
     StereoFrame,
 )
-from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.values.trajectory import GroundTruth, Trajectory
 from coclo_vio.values.units import NS_PER_S
 
 _MOST_S = 180.0
+_TRACKED_FRAMES, _FEWEST_FRAMES = 250, 10
+_FEWEST_READINGS = 100
 _T = TypeVar("_T")
 
 
@@ -41,6 +45,7 @@ class Evidence:
         robot: whose joints they are; None where it is not known, or its description does not fit its URDF.
         robot_imu: the mounting and noise of the body's IMU that a run would use; None where nothing is known.
         seconds: how much of the recording is looked at, s.
+        corrections: what is corrected in the recording already.
     """
 
     def __init__(
@@ -49,11 +54,13 @@ class Evidence:
         robot: RobotModel | None,
         robot_imu: ImuCalibration | None,
         seconds: float = _MOST_S,
+        corrections: Corrections | None = None,
     ) -> None:
         self.dataset = dataset
         self.robot = robot
         self.robot_imu = robot_imu
         self.seconds = seconds
+        self.corrections = corrections or Corrections()
 
     @cached_property
     def report(self) -> ReadReport | None:
@@ -112,6 +119,23 @@ class Evidence:
         return feet_of(self.robot, self.joints, self.foot_force)
 
     @cached_property
+    def attitudes_by_imu(self) -> Trajectory | None:
+        """Attitudes by the body's gyroscope, without its median; None without it."""
+        return _integrated(self.imu, self.robot_imu)
+
+    @cached_property
+    def attitudes_by_camera_imu(self) -> Trajectory | None:
+        """Attitudes by the gyroscope of the camera's IMU, without its median; None without it."""
+        return _integrated(self.camera_imu, self.calibrations.camera_imu)
+
+    @cached_property
+    def attitudes_by_cameras(self) -> Trajectory | None:
+        """Attitudes by rotations from frame to frame over the first frames; None where cameras are missing or blind."""
+        stereo = self.calibrations.stereo
+        frames = [] if stereo is None else self.frames(_TRACKED_FRAMES)
+        return None if stereo is None or len(frames) < _FEWEST_FRAMES else by_cameras(frames, stereo)
+
+    @cached_property
     def _samples(self) -> dict[type, list[Any]]:
         """All samples but the images of the first minutes; those before a defect where there is one."""
         found: dict[type, list[Any]] = defaultdict(list)
@@ -148,6 +172,12 @@ class Evidence:
         except CocloError:  # inspection and run report it
             pass
         return found
+
+
+def _integrated(record: InertialRecord | None, mounting: ImuCalibration | None) -> Trajectory | None:
+    if record is None or mounting is None or len(record.stamps_ns) < _FEWEST_READINGS:
+        return None
+    return by_gyroscope(record, mounting.T_body_imu[:3, :3])
 
 
 def _stamps(rows: Sequence[Any]) -> IntArray:

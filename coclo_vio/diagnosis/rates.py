@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from coclo_vio.diagnosis.records import InertialRecord
+from coclo_vio.evaluation.angular_motion import stamped_motion
 from coclo_vio.evaluation.clock import ClockConfig, fit_clock
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.fusion.stereo_motion import stereo_motion
@@ -163,3 +164,19 @@ def _offset_s(reference: Trajectory, other: Trajectory, apart_ns: int) -> tuple[
     if not fit.is_estimated or fit.correlation is None:
         return None
     return fit.offset_s + apart_ns / NS_PER_S, fit.correlation
+
+
+def smoothed_rates(attitudes: Trajectory, start_ns: int, duration_s: float, window_s: float) -> tuple[Array, Array]:
+    """Times, s, (N,), and angular velocities as means over a window, rad/s, body axes, (N, 3); NaN where unknown.
+
+    Args:
+        attitudes: over time.
+        start_ns: beginning of the stretch.
+        duration_s: its length, s.
+        window_s: of the means, s.
+    """
+    times_s = np.arange(0.0, duration_s, 0.2 * window_s)
+    motion = stamped_motion(attitudes, attitudes.stamps_ns, start_ns, window_s, _LONGEST_STEP_S)
+    rates, is_known = motion.rates(times_s, window_s)
+    rates[~is_known] = np.nan
+    return times_s, rates

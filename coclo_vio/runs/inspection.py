@@ -13,11 +13,14 @@ import numpy as np
 
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import Dataset, RobotFit, guess_robot, open_dataset, robot_fit
-from coclo_vio.datasets.read_report import ReadReport
+from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport
+from coclo_vio.diagnosis.diagnose import Diagnosis
+from coclo_vio.diagnosis.finding import Finding
 from coclo_vio.evaluation.metrics import travelled_m
 from coclo_vio.robot.description import RobotDescription, robot_names
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.mode_requirements import Holdings, camera_angle_deg, missing_needs
+from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.values.calibration import ImuCalibration, SensorCalibrations, StereoCalibration
@@ -169,7 +172,12 @@ def resolve_if_known(
     return config, config.robot
 
 
-def inspect_recording(path: Path, robot: RobotDescription | None, config: DatasetConfig) -> Inspection:
+def inspect_recording(
+    path: Path,
+    robot: RobotDescription | None,
+    config: DatasetConfig,
+    diagnosed: Callable[[Dataset], Diagnosis] | None = None,
+) -> Inspection:
     """Read a recording through and describe it.
 
     What cannot be read (joints of another robot, stamps that go back, a calibration that is malformed) is listed as a
@@ -179,6 +187,7 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         path: the recording.
         robot: whose joints to look for, None where it is not known.
         config: how to read.
+        diagnosed: carries out the checks on the recording; none if None.
 
     Raises:
         DatasetError: no recording, or one that cannot be read at all.
@@ -205,6 +214,7 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         fits_urdf=robot is None or _tried(lambda: RobotModel(robot), problems) is not None,
     )
     stopped = broken is not None and not isinstance(broken, TopicNotFound)
+    findings = () if diagnosed is None else diagnosed(dataset).findings
     return Inspection(
         name=dataset.name,
         robot=None if robot is None else robot.name,
@@ -215,10 +225,22 @@ def inspect_recording(path: Path, robot: RobotDescription | None, config: Datase
         ground_truth=truth,
         problems=tuple(dict.fromkeys(problems)),
         missing={
-            mode.name: (*((_NOT_READ_THROUGH,) if stopped else ()), *missing_needs(mode, holdings))
+            mode.name: (
+                *((_NOT_READ_THROUGH,) if stopped else ()),
+                *missing_needs(mode, holdings),
+                *_contradicted(mode, findings, config),
+            )
             for mode in modes().values()
         },
+        findings=findings,
     )
+
+
+def _contradicted(mode: Mode, findings: Sequence[Finding], config: DatasetConfig) -> tuple[str, ...]:
+    """What a mode reads that cannot be right, as something that it lacks."""
+    read = {STREAM_NAMES[sensor] for sensor in mode.sensors}
+    wrong = {stream for finding in findings if finding.is_error for stream in finding.streams & read}
+    return () if config.allow_partial or not wrong else (f"right readings of {listing(wrong)} (see findings)",)
 
 
 def _calibration_sentences(calibrations: SensorCalibrations) -> dict[str, str | None]:

@@ -36,7 +36,9 @@ def evidence_of(dataset: Dataset, config: RunConfig, seconds: float = _SECONDS) 
             robot = RobotModel(description)
         except CocloError:  # a run reports it
             robot = None
-    return Evidence(dataset, robot, imu if description is None else description.imu, seconds)
+    return Evidence(
+        dataset, robot, imu if description is None else description.imu, seconds, config.dataset.corrections
+    )
 
 
 def preflight(dataset: Dataset, config: RunConfig) -> Diagnosis:

@@ -52,6 +52,18 @@ class RunConfig(StageConfig):
         measured = imu.with_grade_of(self.robot.imu)
         return self.model_copy(update={"robot": self.robot.model_copy(update={"imu": measured})})
 
+    def with_settings(self, settings: Sequence[str]) -> Self:
+        """The same run with ``a.b=value`` strings on top.
+
+        Raises:
+            ConfigError: an unknown key or a value out of bounds.
+        """
+        changes = parse_settings(settings)
+        of_dataset = changes.pop("dataset", {})
+        dataset = DatasetConfig.parse(merged(self.dataset.model_dump(), of_dataset), "settings")
+        changed = self.model_copy(update={"dataset": dataset})
+        return type(self).parse(merged(changed.model_dump(), changes), "settings") if changes else changed
+
 
 def resolve(
     robot: str | RobotDescription | None = None,

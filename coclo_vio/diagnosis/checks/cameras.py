@@ -109,7 +109,8 @@ def find_pairs(evidence: Evidence) -> Iterator[Finding]:
         return
     as_is = _joined([pair_match(rectifier, frame, searches_rows=True) for frame in frames])
     swapped = _joined([pair_match(rectifier, StereoFrame(f.stamp_ns, f.right, f.left)) for f in frames])
-    yield from _no_pair(as_is, swapped, len(frames))
+    setting = f"dataset.corrections.stereo.is_swapped={str(not evidence.corrections.stereo.is_swapped).lower()}"
+    yield from _no_pair(as_is, swapped, len(frames), setting)
 
 
 def _joined(matches: list[PairMatch]) -> PairMatch:
@@ -128,10 +129,9 @@ def _other_size(stereo: StereoCalibration, columns: int, rows: int) -> Finding:
     )
 
 
-def _no_pair(as_is: PairMatch, swapped: PairMatch, frames: int) -> Iterator[Finding]:
+def _no_pair(as_is: PairMatch, swapped: PairMatch, frames: int, setting: str) -> Iterator[Finding]:
     found = f"of {as_is.corners} corners in {frames} frames {as_is.matched} are found in the right image"
     if swapped.matched > _SWAPPED * max(as_is.matched, 1) and swapped.matched > _NO_PAIR * swapped.corners:
-        setting = "dataset.corrections.stereo.is_swapped=true"
         yield error(
             "images_swapped",
             Stage.CAMERAS,

@@ -10,8 +10,7 @@ from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Severity, Stage, error, warning
 from coclo_vio.diagnosis.rate_fit import delay_of_feet
-from coclo_vio.diagnosis.rates import ClockOffset, by_cameras, by_gyroscope, clock_offset
-from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.diagnosis.rates import ClockOffset, clock_offset
 from coclo_vio.values.units import NS_PER_S
 
 _PLAUSIBLE_HZ = (5.0, 8000.0)  # of joints and IMUs
@@ -21,7 +20,6 @@ _CORRECTIONS = {"stereo_tracks": "stereo"}
 _REAL_S, _WRONG_S = 0.006, 0.05  # an offset that is noted, and one with which a result cannot be right
 _SIGMAS = 4.0
 _CERTAIN_S = 0.003
-_FRAMES = 250
 _DRIFT = 5e-5  # s/s: 50 ppm, a cheap clock
 
 
@@ -81,51 +79,40 @@ def _apart(report: ReadReport, first: str, name: str) -> Iterator[Finding]:
 
 def find_offsets(evidence: Evidence) -> Iterator[Finding]:
     """Offsets and drifts of clocks against the body's IMU, by angular velocities."""
-    imu, mounting = evidence.imu, evidence.robot_imu
-    if imu is None or mounting is None or len(imu.stamps_ns) < 100:
+    imu, mounting, reference = evidence.imu, evidence.robot_imu, evidence.attitudes_by_imu
+    if imu is None or mounting is None or reference is None:
         return
-    R_body_imu = mounting.T_body_imu[:3, :3]
-    reference = by_gyroscope(imu, R_body_imu)
-    camera_imu, of_camera = evidence.camera_imu, evidence.calibrations.camera_imu
-    if camera_imu is not None and of_camera is not None and len(camera_imu.stamps_ns) > 100:
-        other = by_gyroscope(camera_imu, of_camera.T_body_imu[:3, :3])
-        yield from _of_clock("camera_imu", clock_offset(reference, other))
+    if evidence.attitudes_by_camera_imu is not None:
+        yield from _of_clock(evidence, "camera_imu", clock_offset(reference, evidence.attitudes_by_camera_imu))
     if evidence.feet is not None:
-        found = delay_of_feet(evidence.feet, imu.stamps_ns, imu.rate @ R_body_imu.T)
+        found = delay_of_feet(evidence.feet, imu.stamps_ns, imu.rate @ mounting.T_body_imu[:3, :3].T)
         if found is not None:
-            yield from _of_clock("joints", ClockOffset(-found[0], found[1], 1.0, 0.0, np.inf))
-    seen = _by_cameras(evidence)
-    if seen is not None:
-        yield from _of_clock("stereo", clock_offset(reference, seen))
+            yield from _of_clock(evidence, "joints", ClockOffset(-found[0], found[1], 1.0, 0.0, np.inf))
+    if evidence.attitudes_by_cameras is not None:
+        yield from _of_clock(evidence, "stereo", clock_offset(reference, evidence.attitudes_by_cameras))
 
 
 def find_offset_of_camera_imu(evidence: Evidence) -> Iterator[Finding]:
     """The offset of images against the cameras' own IMU, where there is no body IMU."""
-    imu, mounting = evidence.camera_imu, evidence.calibrations.camera_imu
-    if evidence.imu is not None or imu is None or mounting is None or len(imu.stamps_ns) < 100:
-        return
-    seen = _by_cameras(evidence)
-    if seen is not None:
-        yield from _of_clock("stereo", clock_offset(by_gyroscope(imu, mounting.T_body_imu[:3, :3]), seen))
+    reference, seen = evidence.attitudes_by_camera_imu, evidence.attitudes_by_cameras
+    if evidence.imu is None and reference is not None and seen is not None:
+        yield from _of_clock(evidence, "stereo", clock_offset(reference, seen), "the camera's IMU")
 
 
-def _by_cameras(evidence: Evidence) -> Trajectory | None:
-    stereo = evidence.calibrations.stereo
-    frames = [] if stereo is None else evidence.frames(_FRAMES)
-    return None if stereo is None or len(frames) < 10 else by_cameras(frames, stereo)
-
-
-def _of_clock(stream: str, offset: ClockOffset | None) -> Iterator[Finding]:
-    """What an offset of a stream against the body's IMU means."""
+def _of_clock(
+    evidence: Evidence, stream: str, offset: ClockOffset | None, reference: str = "the body's IMU"
+) -> Iterator[Finding]:
+    """What an offset of a stream against an IMU means."""
     if offset is None:
         return
     late_s = -offset.seconds
     if abs(late_s) > max(_REAL_S, _SIGMAS * offset.sigma_s):
-        setting = f"dataset.corrections.{stream}.delay_s={late_s:.4f}"
+        before_s = float(getattr(evidence.corrections, stream).delay_s)
+        setting = f"dataset.corrections.{stream}.delay_s={before_s + late_s:.4f}"
         severity = Severity.ERROR if abs(late_s) > _WRONG_S else Severity.WARNING
         sentence = (
             f"the stamps of {stream} are {1e3 * abs(late_s):.1f} +- {1e3 * offset.sigma_s:.1f} ms "
-            f"{'late' if late_s > 0.0 else 'early'} against the body's IMU by their angular velocities (correlation "
+            f"{'late' if late_s > 0.0 else 'early'} against {reference} by their angular velocities (correlation "
             f"{offset.correlation:.2f}); set {setting}"
         )
         yield Finding(
@@ -143,5 +130,5 @@ def _of_clock(stream: str, offset: ClockOffset | None) -> Iterator[Finding]:
             Stage.CLOCKS,
             stream,
             f"the clock of {stream} drifts by {1e6 * offset.drift:.0f} +- {1e6 * offset.drift_sigma:.0f} us a second "
-            "against that of the body's IMU: synchronise the two clocks (PTP, chrony), or cut the recording short",
+            "against that of {reference}: synchronise the two clocks (PTP, chrony), or cut the recording short",
         )

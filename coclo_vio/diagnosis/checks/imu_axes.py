@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from coclo_vio.datasets.corrections import axes_matrix, axes_name
+from coclo_vio.datasets.corrections import ImuCorrections, axes_matrix, axes_name
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.feet import FeetRecord
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
@@ -47,9 +47,9 @@ def find_body_axes(evidence: Evidence) -> Iterator[Finding]:
         )
     axes = "x y z" if turned is None else turned.best_axes
     if axes != "x y z":
-        yield _turned_axes(axes, mounting, imu, feet)
+        yield _turned_axes(axes, mounting, imu, feet, evidence.corrections.imu)
     else:
-        yield from _gravity(imu, feet, mounting, is_seen_by_feet=_is_good(fit))
+        yield from _gravity(evidence, imu, feet, mounting, is_seen_by_feet=_is_good(fit))
 
 
 def contradiction(fit: AxesFit | None) -> AxesFit | None:
@@ -63,7 +63,9 @@ def _is_good(fit: AxesFit | None) -> bool:
     return fit is not None and fit.residual < _EXPLAINS
 
 
-def _turned_axes(axes: str, mounting: ImuCalibration, imu: InertialRecord, feet: FeetRecord) -> Finding:
+def _turned_axes(
+    axes: str, mounting: ImuCalibration, imu: InertialRecord, feet: FeetRecord, before: ImuCorrections
+) -> Finding:
     """The gyroscope fits the feet with other axes: those of the recording, or another mounting."""
     R_body_imu = mounting.T_body_imu[:3, :3]
     own = R_body_imu.T @ axes_matrix(axes) @ R_body_imu
@@ -73,7 +75,7 @@ def _turned_axes(axes: str, mounting: ImuCalibration, imu: InertialRecord, feet:
     said = "and so gravity points up" if agrees else "though gravity then does not point up"
     start = f"the body's gyroscope contradicts the standing feet; with its body axes taken as '{axes}' it fits, {said}"
     if _angle_to_axes_deg(own) < _SAME_AXES_DEG:
-        setting = f"dataset.corrections.imu.axes={axes_name(own)}"
+        setting = f"dataset.corrections.imu.axes={axes_name(own @ before.rotation)}"
         return error("imu_axes", Stage.IMU, "imu", f"{start}; set {setting}", setting, is_certain=agrees)
     rpy = ", ".join(f"{value:.4f}" for value in _rpy(axes_matrix(axes) @ R_body_imu))
     setting = f"robot.imu.rotation_body_imu_rpy_rad=[{rpy}]"
@@ -81,7 +83,7 @@ def _turned_axes(axes: str, mounting: ImuCalibration, imu: InertialRecord, feet:
 
 
 def _gravity(
-    imu: InertialRecord, feet: FeetRecord, mounting: ImuCalibration, *, is_seen_by_feet: bool
+    evidence: Evidence, imu: InertialRecord, feet: FeetRecord, mounting: ImuCalibration, *, is_seen_by_feet: bool
 ) -> Iterator[Finding]:
     """The mean specific force against the direction from the feet to the body."""
     up = feet.up_body
@@ -95,7 +97,7 @@ def _gravity(
         f"gravity by the body's accelerometer is {angle_deg:.0f} deg from the direction in which feet carry the body"
     )
     if _angle_deg(-force, up) < _TILT_DEG:
-        setting = "dataset.corrections.imu.acceleration_sign=-1"
+        setting = f"dataset.corrections.imu.acceleration_sign={-evidence.corrections.imu.acceleration_sign}"
         fits = (
             "its gyroscope fits the feet, so the sign of the accelerometer is the other one"
             if is_seen_by_feet
@@ -121,7 +123,7 @@ def _gravity(
 def find_camera_imu_axes(evidence: Evidence) -> Iterator[Finding]:
     """The camera's IMU against the body's: unit, axes, mounting and gravity; not where the body's contradicts feet."""
     body, camera, of_body = evidence.imu, evidence.camera_imu, evidence.robot_imu
-    mounting = evidence.calibrations.camera_imu
+    mounting, before = evidence.calibrations.camera_imu, evidence.corrections.camera_imu
     if body is None or camera is None or of_body is None or mounting is None:
         return
     R_body, R_camera = of_body.T_body_imu[:3, :3], mounting.T_body_imu[:3, :3]
@@ -136,11 +138,11 @@ def find_camera_imu_axes(evidence: Evidence) -> Iterator[Finding]:
     yield from _camera_scale(fit)
     is_clear = fit.angle_deg > _SMALL_TURN_DEG or fit.correlation > _OF_SMALL_TURN
     if fit.is_determined and fit.angle_deg > _MOUNTING_DEG and is_clear:
-        yield _camera_mounting(fit, R_camera, body, camera, R_body)
+        yield _camera_mounting(fit, R_camera, body, camera, R_body, before)
         return
     force, up = R_camera @ np.median(camera.force, axis=0), R_body @ np.median(body.force, axis=0)
     if _angle_deg(-force, up) < _TILT_DEG:
-        setting = "dataset.corrections.camera_imu.acceleration_sign=-1"
+        setting = f"dataset.corrections.camera_imu.acceleration_sign={-before.acceleration_sign}"
         yield error(
             "camera_imu_acceleration_sign",
             Stage.IMU,
@@ -197,7 +199,12 @@ def _camera_scale(fit: RateFit) -> Iterator[Finding]:
 
 
 def _camera_mounting(
-    fit: RateFit, R_camera: Array, body: InertialRecord, camera: InertialRecord, R_body: Array
+    fit: RateFit,
+    R_camera: Array,
+    body: InertialRecord,
+    camera: InertialRecord,
+    R_body: Array,
+    before: ImuCorrections,
 ) -> Finding:
     own = R_camera.T @ fit.rotation @ R_camera
     force, up = fit.rotation @ R_camera @ np.median(camera.force, axis=0), R_body @ np.median(body.force, axis=0)
@@ -207,7 +214,7 @@ def _camera_mounting(
         f"(correlation {fit.correlation:.2f} without that turn)"
     )
     if _angle_to_axes_deg(own) < _SAME_AXES_DEG and axes_name(own) != "x y z":
-        setting = f"dataset.corrections.camera_imu.axes={axes_name(own)}"
+        setting = f"dataset.corrections.camera_imu.axes={axes_name(own @ before.rotation)}"
         return error("camera_imu_axes", Stage.IMU, "camera_imu", f"{start}; set {setting}", setting, is_certain=agrees)
     return error(
         "camera_imu_mounting",
