@@ -65,6 +65,7 @@ class Evidence:
     @cached_property
     def report(self) -> ReadReport | None:
         """Streams, rates, gaps, notes; None where the recording cannot be read."""
+        _ = self._samples  # a reader counts what it passes on
         return _tried(self.dataset.report)
 
     @cached_property

@@ -92,7 +92,7 @@ def angular_velocity(evidence: Evidence) -> "Figure | None":
     sources = _attitudes(evidence)
     if not sources:
         return None
-    reference = next(iter(sources.values()))
+    reference = min(sources.values(), key=lambda attitudes: attitudes.duration_s)
     start_ns = _busiest_ns(reference)
     figure = empty_figure(9.0, 6.0)
     axes = figure.subplots(3, 1, sharex=True)

@@ -172,7 +172,8 @@ def _windows(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> tuple[Ar
         standing = np.flatnonzero(stands[inside].all(axis=0))
         if len(standing) < 2:
             continue
-        one, other = np.triu_indices(len(standing), 1)
+        one = np.arange(len(standing) if len(standing) > 2 else 1)  # each foot with the next one
+        other = (one + 1) % len(standing)
         places = feet.position_body[inside, standing]
         between = places[:, one] - places[:, other]  # (samples, pairs, 3)
         design = so3.hat(between)[..., None] * at[inside, None, None, None, :]  # d x w = hat(d) w
@@ -194,10 +195,14 @@ def delay_of_feet(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> tup
         measured: its rates, turned by its mounting, (N, 3).
     """
     centred = measured - np.median(measured, axis=0)
-    best = [_best_delay(part, stamps_ns, centred) for part in (feet, *_halves(feet))]
-    if best[0] is None or best[1] is None or best[2] is None:
+    coarse = _best_delay(feet, stamps_ns, centred, (0.0, _LONGEST_DELAY_S, _COARSE_STEP_S))
+    if coarse is None:
         return None
-    return best[0], max(0.5 * abs(best[1] - best[2]), _FINE_STEP_S / 4.0)
+    near = (coarse, _COARSE_STEP_S, _FINE_STEP_S)
+    best, first, second = (_best_delay(part, stamps_ns, centred, near) for part in (feet, *_halves(feet)))
+    if best is None or first is None or second is None:
+        return None
+    return best, max(0.5 * abs(first - second), _FINE_STEP_S / 4.0)
 
 
 def _halves(feet: FeetRecord) -> tuple[FeetRecord, FeetRecord]:
@@ -209,10 +214,18 @@ def _halves(feet: FeetRecord) -> tuple[FeetRecord, FeetRecord]:
     return first, second
 
 
-def _best_delay(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> float | None:
-    """The delay with the least residual, s; None at the border of the search or where it explains little."""
-    if len(feet.stamps_ns) < 2:
-        return None
+def _best_delay(
+    feet: FeetRecord, stamps_ns: IntArray, measured: Array, search: tuple[float, float, float]
+) -> float | None:
+    """The delay with the least residual, s; None at the border of the search or where it explains little.
+
+    Args:
+        feet: where they are.
+        stamps_ns: of the gyroscope, (N,).
+        measured: its rates, turned by its mounting, without their median, (N, 3).
+        search: middle, reach and step, s.
+    """
+    middle_s, reach_s, step_s = search
 
     def left(delay_s: float) -> float:
         rows, changes = _windows(feet, stamps_ns + round(delay_s * NS_PER_S), measured)
@@ -222,15 +235,11 @@ def _best_delay(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> float
         own = np.linalg.norm(changes - rows @ np.eye(3).ravel(), axis=1)
         return float(np.median(own)) / still if still > 0.0 else np.inf
 
-    coarse = np.arange(-_LONGEST_DELAY_S, _LONGEST_DELAY_S + 1e-9, _COARSE_STEP_S)
-    at = int(np.argmin([left(delay_s) for delay_s in coarse]))
-    if at in (0, len(coarse) - 1):
-        return None
-    fine = coarse[at] + np.arange(-_COARSE_STEP_S, _COARSE_STEP_S + 1e-9, _FINE_STEP_S)
-    residuals = np.array([left(delay_s) for delay_s in fine])
+    delays_s = middle_s + np.arange(-reach_s, reach_s + 1e-9, step_s)
+    residuals = np.array([left(delay_s) for delay_s in delays_s])
     lowest = int(np.argmin(residuals))
-    if not residuals[lowest] < _EXPLAINED or lowest in (0, len(fine) - 1):
+    if not residuals[lowest] < _EXPLAINED or lowest in (0, len(delays_s) - 1):
         return None
     before, least, after = residuals[lowest - 1 : lowest + 2]
     bend = before - 2.0 * least + after
-    return float(fine[lowest] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0) * _FINE_STEP_S)
+    return float(delays_s[lowest] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0) * step_s)

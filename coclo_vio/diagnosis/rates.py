@@ -23,6 +23,7 @@ from coclo_vio.values.units import NS_PER_S
 _PARTS = 4  # of the recording, whose offsets give the sigma
 _LEAST_CORRELATION = 0.7
 _LEAST_SIGMA_S = 2e-4
+_UNCORRELATED_S = 0.02  # offset of a part whose angular velocities do not correlate
 _SEARCHED_S = 2.0
 _WINDOW_S = 0.1
 _LEAST_RADPS = 0.01
@@ -129,7 +130,8 @@ def clock_offset(reference: Trajectory, other: Trajectory) -> ClockOffset | None
     drift, middle = np.polyfit(times_s, offsets_s, 1)
     spread_s = max(float(np.std(offsets_s, ddof=1)), _LEAST_SIGMA_S)
     residual_s = np.std(np.array(offsets_s) - drift * np.array(times_s) - middle, ddof=2)
-    drift_sigma = max(float(residual_s), _LEAST_SIGMA_S) / (np.std(times_s) * np.sqrt(len(times_s)))
+    floor_s = _UNCORRELATED_S * np.sqrt(max(1.0 - correlation**2, 0.0))  # few parts have equal offsets by chance
+    drift_sigma = np.hypot(residual_s, floor_s + _LEAST_SIGMA_S) / (np.std(times_s) * np.sqrt(len(times_s)))
     sigma_s = float(spread_s / np.sqrt(len(offsets_s)))
     return ClockOffset(seconds, sigma_s, correlation, float(drift), float(drift_sigma))
 

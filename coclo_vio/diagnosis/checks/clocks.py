@@ -130,5 +130,5 @@ def _of_clock(
             Stage.CLOCKS,
             stream,
             f"the clock of {stream} drifts by {1e6 * offset.drift:.0f} +- {1e6 * offset.drift_sigma:.0f} us a second "
-            "against that of {reference}: synchronise the two clocks (PTP, chrony), or cut the recording short",
+            f"against that of {reference}: synchronise the two clocks (PTP, chrony), or cut the recording short",
         )
