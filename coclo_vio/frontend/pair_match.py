@@ -22,25 +22,28 @@ _LEAST_DISPARITY_PX = 1.0  # nearer to zero a corner is found both ways
 
 @dataclass(frozen=True, slots=True)
 class PairMatch:
-    """Of how many corners the other image holds a match.
+    """Of how many corners the right image holds a match; the last three are zero where rows were not searched.
 
     Attributes:
         corners: that were searched.
         matched: in the pair as it is.
         shifted: the most with the right image moved by rows.
         rows_px: by how many rows then, px; positive where the right image lies too high.
+        by_chance: with the right image moved by half its height.
     """
 
     corners: int
     matched: int
     shifted: int
     rows_px: int
+    by_chance: int
 
     def joined_by(self, other: "PairMatch") -> "PairMatch":
         """The counts of two frames together."""
         rows_px = self.rows_px if self.shifted >= other.shifted else other.rows_px
         corners, matched = self.corners + other.corners, self.matched + other.matched
-        return PairMatch(corners, matched, self.shifted + other.shifted, rows_px)
+        by_chance = self.by_chance + other.by_chance
+        return PairMatch(corners, matched, self.shifted + other.shifted, rows_px, by_chance)
 
 
 def pair_match(rectifier: Rectifier, frame: StereoFrame, *, searches_rows: bool = False) -> PairMatch:
@@ -61,13 +64,16 @@ def pair_match(rectifier: Rectifier, frame: StereoFrame, *, searches_rows: bool 
     search = RowSearch(stereo.block_px // 2, int(reach), stereo.min_block_correlation, stereo.uniqueness_ratio)
     points = CornerDetector(config.detection, rectifier.valid_left).find(pair.left, np.zeros((0, 2)))
     if not len(points):
-        return PairMatch(0, 0, 0, 0)
+        return PairMatch(0, 0, 0, 0, 0)
     matched = _found(search, pair.left, pair.right, points)
     if not searches_rows:
-        return PairMatch(len(points), matched, 0, 0)
-    moved = {rows: _found(search, pair.left, np.roll(pair.right, rows, axis=0), points) for rows in _ROWS_PX}
+        return PairMatch(len(points), matched, 0, 0, 0)
+    far = len(pair.right) // 2
+    rolled = {rows: np.roll(pair.right, rows, axis=0) for rows in (*_ROWS_PX, far)}
+    moved = {rows: _found(search, pair.left, image, points) for rows, image in rolled.items()}
+    by_chance = moved.pop(far)
     rows_px = max(moved, key=lambda rows: moved[rows])
-    return PairMatch(len(points), matched, moved[rows_px], rows_px)
+    return PairMatch(len(points), matched, moved[rows_px], rows_px, by_chance)
 
 
 def _found(search: RowSearch, image: ByteImage, other: ByteImage, points: Array) -> int:

@@ -66,7 +66,7 @@ def run_modes(
     prepared = {name: _prepared(mode, path, dataset, resolved, pictures_every) for name, mode in modes.items()}
     diagnosis = preflight(dataset, resolved)
     if not config.dataset.allow_partial:
-        prepared = {name: _contradicted(ready, diagnosis) or ready for name, ready in prepared.items()}
+        prepared = {name: _contradicted(modes[name], ready, diagnosis) or ready for name, ready in prepared.items()}
     lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
@@ -137,9 +137,9 @@ def _prepared(
     return _Prepared(mode, estimator, mode.sensors_of(equipment), legs, config.dataset.reading_threads > 0)
 
 
-def _contradicted(ready: "_Prepared | CocloError", diagnosis: Diagnosis) -> CocloError | None:
-    """Why a mode that could run cannot be right, or None."""
-    return None if isinstance(ready, CocloError) else refusal(diagnosis, ready.sensors)
+def _contradicted(mode: Mode, ready: "_Prepared | CocloError", diagnosis: Diagnosis) -> CocloError | None:
+    """Why a mode cannot be right, whether it could run or not; or None."""
+    return refusal(diagnosis, mode.sensors if isinstance(ready, CocloError) else ready.sensors)
 
 
 def _described(

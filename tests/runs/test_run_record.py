@@ -170,7 +170,10 @@ def _with_trajectory(**changes: object) -> str:
         ("\xff\xfe\x00", "is not JSON"),
         ("[]", "Input should be"),
         ("{}", "it has no schema version"),
-        (_changed(colour="red"), "there is no colour; the keys there are: dataset, estimators, faults, findings, ground_truth"),
+        (
+            _changed(colour="red"),
+            "there is no colour; the keys there are: dataset, estimators, faults, findings, ground_truth",
+        ),
         (
             _with_trajectory(mood="good"),
             r"there is no estimators\.vins\.mood; the keys there are: calibration, compute",

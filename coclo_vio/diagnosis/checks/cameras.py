@@ -21,6 +21,10 @@ _FEWEST_CORNERS = 100  # over all frames
 _SWAPPED = 2.0  # times as many matches with left and right interchanged
 _SURE_PAIR = 0.45  # of the corners are matched: nothing else is searched
 _NO_PAIR = 0.1  # of the corners are matched
+_BY_CHANCE, _FEW = (
+    1.6,
+    0.03,
+)  # of a true pair more corners are matched than this many times by chance, and than this share
 _SHIFTED = 1.6  # times as many matches some rows away
 _FOCAL_PX = (0.2, 10.0)  # of the image's width
 _CENTRE = 0.25  # of the width and the height that a principal point may lie off the middle
@@ -32,8 +36,8 @@ def find_calibration(evidence: Evidence) -> Iterator[Finding]:
     if stereo is None:
         return
     yield from _baseline(stereo)
-    for side, lens in (("left", stereo.left), ("right", stereo.right)):
-        yield from _lens(side, lens)
+    of_lenses = (each for side, lens in (("left", stereo.left), ("right", stereo.right)) for each in _lens(side, lens))
+    yield from {each.kind: each for each in of_lenses}.values()  # once where both have it
 
 
 def _baseline(stereo: StereoCalibration) -> Iterator[Finding]:
@@ -151,12 +155,12 @@ def _no_pair(as_is: PairMatch, swapped: PairMatch, frames: int, setting: str) ->
             "many rows away; calibrate the cameras again, and check whether the images are rectified already "
             "(dataset.rosbag.is_rectified)",
         )
-    elif as_is.matched < _NO_PAIR * as_is.corners:
+    elif as_is.matched < _BY_CHANCE * as_is.by_chance or as_is.matched < _FEW * as_is.corners:
         yield warning(
             "no_stereo_pair",
             Stage.CAMERAS,
             "stereo",
-            f"the images are no stereo pair by their calibration: {found} ({100 * _NO_PAIR:.0f} % are expected); "
-            "check that "
-            "both topics are of these two cameras, and that the calibration is theirs",
+            f"the images are no stereo pair by their calibration: {found}, and {as_is.by_chance} half an image away, "
+            "by "
+            "chance; check that both topics are of these two cameras, and that the calibration is theirs",
         )
