@@ -21,6 +21,7 @@ from coclo_vio.values.measurements import StereoFrame
 # OpenCV's own log messages would mix with the command line's output.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
+_SHORTEST_M = 1e-4
 _AXIS_TOLERANCE = 1e-6  # of the rectified baseline's direction
 
 
@@ -107,6 +108,11 @@ class Rectifier:
 
 def _parallel_rotations(T_left_right: Array, shape: tuple[int, int]) -> tuple[tuple[Array, Array], float]:
     """Rotations (3, 3) from each camera's frame to its rectified one, and the baseline, m."""
+    if np.linalg.norm(T_left_right[:3, 3]) < _SHORTEST_M:
+        raise ConfigError(
+            f"the baseline of the cameras is {np.linalg.norm(T_left_right[:3, 3]):.4g} m: both have the same mounting; "
+            "correct the transform from the left to the right camera in the calibration"
+        )
     T_right_left = se3.inverse(T_left_right)
     pinhole = np.diag([float(shape[1]), float(shape[1]), 1.0])
     no_distortion = np.zeros(4)
