@@ -79,8 +79,9 @@ def _table(diagnosis: Diagnosis) -> Table:
     table.add_column(overflow="fold")
     for stage, checks in diagnosis.checked.items():
         found = diagnosis.of_stage(stage)
+        measured = [each.sentence for each in diagnosis.notes if each.stage is stage]
         if not found:
-            table.add_row(stage.value, Text("good", _STYLES["good"]), Text(", ".join(checks), "dim"))
+            table.add_row(stage.value, Text("good", _STYLES["good"]), Text("; ".join(measured or checks), "dim"))
         for number, finding in enumerate(found):
             severity = finding.severity.value
             table.add_row(stage.value if number == 0 else "", Text(severity, _STYLES[severity]), Text(finding.sentence))

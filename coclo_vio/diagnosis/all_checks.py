@@ -5,6 +5,7 @@ from coclo_vio.diagnosis.checks.cameras import find_calibration, find_pairs
 from coclo_vio.diagnosis.checks.clocks import find_apart, find_offset_of_camera_imu, find_offsets, find_units
 from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
 from coclo_vio.diagnosis.checks.imu_readings import find_readings
+from coclo_vio.diagnosis.checks.mountings import find_mountings
 from coclo_vio.diagnosis.diagnose import Check, Cost
 from coclo_vio.diagnosis.finding import Stage
 
@@ -18,4 +19,5 @@ CHECKS: tuple[Check, ...] = (
     Check("camera IMU against body IMU", Stage.IMU, Cost.SAMPLES, find_camera_imu_axes),
     Check("calibration of the cameras", Stage.CAMERAS, Cost.REPORT, find_calibration),
     Check("images as a pair", Stage.CAMERAS, Cost.SAMPLES, find_pairs),
+    Check("mountings by angular velocities", Stage.MOUNTING, Cost.IMAGES, find_mountings),
 )

@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import Any
 
 from coclo_vio.diagnosis.evidence import Evidence
-from coclo_vio.diagnosis.finding import Finding, Stage
+from coclo_vio.diagnosis.finding import Finding, Severity, Stage
 from coclo_vio.values.errors import CocloError
 
 
@@ -45,11 +45,13 @@ class Diagnosis:
 
     Attributes:
         checked: names of the checks by stage, in order.
-        findings: in the order of their stages, errors first.
+        findings: what is not as it should be, in the order of their stages, errors first.
+        notes: figures that were measured and are as they should be.
     """
 
     checked: dict[Stage, tuple[str, ...]]
     findings: tuple[Finding, ...]
+    notes: tuple[Finding, ...] = ()
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -77,6 +79,7 @@ class Diagnosis:
             "stages": {stage.value: _verdict(self.of_stage(stage)) for stage in self.checked},
             "checks": {stage.value: list(names) for stage, names in self.checked.items()},
             "findings": [finding.to_json() for finding in self.findings],
+            "notes": [each.to_json() for each in self.notes],
             "settings": list(self.certain_settings),
         }
 
@@ -95,7 +98,9 @@ def diagnose(evidence: Evidence, checks: Iterable[Check], most: Cost = Cost.IMAG
     found = [finding for check in affordable for finding in _found(check, evidence)]
     order = list(Stage)
     found.sort(key=lambda finding: (order.index(finding.stage), not finding.is_error))
-    return Diagnosis(checked, tuple(dict.fromkeys(found)))
+    once = dict.fromkeys(found)
+    notes = tuple(each for each in once if each.severity is Severity.NOTE)
+    return Diagnosis(checked, tuple(each for each in once if each.severity is not Severity.NOTE), notes)
 
 
 def _found(check: Check, evidence: Evidence) -> Iterator[Finding]:

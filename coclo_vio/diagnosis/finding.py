@@ -27,6 +27,8 @@ class Severity(Enum):
     """The result of a mode that reads these streams cannot be right."""
     WARNING = "warning"
     """The result may be worse than it could be, or the check is not certain."""
+    NOTE = "note"
+    """A figure that was measured and is as it should be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,3 +80,8 @@ def error(kind: str, stage: Stage, streams: str, sentence: str, *remedy: str, is
 def warning(kind: str, stage: Stage, streams: str, sentence: str, *remedy: str, is_certain: bool = False) -> Finding:
     """A finding that makes a result doubtful or worse; ``streams`` are names separated by blanks."""
     return Finding(kind, stage, Severity.WARNING, sentence, frozenset(streams.split()), remedy, is_certain)
+
+
+def note(kind: str, stage: Stage, streams: str, sentence: str) -> Finding:
+    """A measured figure that is as it should be; ``streams`` are names separated by blanks."""
+    return Finding(kind, stage, Severity.NOTE, sentence, frozenset(streams.split()))

@@ -243,3 +243,34 @@ def _best_delay(
     before, least, after = residuals[lowest - 1 : lowest + 2]
     bend = before - 2.0 * least + after
     return float(delays_s[lowest] + (0.5 * (before - after) / bend if bend > 0.0 else 0.0) * step_s)
+
+
+def turn_of_feet(feet: FeetRecord, stamps_ns: IntArray, measured: Array) -> tuple[Array, Array] | None:
+    """The small rotation from a gyroscope's claimed axes to those of the feet, and its sigma, rad, (3,) each.
+
+    Least squares over all windows without the largest residuals; the sigma is by the thirds of the recording. None
+    where too few feet stand.
+
+    Args:
+        feet: where they are.
+        stamps_ns: of the gyroscope, (N,).
+        measured: its rates, turned by its claimed mounting, (N, 3).
+    """
+    rows, changes = _windows(feet, stamps_ns, measured - np.median(measured, axis=0))
+    thirds = np.array_split(np.arange(len(rows)), 3)
+    if min(map(len, thirds)) < _FEWEST:
+        return None
+    parts = np.array([_turn(rows[third], changes[third]) for third in thirds])
+    return _turn(rows, changes), np.asarray(parts.std(axis=0, ddof=1) / np.sqrt(3.0))
+
+
+def _turn(rows: Array, changes: Array) -> Array:
+    """The rotation vector e, rad, (3,), with ``w = (I + hat(e)) m`` that leaves least of the changes."""
+    generators = np.array([so3.hat(axis).ravel() for axis in np.eye(3)]).T
+    design, target = rows @ generators, changes - rows @ np.eye(3).ravel()
+    turn, kept = np.zeros(3), np.ones(len(rows), dtype=np.bool_)
+    for _ in range(_PASSES):
+        turn = np.linalg.lstsq(design[kept].reshape(-1, 3), target[kept].ravel(), rcond=None)[0]
+        sizes = np.linalg.norm(target - design @ turn, axis=1)
+        kept = sizes <= max(_TRIM * _TO_SIGMA * float(np.median(sizes)), 1e-12)
+    return np.asarray(turn)

@@ -59,5 +59,7 @@ def _stages(diagnosis: Diagnosis) -> str:
         found = diagnosis.of_stage(stage)
         verdict = "error" if any(each.is_error for each in found) else "warning" if found else "good"
         sentences = "<br>".join(escape(f"{each.severity.value}: {each.sentence}") for each in found)
-        rows.append(html_page.row(stage.value, (verdict, sentences or escape(f"{', '.join(checks)}")), kind="text"))
+        measured = "; ".join(each.sentence for each in diagnosis.notes if each.stage is stage)
+        said = "<br>".join(filter(None, (sentences, escape(measured)))) or escape(", ".join(checks))
+        rows.append(html_page.row(stage.value, (verdict, said), kind="text"))
     return html_page.table(("stage", "verdict", "findings, or what was checked"), rows)

@@ -8,7 +8,7 @@ import numpy as np
 from coclo_vio.datasets.corrections import STAMP_UNITS_NS
 from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.diagnosis.evidence import Evidence
-from coclo_vio.diagnosis.finding import Finding, Severity, Stage, error, warning
+from coclo_vio.diagnosis.finding import Finding, Severity, Stage, error, note, warning
 from coclo_vio.diagnosis.rate_fit import delay_of_feet
 from coclo_vio.diagnosis.rates import ClockOffset, clock_offset
 from coclo_vio.values.units import NS_PER_S
@@ -123,6 +123,13 @@ def _of_clock(
             frozenset({stream}),
             (setting,),
             is_certain=offset.sigma_s < _CERTAIN_S,
+        )
+    else:
+        yield note(
+            f"{stream}_delay",
+            Stage.CLOCKS,
+            stream,
+            f"{stream} {1e3 * late_s:.1f} +- {1e3 * offset.sigma_s:.1f} ms late against {reference}",
         )
     if abs(offset.drift) > max(_DRIFT, _SIGMAS * offset.drift_sigma):
         yield warning(
