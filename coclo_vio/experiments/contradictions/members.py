@@ -2,12 +2,13 @@
 """The kinds of contradictions and their members: which change, written how, and the finding that names it."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from coclo_vio.experiments.contradictions import changes
 from coclo_vio.experiments.contradictions.changes import Change
-from coclo_vio.experiments.contradictions.content import Form
+from coclo_vio.experiments.contradictions.content import Content, Form
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, StereoFrame
 
 
@@ -34,6 +35,10 @@ class Member:
     needs_images: bool = False
     is_error: bool = True
     in_full: bool = False
+
+    def write(self, content: Content, folder: Path) -> Path:
+        """Write the changed content in the member's form; returns the path to open."""
+        return content.write(folder, self.form)
 
 
 _IMU = "IMU against physics"

@@ -167,6 +167,28 @@ def _grid(files: ResultFiles) -> str:
     return f"{shares}\n\n{cells}\n\n{files.origin('grid.json')}"
 
 
+def _contradictions(files: ResultFiles) -> str:
+    """Recordings that physics contradicts, and what is said of them."""
+    rows = [
+        [
+            one["kind"],
+            f"{one['name']} ({one['form']})",
+            str(one["says"]).replace("|", "\\|"),
+            ", ".join(f"`{each}`" for each in one["settings"]) or "-",
+            f"{one['inspect']}, {one['run']}, {one['doctor']}",
+        ]
+        for one in files.read("contradictions.json")
+    ]
+    head = (
+        "kind",
+        "member",
+        "what is said",
+        "settings that certainly correct it",
+        "inspect; exit status of run, doctor",
+    )
+    return f"{markdown_table(head, rows)}\n\n{files.origin('contradictions.json')}"
+
+
 BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "demo": _demo,
     "trials": _trials,
@@ -176,6 +198,7 @@ BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     "vision": _vision,
     "speed": _speed,
     "grid": _grid,
+    "contradictions": _contradictions,
     **PERFORMANCE_BLOCKS,
 }
 """What pages can show, by name."""
