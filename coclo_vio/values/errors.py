@@ -57,3 +57,9 @@ def listing(choices: Iterable[str], most: int = 40) -> str:
     names = sorted(choices)
     shown = ", ".join(names[:most]) if names else "none"
     return shown if len(names) <= most else f"{shown}, ... ({len(names)} in all)"
+
+
+def shortened(text: object, most: int = 200) -> str:
+    """A value as text for an error message: one line of at most about ``most`` characters."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= most else f"{line[:most]} ... ({len(line)} characters)"

@@ -114,7 +114,7 @@ def test_sensor_yaml_holds_noise_and_mounting(folder, biped):
         (YAML.replace("0.3,", "0.3, 7.0,"), "4 x 4 numbers"),
         (YAML.replace("-1.0", "1.0"), "is not orthonormal"),
         ("[1, 2]", "must hold a mapping"),
-        ("a: [1", "cannot read"),
+        ("a: [1", "is not YAML"),
     ],
 )
 def test_a_broken_sensor_yaml_is_one_sentence(folder, biped, broken, message):

@@ -19,7 +19,7 @@ from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
-from coclo_vio.values.errors import CalibrationMissing
+from coclo_vio.values.errors import CalibrationMissing, ConfigError
 
 _PLAUSIBLE_DENSITY = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
 _IMU_ROLES = {"imu": "the body's IMU", "camera_imu": "the camera's IMU"}
@@ -101,13 +101,14 @@ class BagCalibration:
             f"cameras from {self._config.kalibr.camchain}, whose IMU is taken to be {_IMU_ROLES[self._role]} "
             "(dataset.rosbag.kalibr.calibrated_imu)"
         )
-        return StereoCalibration(
-            left=left.intrinsics,
-            right=right.intrinsics,
-            body_left_camera=matrix4(T_body_imu @ se3.inverse(left.T_camera_imu)),
-            body_right_camera=matrix4(T_body_imu @ se3.inverse(right.T_camera_imu)),
-            time_offset_s=left.time_shift_s,
-        )
+        values = {
+            "left": left.intrinsics,
+            "right": right.intrinsics,
+            "body_left_camera": matrix4(T_body_imu @ se3.inverse(left.T_camera_imu)),
+            "body_right_camera": matrix4(T_body_imu @ se3.inverse(right.T_camera_imu)),
+            "time_offset_s": left.time_shift_s,
+        }
+        return _stereo(values, str(self._config.kalibr.camchain))
 
     def _stereo_of_bag(self) -> StereoCalibration | None:
         infos = [self._preview.first.get(self._topics[role] or "") for role in ("left_info", "right_info")]
@@ -124,9 +125,13 @@ class BagCalibration:
                 f"{self._no_transform(self._topics['left_info'] or '')}; name a camchain in dataset.rosbag.kalibr"
             )
             return None
-        return StereoCalibration(
-            left=left, right=right, body_left_camera=matrix4(T_left), body_right_camera=matrix4(T_right)
-        )
+        values = {
+            "left": left,
+            "right": right,
+            "body_left_camera": matrix4(T_left),
+            "body_right_camera": matrix4(T_right),
+        }
+        return _stereo(values, f"{self._topics['left_info']} and {self._topics['right_info']}")
 
     def _intrinsics(self, side: str, info: Any) -> CameraCalibration | None:
         return intrinsics_of(info, self._topics[f"{side}_info"] or "", is_rectified=self._is_rectified(side))
@@ -206,8 +211,10 @@ class BagCalibration:
 
     def _noise_of(self, topic: str) -> dict[str, Any]:
         """Noise densities from the covariances: the variance of a reading is density^2 times the rate."""
-        message, rate_hz = self._preview.first[topic], self._preview.rate_hz(topic)
+        message, rate_hz = self._preview.first.get(topic), self._preview.rate_hz(topic)
         values: dict[str, Any] = {}
+        if message is None:  # none can be decoded
+            return values
         for sensor, field in (("gyroscope", "angular_velocity"), ("accelerometer", "linear_acceleration")):
             variance = float(np.mean(getattr(message, f"{field}_covariance")[::4]))
             if rate_hz is None or not np.isfinite(variance) or variance <= 0.0:
@@ -227,6 +234,13 @@ class BagCalibration:
         frame = self._preview.frame(topic) or "without a name"
         known = ", ".join(self._frames.frames) or "none"
         return f"no static transform from {self._body} to the frame {frame} (known frames: {known})"
+
+
+def _stereo(values: dict[str, Any], source: str) -> StereoCalibration:
+    try:
+        return StereoCalibration.parse(values, source)
+    except ConfigError as error:
+        raise CalibrationMissing(f"{error}; correct it, or name another camchain in dataset.rosbag.kalibr") from error
 
 
 def _base_topic(topic: str) -> str:

@@ -156,6 +156,7 @@ class RosBag:
             raise self._no_sample(self._new_tally())
         truth = self._truth_report()
         notes = dict.fromkeys((*self._notes, *truth.notes, *self._calibration_tally.notes))
+        notes.update(dict.fromkeys(self._bag.notes))
         if self._bag.damage is not None:
             notes[f"{self._bag.damage}: read up to the damage"] = None
         return ReadReport(self.format_name, streams, {**self._dropped, **truth.dropped}, tuple(notes))

@@ -18,10 +18,12 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from coclo_vio.datasets.rosbag.storage import files
-from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.datasets.rosbag.storage.storage import Storage
+from coclo_vio.values.errors import DatasetError, TimestampError, shortened
 from coclo_vio.values.units import NS_PER_S
 
 _IDL_RULE = "=" * 80 + "\n"
+_SERIALIZATIONS = ("cdr", "ros1")
 _MOST_DEFINITIONS = 64  # of messages, whose compiled decoders are kept
 
 
@@ -50,6 +52,7 @@ class BagFile:
         is_ros1: whether it is a ROS 1 bag.
         topics: the topics by name.
         damage: what is damaged, or None for a bag that could be read so far.
+        notes: sentences on what is odd about the files.
     """
 
     def __init__(self, path: Path, *, allow_partial: bool) -> None:
@@ -65,10 +68,11 @@ class BagFile:
         self.path = files.bag_in(path)
         self.is_ros1 = files.is_ros1(self.path)
         self.damage: str | None = None
+        self.notes: list[str] = []
         self._is_cut = False
         self._allow_partial = allow_partial
         self._types: dict[str, tuple[str, Typestore | None]] = {}
-        connections = self._survey()
+        connections = self._readable(self._survey())
         self._definitions = {connection.topic: connection for connection in reversed(connections)}
         counts: Counter[str] = Counter()
         for connection in connections:
@@ -153,7 +157,30 @@ class BagFile:
                 f"nothing can be read of {self.path}: {files.reason_of(error)}; copy it again"
             ) from error
 
-    def _connections(self, storages: list[files.Storage]) -> list[Connection]:
+    def _readable(self, connections: list[Connection]) -> list[Connection]:
+        """Those of a serialization that is read; notes on the others, and on metadata that does not fit the files.
+
+        Raises:
+            DatasetError: there is none.
+        """
+        formats = [getattr(each.ext, "serialization_format", "") or "cdr" for each in connections]
+        known = [each for each, form in zip(connections, formats, strict=True) if form in _SERIALIZATIONS]
+        others = sorted(set(formats) - set(_SERIALIZATIONS))
+        if others and not known:
+            raise DatasetError(
+                f"{self.path}: its messages are serialized as {', '.join(map(shortened, others))}; only cdr, the "
+                "format of ROS 2, is read: record it again with the default rmw_serialization_format"
+            )
+        if others:
+            self.notes.append(f"topics serialized as {', '.join(map(shortened, others))} are not read, only cdr")
+        metadata = files.metadata_of(self.path)
+        count = sum(each.msgcount for each in connections)
+        self.notes += metadata.notes
+        if metadata.messages is not None and count and metadata.messages != count:
+            self.notes.append(f"metadata.yaml counts {metadata.messages} messages, the files hold {count}")
+        return known
+
+    def _connections(self, storages: list[Storage]) -> list[Connection]:
         found = []
         for storage in storages:
             storage.open()
@@ -163,10 +190,10 @@ class BagFile:
                 storage.close()
         return found
 
-    def _storages(self) -> list[files.Storage]:
+    def _storages(self) -> list[Storage]:
         return files.partial_readers(self.path) if self._is_cut else files.sound_readers(self.path)
 
-    def _messages_of(self, storage: files.Storage, names: Collection[str]) -> Iterator[RawMessage]:
+    def _messages_of(self, storage: Storage, names: Collection[str]) -> Iterator[RawMessage]:
         connections = [connection for connection in storage.connections if connection.topic in names]
         if not connections:
             return
