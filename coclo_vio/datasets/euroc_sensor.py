@@ -154,7 +154,7 @@ def _intrinsics(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
         raise CalibrationMissing(f"{path} has no {listing(missing)}; its keys are: {listing(sensor)}")
     intrinsics, resolution = sensor["intrinsics"], sensor["resolution"]
     if not isinstance(intrinsics, list) or len(intrinsics) != 4:
-        raise DatasetError(f"{path}: intrinsics = {shortened(intrinsics)} must be fx, fy, cx, cy, in pixels")
+        raise DatasetError(f"{path}: intrinsics = {shortened(intrinsics)} must be the four numbers fx, fy, cx, cy, px")
     if not isinstance(resolution, list) or len(resolution) != 2:
         raise DatasetError(f"{path}: resolution = {shortened(resolution)} must be width and height in pixels")
     camera_model = sensor.get("camera_model", "pinhole")

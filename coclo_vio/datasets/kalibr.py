@@ -138,8 +138,8 @@ def _intrinsics(source: str, camera: dict[str, Any]) -> CameraCalibration:
     model, distortion = camera.get("camera_model", "pinhole"), camera.get("distortion_model", "none")
     if model != "pinhole" or distortion not in _DISTORTIONS:
         raise CalibrationMissing(
-            f"{source}: camera_model {shortened(model)} with distortion_model {shortened(distortion)} is not supported; "
-            f"calibrate it as pinhole with {' or '.join(_DISTORTIONS)}"
+            f"{source}: camera_model {shortened(model)} with distortion_model {shortened(distortion)} is not "
+            f"supported; calibrate it as pinhole with {' or '.join(_DISTORTIONS)}"
         )
     coefficients = _numbers(source, "distortion_coeffs", camera.get("distortion_coeffs", []))
     fx, fy, cx, cy = _numbers(source, "intrinsics", camera.get("intrinsics"), 4)

@@ -66,7 +66,7 @@ class BagCalibration:
         topic = self._topics[role]
         if topic is None:
             return None
-        values = self._noise_of(topic)
+        values = self._noise_of(topic, self._topics[f"{role}_acceleration"] or topic)
         if self._kalibr_imu is not None and self._config.kalibr.calibrated_imu == role:
             values |= self._kalibr_imu.noise
         T_body_imu = self._mounting_of_imu(role, topic)
@@ -167,6 +167,8 @@ class BagCalibration:
     def _mounting_of_imu(self, role: str, topic: str) -> Array | None:
         """``T_body_imu`` by frame; of the camera's IMU otherwise from the camchain and the camera's frame."""
         T = self._frames.between(self._body, self._preview.frame(topic))
+        if T is None and self._topics[f"{role}_acceleration"]:  # the two halves are in one housing
+            T = self._frames.between(self._body, self._preview.frame(self._topics[f"{role}_acceleration"] or ""))
         if T is not None or not self._camchain or role != self._role:
             return T
         left, _ = self._sides()
@@ -209,15 +211,18 @@ class BagCalibration:
                 f"set dataset.rosbag.kalibr.calibrated_imu={other}"
             )
 
-    def _noise_of(self, topic: str) -> dict[str, Any]:
+    def _noise_of(self, rate_topic: str, acceleration_topic: str) -> dict[str, Any]:
         """Noise densities from the covariances: the variance of a reading is density^2 times the rate."""
-        message, rate_hz = self._preview.first.get(topic), self._preview.rate_hz(topic)
         values: dict[str, Any] = {}
-        if message is None:  # none can be decoded
-            return values
-        for sensor, field in (("gyroscope", "angular_velocity"), ("accelerometer", "linear_acceleration")):
+        for topic, sensor, field in (
+            (rate_topic, "gyroscope", "angular_velocity"),
+            (acceleration_topic, "accelerometer", "linear_acceleration"),
+        ):
+            message, rate_hz = self._preview.first.get(topic), self._preview.rate_hz(topic)
+            if message is None or rate_hz is None:  # none can be decoded, or too few
+                continue
             variance = float(np.mean(getattr(message, f"{field}_covariance")[::4]))
-            if rate_hz is None or not np.isfinite(variance) or variance <= 0.0:
+            if not np.isfinite(variance) or variance <= 0.0:
                 continue
             density = float(np.sqrt(variance / rate_hz))
             low, high = _PLAUSIBLE_DENSITY[sensor]

@@ -3,11 +3,14 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
+from coclo_vio.datasets.rosbag.imu_halves import HalfTally, ImuHalves
 from coclo_vio.datasets.rosbag.message_types import CAMERA_INFO, IMU, JOINT_STATE, POSES, WRENCH
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.values.errors import DatasetError, listing
@@ -26,6 +29,7 @@ class BagPreview:
         counts: number of messages of every topic.
         first: the first message of every topic of a type that is read, images left out.
         stamps_ns: header stamps of the first messages of every IMU topic.
+        halves: which readings the messages of every Imu topic have.
         entries: joint names in the first messages of every JointState topic, in the order of their appearance.
         entries_with_velocity: those of them that came with a velocity.
     """
@@ -34,6 +38,7 @@ class BagPreview:
     counts: Mapping[str, int]
     first: Mapping[str, Any]
     stamps_ns: Mapping[str, tuple[int, ...]]
+    halves: Mapping[str, ImuHalves]
     entries: Mapping[str, tuple[str, ...]]
     entries_with_velocity: Mapping[str, frozenset[str]]
 
@@ -75,6 +80,7 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
     first: dict[str, Any] = {}
     stamps_ns: defaultdict[str, list[int]] = defaultdict(list)
     joints: defaultdict[str, _Entries] = defaultdict(_Entries)
+    halves = _Halves(bag, [name for name, msgtype in available.items() if msgtype == IMU])
     remaining = {name: _MESSAGES_READ.get(msgtype, 1) for name, msgtype in available.items() if msgtype in _DECODED}
     for topic, _, data in bag.messages(set(remaining)):
         if topic not in remaining:
@@ -88,8 +94,9 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
                 joints[topic].add(message, joint_entries)
         if available[topic] == IMU:
             stamps_ns[topic].append(bag.header_stamp_ns(topic, data))
+            halves.add(topic, data)
         remaining[topic] -= 1
-        if remaining[topic] == 0:
+        if remaining[topic] <= 0 and halves.is_settled(topic):
             del remaining[topic]
             if not remaining:
                 break
@@ -98,9 +105,29 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
         {name: topic.count for name, topic in bag.topics.items()},
         first,
         {name: tuple(stamps) for name, stamps in stamps_ns.items()},
+        halves.found(),
         {name: tuple(entries.names) for name, entries in joints.items()},
         {name: frozenset(entries.with_velocity) for name, entries in joints.items()},
     )
+
+
+class _Halves:
+    """What the Imu topics of a bag have."""
+
+    def __init__(self, bag: BagFile, topics: Sequence[str]) -> None:
+        self._reader = ImuReader(bag)
+        self._tallies = {topic: HalfTally(topic) for topic in topics}
+
+    def add(self, topic: str, data: bytes) -> None:
+        if not self.is_settled(topic):
+            with suppress(DatasetError):  # a message that cannot be decoded says nothing
+                self._tallies[topic].add(*self._reader.read(topic, data), *self._reader.variances(topic, data))
+
+    def is_settled(self, topic: str) -> bool:
+        return topic not in self._tallies or self._tallies[topic].is_settled
+
+    def found(self) -> dict[str, ImuHalves]:
+        return {topic: tally.halves() for topic, tally in self._tallies.items()}
 
 
 @dataclass(slots=True)

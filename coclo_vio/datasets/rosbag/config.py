@@ -17,6 +17,12 @@ NO_TOPIC = ""
 _Topic = Annotated[str | None, Field(description="a topic; null infers it, an empty string reads none")]
 
 
+_Acceleration = Annotated[
+    str | None,
+    Field(description="the accelerations of that IMU, where its topic has only rates; null infers the topic"),
+]
+
+
 class RosbagTopics(StageConfig):
     """The topic of every role. A role that is null is inferred, an empty string leaves it out."""
 
@@ -25,7 +31,9 @@ class RosbagTopics(StageConfig):
         Field(description="JointState topics that together hold the joints; null infers, an empty list reads none"),
     ] = None
     imu: _Topic = None
+    imu_acceleration: _Acceleration = None
     camera_imu: _Topic = None
+    camera_imu_acceleration: _Acceleration = None
     left_image: _Topic = None
     right_image: _Topic = None
     left_info: _Topic = None

@@ -28,12 +28,13 @@ from coclo_vio.datasets.rosbag.topic_choice import TopicChoice
 from coclo_vio.datasets.rosbag.topic_roles import choose_roles, notes_of
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound
+from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound, listing
 from coclo_vio.values.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
 from coclo_vio.values.trajectory import GroundTruth
 
 __all__ = ["LAYOUT", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 
+_MOST_TOPICS = 15
 _ROLES = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
 
 
@@ -225,7 +226,8 @@ class RosBag:
             config = self._config.rosbag
             self._calibration = BagCalibration(
                 self._preview,
-                {role: self._roles.topic(role) for role in _ROLES},
+                {role: self._roles.topic(role) for role in _ROLES}
+                | {f"{role}_acceleration": self._roles.acceleration_topic(role) for role in ("imu", "camera_imu")},
                 read_frames(self._bag, config.topics.tf_static),
                 self._robot,
                 config,
@@ -246,9 +248,14 @@ class RosBag:
         return TopicNotFound(f"{self._bag.path}: {problem}; --allow-partial (dataset.allow_partial) reads the rest")
 
     def _no_sample(self, tally: ReadTally) -> DatasetError:
-        left_out = dict(tally.report().dropped) or "none"
-        damage = "" if self._bag.damage is None else f"; {self._bag.damage}"
-        return DatasetError(f"{self._bag.path} holds no sample; messages left out: {left_out}{damage}")
+        left_out = dict(tally.report().dropped)
+        parts = [note for note in self._notes if not note.startswith("no ground truth")]
+        parts += [f"messages left out: {left_out}"] if left_out else []
+        parts += [] if self._bag.damage is None else [self._bag.damage]
+        topics = listing((f"{name} ({topic.msgtype})" for name, topic in self._bag.topics.items()), _MOST_TOPICS)
+        return DatasetError(
+            f"{self._bag.path} holds no sample that is read: {'; '.join(parts)}; its topics are {topics}"
+        )
 
     def _new_tally(self) -> ReadTally:
         return ReadTally(self.format_name, self._config.gap_s)

@@ -9,6 +9,7 @@ import numpy as np
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
+from coclo_vio.datasets.rosbag.imu_halves import ImuUnion
 from coclo_vio.datasets.rosbag.joints import ReadingAssembler, read_feet, wrench_force
 from coclo_vio.datasets.rosbag.stereo_pairing import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
@@ -69,6 +70,7 @@ class BagStream:
         self._feet = ReadingAssembler(expected_legs, tolerance_ns)
         self._joints = ReadingAssembler(expected_joints, tolerance_ns)
         self._imu = ImuReader(bag)
+        self._unions: list[ImuUnion] = []
         self._pairs = StereoPairer(roles.topic("left_image") or "", tolerance_ns, tally)
 
     def in_order(self, sensors: frozenset[type], *, sorts: bool) -> Iterator[Item]:
@@ -105,6 +107,8 @@ class BagStream:
             yield received_ns, FootForceSample(stamp_ns, force)
         for stamp_ns, values in self._joints.finish():
             yield received_ns, JointSample(stamp_ns, *values)
+        for union in self._unions:
+            union.finish()
         self._pairs.finish()
 
     def _handlers(self, sensors: frozenset[type]) -> dict[str, list[_Handler]]:
@@ -117,7 +121,7 @@ class BagStream:
                 found.setdefault(topic, []).append(self._wrench if roles.legs_by_topic else self._feet_of_joints)
         for sensor, role in ((ImuSample, "imu"), (CameraImuSample, "camera_imu")):
             if sensor in read:
-                found.setdefault(roles.topic(role) or "", []).append(self._inertial(sensor))
+                self._add_imu(found, sensor, role)
         if JointSample in read and roles.joints is not None:
             for topic in roles.joints.topics:
                 found.setdefault(topic, []).append(self._joint_state)
@@ -125,6 +129,31 @@ class BagStream:
             for role in ("left_image", "right_image"):
                 found.setdefault(roles.topic(role) or "", []).append(self._image)
         return found
+
+    def _add_imu(
+        self, found: dict[str, list[_Handler]], sensor: type[ImuSample] | type[CameraImuSample], role: str
+    ) -> None:
+        topic, acceleration = self._roles.topic(role) or "", self._roles.acceleration_topic(role)
+        if acceleration is None:
+            found.setdefault(topic, []).append(self._inertial(sensor))
+            return
+        union = ImuUnion(topic, self._tally)
+        self._unions.append(union)
+        found.setdefault(topic, []).append(self._half(sensor, union, is_rate=True))
+        found.setdefault(acceleration, []).append(self._half(sensor, union, is_rate=False))
+
+    def _half(self, sensor: type[ImuSample] | type[CameraImuSample], union: ImuUnion, *, is_rate: bool) -> _Handler:
+        def handle(message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+            rate, force = self._imu.read(message.topic, message.data)
+            reading = rate if is_rate else force
+            if not is_finite(reading):
+                self._tally.dropped[f"{message.topic}: IMU reading empty or NaN"] += 1
+                return
+            complete = union.add_rate(stamp_ns, reading) if is_rate else union.add_acceleration(stamp_ns, reading)
+            for at_ns, whole_rate, whole_force in complete:
+                yield sensor(at_ns, whole_rate, whole_force)
+
+        return handle
 
     def _read(self, handler: _Handler, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
         try:

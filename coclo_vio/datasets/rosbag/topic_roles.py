@@ -67,6 +67,11 @@ class TopicRoles:
         """The topic of a role, or None."""
         return self.choice(role).topic
 
+    def acceleration_topic(self, role: str) -> str | None:
+        """The topic of the accelerations of ``imu`` or ``camera_imu``, where they are not with the rates; or None."""
+        topics = self.choice(role).topics
+        return topics[1] if len(topics) > 1 else None
+
     def choice(self, role: str) -> TopicChoice:
         """The choice for a role."""
         return next(choice for choice in self.choices if choice.role == role)
@@ -168,6 +173,15 @@ def notes_of(roles: TopicRoles) -> list[str]:
         choice = roles.choice(role)
         if choice.topic is None:
             notes.append(f"no {role.replace('_', ' ')}: {choice.reason}")
+    for role in ("imu", "camera_imu"):
+        acceleration = roles.acceleration_topic(role)
+        if acceleration is not None:
+            notes.append(
+                f"{role}: rates of {roles.topic(role)} and accelerations of {acceleration} are joined, the "
+                "accelerations interpolated to the stamps of the rates"
+            )
+    if roles.choice("camera_imu").topic is None and roles.choice("camera_imu").reason.startswith("only half"):
+        notes.append(f"no camera imu: {roles.choice('camera_imu').reason}")
     taken = {topic for choice in roles.choices for topic in choice.topics}
     for role in ("imu", "ground_truth"):
         choice = roles.choice(role)

@@ -125,7 +125,7 @@ def test_cameras_without_a_mounting_are_noted_and_have_no_calibration(bag, biped
 def test_noise_is_read_from_covariances_by_the_rate(bag, biped):
     for i in range(20):
         variance = (4e-6 * 100,) + (0.0,) * 3 + (4e-6 * 100,) + (0.0,) * 3 + (4e-6 * 100,)
-        fields = {"angular_velocity_covariance": variance, "linear_acceleration_covariance": (-1.0,) + (0.0,) * 8}
+        fields = {"angular_velocity_covariance": variance, "linear_acceleration_covariance": (0.0,) * 9}
         bag.add_imu(START_NS + i * STEP_NS, header__frame_id="imu_link", **fields)
     bag.add_tf(bag.transform("base_link", "imu_link", (0.1, 0.2, 0.3), TURNED))
     imu = open_dataset(bag.write(), biped).imu_calibration()
