@@ -17,7 +17,7 @@ from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.units import NS_PER_S
 
 _DECODED = frozenset({JOINT_STATE, IMU, CAMERA_INFO, WRENCH, *POSES})
-_MESSAGES_READ = {IMU: 100, JOINT_STATE: 50}  # an IMU's rate and joints spread over messages need several; else one
+_MESSAGES_READ = {IMU: 100, JOINT_STATE: 50, WRENCH: 20}  # for rates, and for parts of one reading; else one
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,8 @@ class BagPreview:
         first: the first message of every topic of a type that is read, images left out.
         stamps_ns: header stamps of the first messages of every IMU topic.
         halves: which readings the messages of every Imu topic have.
+        parts: by JointState and WrenchStamped topic, name of the part and stamp of its first messages; messages of one
+            topic that hold other joints are other parts.
         entries: joint names in the first messages of every JointState topic, in the order of their appearance.
         entries_with_velocity: those of them that came with a velocity.
     """
@@ -39,6 +41,7 @@ class BagPreview:
     first: Mapping[str, Any]
     stamps_ns: Mapping[str, tuple[int, ...]]
     halves: Mapping[str, ImuHalves]
+    parts: Mapping[str, tuple[tuple[str, int], ...]]
     entries: Mapping[str, tuple[str, ...]]
     entries_with_velocity: Mapping[str, frozenset[str]]
 
@@ -80,6 +83,7 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
     first: dict[str, Any] = {}
     stamps_ns: defaultdict[str, list[int]] = defaultdict(list)
     joints: defaultdict[str, _Entries] = defaultdict(_Entries)
+    parts: defaultdict[str, list[tuple[str, int]]] = defaultdict(list)
     halves = _Halves(bag, [name for name, msgtype in available.items() if msgtype == IMU])
     remaining = {name: _MESSAGES_READ.get(msgtype, 1) for name, msgtype in available.items() if msgtype in _DECODED}
     for topic, _, data in bag.messages(set(remaining)):
@@ -92,6 +96,9 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
             first.setdefault(topic, message)
             if available[topic] == JOINT_STATE:
                 joints[topic].add(message, joint_entries)
+                parts[topic].append((f"{topic} {sorted(message.name)}", bag.header_stamp_ns(topic, data)))
+        if available[topic] == WRENCH:
+            parts[topic].append((topic, bag.header_stamp_ns(topic, data)))
         if available[topic] == IMU:
             stamps_ns[topic].append(bag.header_stamp_ns(topic, data))
             halves.add(topic, data)
@@ -106,6 +113,7 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
         first,
         {name: tuple(stamps) for name, stamps in stamps_ns.items()},
         halves.found(),
+        {name: tuple(found) for name, found in parts.items()},
         {name: tuple(entries.names) for name, entries in joints.items()},
         {name: frozenset(entries.with_velocity) for name, entries in joints.items()},
     )

@@ -82,6 +82,15 @@ class RosbagConfig(StageConfig):
         float,
         Field(ge=0, le=1, description="tolerance of equal stamps: left and right image, parts of a reading, s"),
     ] = 0.0005
+    parts_tolerance_s: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=1,
+            description="joints, and feet, of several topics or messages are one sample where their stamps are within "
+            "this, s; null: as far apart as the first messages are, 0.02 at most",
+        ),
+    ] = None
     reorder_s: Annotated[
         float, Field(gt=0, le=60, description="messages are sorted within this span of the bag's time, s")
     ] = 1.0

@@ -10,14 +10,15 @@ from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
 from coclo_vio.datasets.rosbag.imu_halves import ImuUnion
-from coclo_vio.datasets.rosbag.joints import ReadingAssembler, read_feet, wrench_force
+from coclo_vio.datasets.rosbag.joints import read_feet, wrench_force
+from coclo_vio.datasets.rosbag.reading_parts import ReadingAssembler, tolerance_ns
 from coclo_vio.datasets.rosbag.stereo_pairing import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
 from coclo_vio.datasets.rosbag.timing import BagClock, ReorderWindow
 from coclo_vio.datasets.rosbag.topic_roles import TopicRoles
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.values.arrays import is_finite
+from coclo_vio.values.arrays import BoolArray, is_finite
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import (
     CameraImuSample,
@@ -64,14 +65,22 @@ class BagStream:
         self._bag, self._roles, self._config, self._clock, self._tally = bag, roles, config, clock, tally
         self._legs = () if robot is None else robot.leg_names
         self._drops_broken = drops_broken
-        tolerance_ns = round(config.pair_tolerance_s * NS_PER_S)
         expected_legs = np.array([i in roles.legs_by_topic.values() for i in range(len(self._legs))], dtype=np.bool_)
         expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_present
-        self._feet = ReadingAssembler(expected_legs, tolerance_ns)
-        self._joints = ReadingAssembler(expected_joints, tolerance_ns)
+        self._spans = {
+            "joints": roles.span_ns(() if roles.joints is None else roles.joints.topics),
+            "foot forces": roles.span_ns(tuple(roles.legs_by_topic)),
+        }
+        self._feet = self._assembler(expected_legs, self._spans["foot forces"])
+        self._joints = self._assembler(expected_joints, self._spans["joints"])
         self._imu = ImuReader(bag)
         self._unions: list[ImuUnion] = []
-        self._pairs = StereoPairer(roles.topic("left_image") or "", tolerance_ns, tally)
+        self._pairs = StereoPairer(roles.topic("left_image") or "", round(config.pair_tolerance_s * NS_PER_S), tally)
+
+    def _assembler(self, is_expected: BoolArray, span: int) -> ReadingAssembler:
+        pair_ns, parts_s = round(self._config.pair_tolerance_s * NS_PER_S), self._config.parts_tolerance_s
+        tolerance = tolerance_ns(span, pair_ns) if parts_s is None else round(parts_s * NS_PER_S)
+        return ReadingAssembler(is_expected, tolerance)
 
     def in_order(self, sensors: frozenset[type], *, sorts: bool) -> Iterator[Item]:
         """The samples of ``sensors`` by stamp: streamed, or all held in memory and sorted.
@@ -107,6 +116,8 @@ class BagStream:
             yield received_ns, FootForceSample(stamp_ns, force)
         for stamp_ns, values in self._joints.finish():
             yield received_ns, JointSample(stamp_ns, *values)
+        for assembler, (what, span) in zip((self._joints, self._feet), self._spans.items(), strict=True):
+            assembler.describe(what, span, self._tally)
         for union in self._unions:
             union.finish()
         self._pairs.finish()
