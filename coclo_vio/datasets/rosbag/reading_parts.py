@@ -53,8 +53,8 @@ class ReadingAssembler:
     """Assembles one reading from several messages.
 
     A reading is complete when every expected entry has arrived; it is closed incomplete when a part of it has become
-    too old, or when a part comes again. A part that comes more often than others replaces what it brought before. The
-    stamp is that of the latest part.
+    too old, or when a part comes again. A part that comes more often than others replaces what it brought before, and
+    is no reading without them. The stamp is that of the latest part.
     """
 
     def __init__(self, is_expected: BoolArray, tolerance: int) -> None:
@@ -89,7 +89,8 @@ class ReadingAssembler:
         if held is not None:
             is_repeated = bool((held.is_present & is_present).any()) and not self._is_frequent(is_present)
             if is_repeated or held.age_ns(match_ns, but=is_present) > self._tolerance_ns:
-                yield self._closed(held)
+                if not self._is_frequent(held.is_present):
+                    yield self._closed(held)
             else:
                 part = held.joined_by(part)
         if self._is_complete(part):
