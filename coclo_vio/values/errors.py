@@ -7,6 +7,8 @@ error.
 
 from collections.abc import Iterable
 
+_LONGEST_NAME = 120
+
 
 class CocloError(Exception):
     """Base of every error raised on purpose by this package."""
@@ -54,7 +56,7 @@ class EvaluationError(CocloError):
 
 def listing(choices: Iterable[str], most: int = 40) -> str:
     """Names in alphabetical order for an error message, at most ``most`` of them."""
-    names = sorted(choices)
+    names = sorted(shortened(choice, _LONGEST_NAME) for choice in choices)
     shown = ", ".join(names[:most]) if names else "none"
     return shown if len(names) <= most else f"{shown}, ... ({len(names)} in all)"
 

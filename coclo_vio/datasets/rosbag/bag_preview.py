@@ -11,7 +11,7 @@ import numpy as np
 
 from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
 from coclo_vio.datasets.rosbag.imu_halves import HalfTally, ImuHalves
-from coclo_vio.datasets.rosbag.message_types import CAMERA_INFO, IMU, JOINT_STATE, POSES, WRENCH
+from coclo_vio.datasets.rosbag.message_types import CAMERA_INFO, IMU, JOINT_STATE, POSES, WRENCH, missing_field
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.units import NS_PER_S
@@ -92,6 +92,10 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
         if topic not in first or available[topic] == JOINT_STATE:
             message = bag.readable(topic, data)
             if message is None:
+                continue
+            if topic not in first and (field := missing_field(message, available[topic])) is not None:
+                bag.notes.append(f"{topic} is not read: its messages of type {available[topic]} have no {field}")
+                del available[topic], remaining[topic]
                 continue
             first.setdefault(topic, message)
             if available[topic] == JOINT_STATE:

@@ -19,7 +19,7 @@ from coclo_vio.datasets.rosbag.topic_roles import TopicRoles
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import BoolArray, is_finite
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, shortened
 from coclo_vio.values.measurements import (
     CameraImuSample,
     FootForceSample,
@@ -30,6 +30,7 @@ from coclo_vio.values.measurements import (
 )
 from coclo_vio.values.units import NS_PER_S
 
+_UNLIKE = (AttributeError, TypeError, ValueError, IndexError, OverflowError)  # a message with other fields
 _NO_PIXEL = np.zeros((1, 1), dtype=np.uint8)
 _STEREO_RANK = order_key(StereoFrame(0, _NO_PIXEL, _NO_PIXEL))[1]
 
@@ -173,6 +174,19 @@ class BagStream:
             if not self._drops_broken:
                 raise
             self._tally.dropped[f"{message.topic}: message cannot be decoded"] += 1
+        except (
+            AttributeError,
+            TypeError,
+            ValueError,
+            IndexError,
+            OverflowError,
+        ) as error:  # other fields than the first
+            if not self._drops_broken:
+                raise DatasetError(
+                    f"{self._bag.path}: a message on {message.topic} at {stamp_ns} ns is not like the first of its "
+                    f"topic ({shortened(error)}); --allow-partial (dataset.allow_partial) leaves it out"
+                ) from error
+            self._tally.dropped[f"{message.topic}: message is not like the first of its topic"] += 1
 
     def _decoded(self, message: RawMessage) -> Any:
         return self._bag.decoded(message.topic, message.data)

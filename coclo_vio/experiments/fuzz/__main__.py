@@ -46,6 +46,7 @@ def fuzz(numbers: range, seed: int, seconds: float, kept: Path) -> dict[str, obj
         for outcome in outcomes(numbers, make, Path(scratch) / "cases", kept / str(seed)):
             counts.setdefault(outcome.kind, Counter())[outcome.result] += 1
             if outcome.is_finding:
+                print(json.dumps(outcome._asdict()), file=sys.stderr, flush=True)
                 findings.setdefault((outcome.result, outcome.detail.rpartition(" at ")[2]), []).append(outcome)
             if time.monotonic() - begin_s > seconds:
                 break

@@ -76,7 +76,13 @@ class BagFile:
         self._definitions = {connection.topic: connection for connection in reversed(connections)}
         counts: Counter[str] = Counter()
         for connection in connections:
-            counts[connection.topic] += connection.msgcount
+            if self._is_read(connection):
+                counts[connection.topic] += connection.msgcount
+            else:
+                read = self._definitions[connection.topic].msgtype
+                self.notes.append(
+                    f"{connection.topic} has messages of two types; those of {read} are read, not {connection.msgtype}"
+                )
         self.topics = {
             name: BagTopic(name, self._definitions[name].msgtype, counts[name]) for name in sorted(self._definitions)
         }
@@ -180,6 +186,11 @@ class BagFile:
             self.notes.append(f"metadata.yaml counts {metadata.messages} messages, the files hold {count}")
         return known
 
+    def _is_read(self, connection: Connection) -> bool:
+        """Whether a connection has the type of its topic, which another connection may have set."""
+        known = self._definitions.get(connection.topic)
+        return known is not None and known.msgtype == connection.msgtype
+
     def _connections(self, storages: list[Storage]) -> list[Connection]:
         found = []
         for storage in storages:
@@ -194,7 +205,7 @@ class BagFile:
         return files.partial_readers(self.path) if self._is_cut else files.sound_readers(self.path)
 
     def _messages_of(self, storage: Storage, names: Collection[str]) -> Iterator[RawMessage]:
-        connections = [connection for connection in storage.connections if connection.topic in names]
+        connections = [each for each in storage.connections if each.topic in names and self._is_read(each)]
         if not connections:
             return
         stream = storage.messages(connections)
