@@ -97,14 +97,13 @@ def test_a_camera_that_stops_does_not_hold_the_images_of_the_other(mcap, biped):
 
 
 @pytest.mark.parametrize("apart_ms", [4, 16])
-def test_stamps_that_never_meet_are_noted_with_their_difference_and_the_setting(tmp_path, biped, apart_ms):
+def test_stamps_that_never_meet_are_noted_with_their_difference_and_the_setting(tmp_path, apart_ms):
     bag = TinyBag(tmp_path / "walk.mcap")
     for i in range(20):
         for side, late_ns in (("left", 0), ("right", apart_ms * 1_000_000)):
             pixels = np.full((2, 2), i, dtype=np.uint8)
             bag.add_image(START_NS + i * 5 * STEP_NS + late_ns, f"/{side}/image", pixels)
     path = bag.write()
-    bag = TinyBag(tmp_path / "with_imu.mcap")
     sentence = (
         rf"left and right images: 0 of 40 have a partner; .* {apart_ms} ms apart .*dataset\.rosbag\.pair_tolerance_s"
     )
