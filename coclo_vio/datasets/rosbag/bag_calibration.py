@@ -111,7 +111,7 @@ class BagCalibration:
         return _stereo(values, str(self._config.kalibr.camchain))
 
     def _stereo_of_bag(self) -> StereoCalibration | None:
-        infos = [self._preview.first.get(self._topics[role] or "") for role in ("left_info", "right_info")]
+        infos = [self._first(role) for role in ("left_info", "right_info")]
         if None in infos:
             self._tally.note(
                 "no intrinsics: a CameraInfo is missing; name a camchain in dataset.rosbag.kalibr.camchain"
@@ -132,6 +132,11 @@ class BagCalibration:
             "body_right_camera": matrix4(T_right),
         }
         return _stereo(values, f"{self._topics['left_info']} and {self._topics['right_info']}")
+
+    def _first(self, role: str) -> Any | None:
+        """The first message of a role, or None."""
+        topic = self._topics[role]
+        return None if topic is None else self._preview.first.get(topic)
 
     def _intrinsics(self, side: str, info: Any) -> CameraCalibration | None:
         return intrinsics_of(info, self._topics[f"{side}_info"] or "", is_rectified=self._is_rectified(side))
@@ -172,7 +177,7 @@ class BagCalibration:
         if T is not None or not self._camchain or role != self._role:
             return T
         left, _ = self._sides()
-        info = self._preview.first.get(self._topics["left_info"] or "")
+        info = self._first("left_info")
         if info is None:
             return None
         T_body_left = self._frames.between(self._body, str(info.header.frame_id).lstrip("/"))

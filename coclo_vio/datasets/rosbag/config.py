@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from coclo_vio.datasets.kalibr import KalibrConfig
+from coclo_vio.datasets.rosbag.field_paths import FieldsConfig
 from coclo_vio.values.calibration import Angle, Triple
 from coclo_vio.values.config import StageConfig
 
@@ -55,6 +56,9 @@ class RosbagConfig(StageConfig):
         description="topic: the type to read it as, where the bag names a type of its own with the same fields, "
         "such as sensor_msgs/msg/Imu",
     )
+    fields: Annotated[
+        FieldsConfig, Field(description="readings in messages of any type, by the paths of their fields")
+    ] = FieldsConfig()
     clock: Annotated[
         Literal["header", "received"],
         Field(description="source of the stamps: the message's header, or the time at which the bag received it"),

@@ -17,6 +17,9 @@ from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
 from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
 from coclo_vio.datasets.rosbag.bag_preview import preview_of
+from coclo_vio.datasets.rosbag.field_paths import FieldsConfig
+from coclo_vio.datasets.rosbag.foreign_types import hints
+from coclo_vio.datasets.rosbag.mapped_bag import MappedBag, with_topics
 from coclo_vio.datasets.rosbag.message_types import JOINT_STATE
 from coclo_vio.datasets.rosbag.poses import read_frames, read_truth
 from coclo_vio.datasets.rosbag.stereo_pairing import RawPair
@@ -58,18 +61,24 @@ class RosBag:
             DatasetError: the bag is damaged and partial reading is not allowed, or the configuration does not fit.
         """
         self.name = path.resolve().name if path.is_dir() else path.stem
+        config = config.model_copy(update={"rosbag": with_topics(config.rosbag, robot)})
         self._robot, self._config = robot, config
-        self._bag = BagFile(path, allow_partial=config.allow_partial)
+        self._bag: BagFile = MappedBag(path, config.rosbag, robot, allow_partial=config.allow_partial)
         self._preview = preview_of(self._bag, config.rosbag.types, config.rosbag.joint_entries)
         self._roles = choose_roles(self._preview, robot, config.rosbag)
         if self._roles.joints is not None and self._roles.joints.has_other_names and not config.allow_partial:
             raise self._missing_joints()
         self._counted: dict[str, StreamReport | None] = {}
         self._dropped: dict[str, int] = {}
-        self._notes: dict[str, None] = dict.fromkeys(notes_of(self._roles))
+        self._notes: dict[str, None] = dict.fromkeys((*notes_of(self._roles), *self._hints()))
         self._truth: tuple[GroundTruth | None, ReadReport] | None = None
         self._calibration: BagCalibration | None = None
         self._calibration_tally = self._new_tally()
+
+    def _hints(self) -> list[str]:
+        """How messages of other types could be read, where they are all there is of a sensor."""
+        has_all = self._roles.topic("imu") is not None and self._roles.choice("joints").topic is not None
+        return [] if has_all or self._config.rosbag.fields != FieldsConfig() else hints(self._preview.types)
 
     def topics(self) -> tuple[TopicChoice, ...]:
         """The topic of every role, why it was chosen, and the other topics of its type."""

@@ -122,6 +122,8 @@ class BagFile:
         """
         try:
             msgtype, store = self._typed(topic)
+            if msgtype not in store.fielddefs:
+                raise LookupError(f"the bag has no definition of {msgtype}; record it as MCAP, which has them")
             return store.deserialize_ros1(data, msgtype) if self.is_ros1 else store.deserialize_cdr(data, msgtype)
         except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
             raise DatasetError(
@@ -145,6 +147,23 @@ class BagFile:
         except (struct.error, IndexError) as error:
             raise TimestampError(f"{self.path}: a message on {topic} is too short to have a stamp") from error
         return int(seconds) * NS_PER_S + int(nanoseconds)
+
+    def readable_stamp_ns(self, message: RawMessage) -> int | None:
+        """The stamp in a message's header, or the time of its arrival where that is 0; None where it has none.
+
+        Raises:
+            TimestampError: the message is too short to have one, and partial reading is not allowed.
+        """
+        try:
+            return self.header_stamp_ns(message.topic, message.data) or message.received_ns
+        except DatasetError:
+            if not self._allow_partial:
+                raise
+            return None
+
+    def is_stamped_on_arrival(self, message: RawMessage) -> bool:
+        """Whether a message's time is that of its arrival, whatever the configuration: it has no header."""
+        return False
 
     def _survey(self) -> list[Connection]:
         """The connections of all files; determines whether the bag is sound."""
