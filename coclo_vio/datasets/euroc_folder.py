@@ -9,7 +9,7 @@
 ``mav0/cam0``, ``mav0/cam1``            left, right camera: ``data.csv`` (``#timestamp [ns]``, ``filename``), ``data/``
 ``mav0/<sensor>/sensor.yaml``           mounting ``T_BS`` = ``T_body_sensor``; an IMU's noise, a camera's intrinsics
 ``mav0/state_groundtruth_estimate0``    ground truth; otherwise ``mav0/vicon0``, ``mav0/mocap0`` (their ``T_BS`` is
-                                        taken into account), or ``groundtruth.tum`` beside ``mav0``
+                                        taken into account), or TUM lines in a text file beside ``mav0``
 ======================================= =============================================================================
 
 The path may be that of ``mav0`` itself or of the folder that holds it. The body is the frame that ``T_BS`` refers to;
@@ -27,7 +27,7 @@ from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.euroc_sensor import SENSOR_YAML
-from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.ground_truth import read_ground_truth, tum_files
 from coclo_vio.datasets.image_pairs import CAMERAS, EurocImagePairs
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording_reader import RecordingReader
@@ -145,9 +145,10 @@ class EurocFolder(RecordingReader):
             if path.is_file():
                 truth = read_ground_truth(path, self._config.columns, tally)
                 return _of_body(truth, path.with_name(SENSOR_YAML), f"{sensor}/data.csv")
-        path = self._mav0.resolve().parent / "groundtruth.tum"
-        if path.is_file():
-            return read_ground_truth(path, self._config.columns, tally)
+        folder = self._mav0.resolve().parent
+        texts = [folder / "groundtruth.tum"] if (folder / "groundtruth.tum").is_file() else tum_files(folder)
+        if texts:
+            return read_ground_truth(texts[0], self._config.columns, tally)
         if (self._mav0 / _POSITIONS_ONLY / "data.csv").is_file():
             tally.note(f"{_POSITIONS_ONLY}/data.csv is not read: it holds positions of a prism, not poses of the body")
         return None

@@ -12,9 +12,11 @@ import yaml
 
 from coclo_vio.values.errors import ConfigError
 
-MOST_CHARACTERS = 300_000
-MOST_ELEMENTS = 50_000
+MOST_CHARACTERS = 200_000
+MOST_ELEMENTS = 20_000
 DEEPEST = 40
+_DEEPEST_BRACKETS = 200
+_BRACKET = re.compile(r"[\[\]{}]")
 _DIRECTIVE = re.compile(r"^%[^\n]*$", re.MULTILINE)
 _OPENCV_TAG = re.compile(r"!!opencv-[\w-]+")
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
@@ -23,7 +25,15 @@ _TEXT = "tag:yaml.org,2002:str"
 
 
 class _Loader(yaml.SafeLoader):
-    """Without dates."""
+    """Without dates, and with no more nodes than are read."""
+
+    _nodes = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self._nodes += 1
+        if self._nodes > MOST_ELEMENTS:
+            raise ConfigError(f"has more than {MOST_ELEMENTS} elements")
+        return super().compose_node(parent, index)
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -40,6 +50,8 @@ def parse_yaml(text: str) -> Any:
     """
     if len(text) > MOST_CHARACTERS:
         raise ConfigError(f"has {len(text)} characters, more than the {MOST_CHARACTERS} that are read")
+    if _nesting(text) > _DEEPEST_BRACKETS:  # PyYAML takes minutes for some thousands
+        raise ConfigError(f"is nested more than {DEEPEST} levels deep")
     loader = None
     try:
         loader = _Loader(_OPENCV_TAG.sub("", _DIRECTIVE.sub("", text)))
@@ -59,6 +71,15 @@ def parse_yaml(text: str) -> Any:
     finally:
         if loader is not None:
             loader.dispose()
+
+
+def _nesting(text: str) -> int:
+    """How deep brackets are nested, those in comments and quotes counted too."""
+    depth = deepest = 0
+    for bracket in _BRACKET.findall(text):
+        depth = depth + 1 if bracket in "[{" else max(0, depth - 1)
+        deepest = max(deepest, depth)
+    return deepest
 
 
 def _check(node: yaml.Node, counted: dict[int, int], above: frozenset[int]) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.ground_truth import read_ground_truth, tum_files
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
 from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
@@ -62,7 +63,7 @@ class RosBag:
         """
         self.name = path.resolve().name if path.is_dir() else path.stem
         config = config.model_copy(update={"rosbag": with_topics(config.rosbag, robot)})
-        self._robot, self._config = robot, config
+        self._path, self._robot, self._config = path, robot, config
         self._bag: BagFile = MappedBag(path, config.rosbag, robot, allow_partial=config.allow_partial)
         self._preview = preview_of(self._bag, config.rosbag.types, config.rosbag.joint_entries)
         self._roles = choose_roles(self._preview, robot, config.rosbag)
@@ -210,7 +211,7 @@ class RosBag:
         tally = self._new_tally()
         topic = self._roles.topic("ground_truth")
         if topic is None:
-            return None, tally.report()
+            return self._truth_beside(tally), tally.report()
         clock = self._clock(tally, drops_defects=drops_defects)
         try:
             truth = read_truth(self._bag, topic, self._config.rosbag, clock, tally)
@@ -220,6 +221,11 @@ class RosBag:
             tally.note(f"ground truth is not read: {error}")
             truth = None
         return truth, tally.report()
+
+    def _truth_beside(self, tally: ReadTally) -> GroundTruth | None:
+        """Ground truth in a file of TUM lines in the bag's folder, where the recording is a folder."""
+        texts = tum_files(self._path) if self._path.is_dir() else []
+        return read_ground_truth(texts[0], self._config.columns, tally) if texts else None
 
     def _truth_report(self) -> ReadReport:
         try:
@@ -258,7 +264,12 @@ class RosBag:
 
     def _no_sample(self, tally: ReadTally) -> DatasetError:
         left_out = dict(tally.report().dropped)
-        parts = [note for note in self._notes if not note.startswith("no ground truth")]
+        parts = [note for note in self._notes if not note.startswith(("no ground truth", "joints and foot forces"))]
+        joints = self._preview.of_type(JOINT_STATE)
+        if self._robot is None and joints:
+            has_names = any(self._preview.entries.get(topic) for topic in joints)
+            order = "" if has_names else ", and the order of its joints in dataset.rosbag.joint_entries"
+            parts.insert(0, f"the joints on {listing(joints)} are not read: name the robot (--robot){order}")
         parts += [f"messages left out: {left_out}"] if left_out else []
         parts += [] if self._bag.damage is None else [self._bag.damage]
         topics = listing((f"{name} ({topic.msgtype})" for name, topic in self._bag.topics.items()), _MOST_TOPICS)

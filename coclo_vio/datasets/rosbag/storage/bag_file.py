@@ -171,16 +171,20 @@ class BagFile:
             files.check_lengths(self.path)
             return self._connections(files.sound_readers(self.path))
         except Exception as error:
-            self.damage = f"the bag is damaged or cut off ({files.reason_of(error)})"
+            reason = files.reason_of(error)
+            if files.is_foreign(reason):
+                raise DatasetError(f"{self.path} is not a bag of ROS: {reason}") from error
+            self.damage = f"the bag is damaged or cut off ({reason})"
             if not self._allow_partial:
                 raise self._damaged() from error
         self._is_cut = True
         try:
             return self._connections(files.partial_readers(self.path))
         except Exception as error:
-            raise DatasetError(
-                f"nothing can be read of {self.path}: {files.reason_of(error)}; copy it again"
-            ) from error
+            reason = files.reason_of(error)
+            if files.is_foreign(reason):
+                raise DatasetError(f"{self.path} is not a bag of ROS: {reason}") from error
+            raise DatasetError(f"nothing can be read of {self.path}: {reason}; copy it again") from error
 
     def _readable(self, connections: list[Connection]) -> list[Connection]:
         """Those of a serialization that is read; notes on the others, and on metadata that does not fit the files.

@@ -20,14 +20,15 @@ LAYOUT = "a .bag, .mcap or .db3 file, or a folder with metadata.yaml"
 _ROS2_SUFFIXES = (".mcap", ".db3")
 _MAX_REASON_LENGTH = 200
 _METADATA_HEAD = 4096
+_ONLY_ROS = ", only those of ROS (ros2msg, ros2idl) are read"
 _REASONS = {
     "Bag index looks damaged": "its index is missing",
     "Bag is not indexed": "it was never closed and has no index",
     "Could not read uint": "it ends too early",
     "File end magic is invalid": "its end is missing",
-    "jsonschema": "its messages are JSON, only those of ROS (ros2msg, ros2idl) are read",
-    "protobuf": "its messages are of protobuf, only those of ROS (ros2msg, ros2idl) are read",
-    "flatbuffer": "its messages are of flatbuffers, only those of ROS (ros2msg, ros2idl) are read",
+    "jsonschema": "its messages are JSON" + _ONLY_ROS,
+    "protobuf": "its messages are of protobuf" + _ONLY_ROS,
+    "flatbuffer": "its messages are of flatbuffers" + _ONLY_ROS,
     "database disk image is malformed": "pages of its database are missing or damaged",
 }
 
@@ -105,6 +106,11 @@ def check_lengths(path: Path) -> None:
     for file in ros2_files(path) if path.is_dir() else [path]:
         if file.suffix == ".db3":
             check_length(file)
+
+
+def is_foreign(reason: str) -> bool:
+    """Whether a reason of ``reason_of`` says that the file is sound, but of other tools than ROS."""
+    return reason.endswith(_ONLY_ROS)
 
 
 def reason_of(error: Exception) -> str:

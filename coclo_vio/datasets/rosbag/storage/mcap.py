@@ -152,8 +152,9 @@ def _unpacked_prefix(body: bytes) -> bytes:
 def _end_of_complete_records(data: bytes) -> int:
     end = 0
     while end + _RECORD.size <= len(data):
-        after = end + _RECORD.size + _RECORD.unpack_from(data, end)[1]
-        if after > len(data):
+        op, size = _RECORD.unpack_from(data, end)
+        after = end + _RECORD.size + size
+        if op == 0 or after > len(data):  # there is no record of the kind 0
             break
         end = after
     return end

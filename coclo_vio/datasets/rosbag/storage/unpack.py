@@ -17,6 +17,7 @@ __all__ = ["MOST_UNPACKED", "check_size", "unpacked", "unpacked_prefix", "zstd"]
 MOST_UNPACKED = 128 * 2**20
 """Bytes of one chunk; recorders close a chunk of a few megabytes, and 48 kB can expand to gigabytes."""
 
+_MOST_OF_PREFIX = 32 * 2**20
 _PIECE = 1024  # bytes; at most this much is lost before the damage
 
 
@@ -62,7 +63,7 @@ def unpacked(compression: str, data: bytes, size: int | None) -> bytes:
 
 
 def unpacked_prefix(compression: str, data: bytes) -> bytes:
-    """The unpacked data up to the end, the damage, or ``MOST_UNPACKED``.
+    """The unpacked data up to the end, the damage, or 32 MB.
 
     Args:
         compression: ``none`` or empty, ``bz2``, ``lz4`` (ROS 1), ``zstd`` (MCAP).
@@ -77,10 +78,10 @@ def unpacked_prefix(compression: str, data: bytes) -> bytes:
     unpacked = bytearray()
     for start in range(0, len(data), _PIECE):
         try:
-            unpacked += frame.decompress(data[start : start + _PIECE])
+            unpacked += frame.decompress(data[start : start + _PIECE], _MOST_OF_PREFIX + 1 - len(unpacked))
         except Exception:  # each library has its own error for damaged data
             break
-        if len(unpacked) > MOST_UNPACKED:
+        if len(unpacked) > _MOST_OF_PREFIX:
             break
     return bytes(unpacked)
 
