@@ -17,6 +17,7 @@ in the published sequences it is the IMU, whose x axis points up. Source of the 
 aerial vehicle datasets", IJRR 2016.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,7 +36,7 @@ from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.measurements import CameraImuSample
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
@@ -43,6 +44,7 @@ LAYOUT = "mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/cam0/data.csv"
 _SENSORS = ("imu0", "imu1", "joints0", "foot_force0")
 _USUAL = ("imu0", "joints0")
 _ROBOT_SENSORS = ("joints0", "foot_force0")
+_HALF_IMU = re.compile(r"acc(el)?|gyro?")
 _POSITIONS_ONLY = "leica0"
 _GROUND_TRUTH_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
 
@@ -67,6 +69,7 @@ class EurocFolder(RecordingReader):
         if not tables and cameras is None:
             raise DatasetError(
                 f"{self._mav0} has nothing that can be read: imu0 and imu1 are absent, and so is cam0 or cam1"
+                f"{_half_imus(self._mav0)}"
                 f"{'; joints need a robot: name one' if robot is None else ''}"
             )
 
@@ -118,7 +121,7 @@ class EurocFolder(RecordingReader):
         label = f"{sensor}/data.csv"
         if not path.is_file():
             if sensor in _USUAL:
-                tally.note(f"{label} is absent")
+                tally.note(f"{label} is absent{_half_imus(self._mav0) if sensor == 'imu0' else ''}")
             return
         if sensor in _ROBOT_SENSORS and self._robot is None:
             tally.note(f"{label} is not read: no robot was named")
@@ -165,6 +168,14 @@ def joint_names(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]
     """The file that holds the joints, and their names; no names where it is absent."""
     joints = _mav0(path) / "joints0" / "data.csv"
     return joints, Header(joints, CsvTable.open(joints).header, columns).joint_names() if joints.is_file() else ()
+
+
+def _half_imus(mav0: Path) -> str:
+    """What to do with folders that hold half of an IMU each, to follow a sentence; empty where there are none."""
+    halves = [file.parent.name for file in sorted(mav0.glob("*/data.csv")) if _HALF_IMU.match(file.parent.name.lower())]
+    if not halves:
+        return ""
+    return f", and {listing(halves)} are halves of one: write both with one stamp a row into imu0/data.csv"
 
 
 def _mav0(path: Path) -> Path:

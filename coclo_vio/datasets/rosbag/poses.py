@@ -19,7 +19,8 @@ from coclo_vio.values.errors import DatasetError, TimestampError, shortened
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 _BODY_FRAMES = ("base_link", "base", "trunk", "body", "torso", "pelvis", "base_footprint")
-_SHORTEST_QUATERNION = 0.5
+_SHORTEST_QUATERNION, _LONGEST_QUATERNION = 0.5, 2.0
+_FARTHEST_M = 1e9
 
 
 class FrameTree:
@@ -85,10 +86,12 @@ def pose_of(position: Any, orientation: Any) -> Array | None:
 
 
 def _numbers_of(position: Any, orientation: Any) -> Array | None:
-    """[position, quaternion xyzw] (7,); None without a finite rotation."""
+    """[position, quaternion xyzw] (7,); None without a rotation, or with a position that is none on earth."""
     quat_xyzw = (orientation.x, orientation.y, orientation.z, orientation.w)
     numbers = np.array([position.x, position.y, position.z, *quat_xyzw])
-    if not is_finite(numbers) or not math.hypot(*quat_xyzw) > _SHORTEST_QUATERNION:
+    if not is_finite(numbers) or not _SHORTEST_QUATERNION < math.hypot(*quat_xyzw) < _LONGEST_QUATERNION:
+        return None
+    if max(abs(position.x), abs(position.y), abs(position.z)) > _FARTHEST_M:
         return None
     return numbers
 

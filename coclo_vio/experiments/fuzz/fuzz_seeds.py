@@ -81,6 +81,9 @@ filter: {profile: paper}
 faults: {}
 evaluation: {}
 """
+_EUROC_IMU = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y,w_RS_S_z,a_RS_S_x,a_RS_S_y,a_RS_S_z\n" + "".join(
+    f"{i * 5_000_000},0.1,0.2,0.{i % 10},0.0,0.1,9.81\n" for i in range(40)
+)
 _TUM_LINE = "{t}.{n:09d} {x} {y} 0.3 0.0 0.0 0.1 0.995\n"
 
 
@@ -113,6 +116,7 @@ def seed_inputs(folder: Path) -> Mapping[str, Sequence[bytes]]:
         "tum": [tum.encode()],
         "truth_csv": [truth.encode(), plain.encode()],
         "leg_log": [log],
+        "euroc": [_EUROC_IMU.encode()],
     }
 
 

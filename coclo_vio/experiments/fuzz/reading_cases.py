@@ -17,6 +17,7 @@ from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.dataset import guess_robot, open_dataset
 from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.images import encoded
 from coclo_vio.datasets.kalibr import read_camchain, read_imu
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.experiments.fuzz.message_mutations import write_odd_bag
@@ -54,7 +55,7 @@ class Case:
 WEIGHTS: Mapping[str, int] = {
     "bag": 14, "mcap": 10, "db3": 8, "metadata": 3, "odd_bag": 7, "odd_mcap": 6, "odd_db3": 2,
     "configuration": 9, "settings": 2, "camchain": 6, "kalibr_imu": 3, "sensor": 6, "robot": 6, "urdf": 4, "tum": 6,
-    "truth_csv": 4, "leg_log": 4,
+    "truth_csv": 4, "leg_log": 4, "euroc": 4,
 }  # fmt: skip
 """The kinds of inputs, and their shares of all in percent."""
 
@@ -76,6 +77,8 @@ def make_case(number: int, seed: int, seeds: Seeds, folder: Path) -> Case:
         path.write_bytes(bytes_changed(rng, sound, others))
         return Case(kind, path, dict(_of_recording(rng, path)))
     changed = text_changed(rng, sound, [each for group in seeds.values() for each in group])
+    if kind == "euroc":
+        return Case(kind, folder / "walk", dict(_of_recording(rng, _euroc_folder(rng, folder / "walk", seeds))))
     if kind == "metadata":
         path = folder / "walk"
         path.mkdir()
@@ -85,6 +88,30 @@ def make_case(number: int, seed: int, seeds: Seeds, folder: Path) -> Case:
     path = folder / _NAMES.get(kind, f"{kind}.yaml")
     path.write_bytes(changed)
     return Case(kind, path, dict(_of_file(kind, path, seeds, rng)))
+
+
+def _euroc_folder(rng: Generator, path: Path, seeds: Seeds) -> Path:
+    """A small EuRoC folder, one or two of whose files are changed."""
+    picture = encoded(np.arange(48, dtype=np.uint8).reshape(6, 8), "png")
+    images = "#timestamp [ns],filename\n" + "".join(f"{i * 50_000_000},{i}.png\n" for i in range(5))
+    files = {f"{sensor}/{name}": data[0] for sensor, name, data in (
+        ("imu0", "sensor.yaml", seeds["sensor"]),
+        ("cam0", "sensor.yaml", seeds["sensor"]),
+        ("cam1", "sensor.yaml", seeds["sensor"]),
+        ("imu0", "data.csv", seeds["euroc"]),
+        ("state_groundtruth_estimate0", "data.csv", seeds["truth_csv"]),
+    )}  # fmt: skip
+    files |= {f"{camera}/data.csv": images.encode() for camera in ("cam0", "cam1")}
+    files |= {f"{camera}/data/{i}.png": picture for camera in ("cam0", "cam1") for i in range(5)}
+    names = list(files)
+    for _ in range(int(rng.integers(1, 3))):
+        name = names[int(rng.integers(len(names)))]
+        files[name] = text_changed(rng, files[name], [picture])
+    for name, data in files.items():
+        target = path / "mav0" / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+    return path
 
 
 def _of_recording(rng: Generator, path: Path) -> Iterator[tuple[str, Reading]]:
