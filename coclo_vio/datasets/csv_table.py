@@ -14,10 +14,11 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TextIO
 
-from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.errors import DatasetError, TimestampError, shortened
 from coclo_vio.values.trajectory import seconds_to_ns
 
 _STAMP_LIMIT_NS = 2**63
+_MOST_DIGITS = 30  # of a stamp; 1e999999999 would exhaust the memory
 
 
 @dataclass(slots=True)
@@ -155,21 +156,33 @@ class CsvRow:
         if not text or text.lower().lstrip("+-") == "nan":
             return None
         try:
-            stamp_ns = seconds_to_ns(text) if in_seconds else int(text if text.isdecimal() else Decimal(text))
+            stamp_ns = seconds_to_ns(text) if in_seconds else _whole_number(text)
         except (ValueError, InvalidOperation, OverflowError) as error:
             raise self._not_a_number(column) from error
         if abs(stamp_ns) >= _STAMP_LIMIT_NS:
             raise TimestampError(
-                f"{self.table.path}, line {self.line}: the stamp {text} in column {self.table.header[column]} is "
-                f"beyond 64-bit nanoseconds; check whether the column is in {'' if in_seconds else 'nano'}seconds"
+                f"{self.table.path}, line {self.line}: the stamp {shortened(text)} in column "
+                f"{self.table.header[column]} is beyond 64-bit nanoseconds; check whether the column is in "
+                f"{'' if in_seconds else 'nano'}seconds"
             )
         return stamp_ns
 
     def _not_a_number(self, column: int) -> DatasetError:
+        name, cell = shortened(self.table.header[column]), shortened(self.cells[column])
         return DatasetError(
-            f"{self.table.path}, line {self.line}, column {self.table.header[column]}: {self.cells[column]!r} is not a "
-            "number; correct the cell, or leave it empty where the sensor has no reading"
+            f"{self.table.path}, line {self.line}, column {name}: {cell!r} is not a number; correct the cell, or leave "
+            "it empty where the sensor has no reading"
         )
+
+
+def _whole_number(text: str) -> int:
+    """The integer part of a decimal number; ValueError where it is none, or of more digits than a stamp can have."""
+    if text.isdecimal():
+        return int(text)
+    value = Decimal(text)
+    if value.is_finite() and value.adjusted() > _MOST_DIGITS:
+        raise ValueError(text)
+    return int(value)
 
 
 def _number(text: str) -> float | None:
@@ -193,7 +206,7 @@ def _opened(path: Path) -> TextIO:
     try:
         return path.open(encoding="utf-8-sig", newline="")
     except OSError as error:
-        raise DatasetError(f"cannot read {path}: {error.strerror}") from error
+        raise DatasetError(f"cannot read {shortened(path)}: {error.strerror}") from error
 
 
 @contextmanager

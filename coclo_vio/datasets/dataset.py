@@ -18,7 +18,7 @@ from coclo_vio.datasets.robot_fit import RobotFit, fit_of
 from coclo_vio.datasets.rosbag import reader as rosbag
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.errors import DatasetError, listing
+from coclo_vio.values.errors import DatasetError, listing, shortened
 from coclo_vio.values.measurements import LEG_SENSORS, Measurement
 from coclo_vio.values.trajectory import GroundTruth
 
@@ -213,11 +213,15 @@ def _joints_of(path: Path, config: DatasetConfig) -> tuple[Path, RobotFit]:
 
 
 def _format_of(path: Path) -> Format:
-    if not path.exists():
-        raise DatasetError(f"{path} does not exist; pass the path of a recording, a file or a folder")
-    for candidate in FORMATS:
-        if candidate.matches(path):
-            return candidate
+    try:
+        exists = path.exists()
+        found = next((candidate for candidate in FORMATS if exists and candidate.matches(path)), None)
+    except OSError as error:  # a name that is too long, a folder that may not be read
+        raise DatasetError(f"cannot read {shortened(path)}: {error.strerror}; pass the path of a recording") from error
+    if not exists:
+        raise DatasetError(f"{shortened(path)} does not exist; pass the path of a recording, a file or a folder")
+    if found is not None:
+        return found
     known = "; ".join(f"{known.name} ({known.layout})" if known.layout else known.name for known in FORMATS)
     raise DatasetError(
         f"{path} is not a recording of a known format; the formats are: {known}; "

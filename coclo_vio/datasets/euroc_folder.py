@@ -9,7 +9,7 @@
 ``mav0/cam0``, ``mav0/cam1``            left, right camera: ``data.csv`` (``#timestamp [ns]``, ``filename``), ``data/``
 ``mav0/<sensor>/sensor.yaml``           mounting ``T_BS`` = ``T_body_sensor``; an IMU's noise, a camera's intrinsics
 ``mav0/state_groundtruth_estimate0``    ground truth; otherwise ``mav0/vicon0``, ``mav0/mocap0`` (their ``T_BS`` is
-                                        taken into account), or ``groundtruth.tum`` beside ``mav0``
+                                        taken into account), or TUM lines in a text file beside ``mav0``
 ======================================= =============================================================================
 
 The path may be that of ``mav0`` itself or of the folder that holds it. The body is the frame that ``T_BS`` refers to;
@@ -17,6 +17,7 @@ in the published sequences it is the IMU, whose x axis points up. Source of the 
 aerial vehicle datasets", IJRR 2016.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.euroc_sensor import SENSOR_YAML
-from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.ground_truth import read_ground_truth, tum_files
 from coclo_vio.datasets.image_pairs import CAMERAS, EurocImagePairs
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording_reader import RecordingReader
@@ -35,7 +36,7 @@ from coclo_vio.datasets.sample_table import SampleTable
 from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.measurements import CameraImuSample
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
@@ -43,6 +44,7 @@ LAYOUT = "mav0/imu0/data.csv, mav0/joints0/data.csv or mav0/cam0/data.csv"
 _SENSORS = ("imu0", "imu1", "joints0", "foot_force0")
 _USUAL = ("imu0", "joints0")
 _ROBOT_SENSORS = ("joints0", "foot_force0")
+_HALF_IMU = re.compile(r"acc(el)?|gyro?")
 _POSITIONS_ONLY = "leica0"
 _GROUND_TRUTH_SENSORS = ("state_groundtruth_estimate0", "vicon0", "mocap0")
 
@@ -67,6 +69,7 @@ class EurocFolder(RecordingReader):
         if not tables and cameras is None:
             raise DatasetError(
                 f"{self._mav0} has nothing that can be read: imu0 and imu1 are absent, and so is cam0 or cam1"
+                f"{_half_imus(self._mav0)}"
                 f"{'; joints need a robot: name one' if robot is None else ''}"
             )
 
@@ -118,7 +121,7 @@ class EurocFolder(RecordingReader):
         label = f"{sensor}/data.csv"
         if not path.is_file():
             if sensor in _USUAL:
-                tally.note(f"{label} is absent")
+                tally.note(f"{label} is absent{_half_imus(self._mav0) if sensor == 'imu0' else ''}")
             return
         if sensor in _ROBOT_SENSORS and self._robot is None:
             tally.note(f"{label} is not read: no robot was named")
@@ -145,9 +148,10 @@ class EurocFolder(RecordingReader):
             if path.is_file():
                 truth = read_ground_truth(path, self._config.columns, tally)
                 return _of_body(truth, path.with_name(SENSOR_YAML), f"{sensor}/data.csv")
-        path = self._mav0.resolve().parent / "groundtruth.tum"
-        if path.is_file():
-            return read_ground_truth(path, self._config.columns, tally)
+        folder = self._mav0.resolve().parent
+        texts = [folder / "groundtruth.tum"] if (folder / "groundtruth.tum").is_file() else tum_files(folder)
+        if texts:
+            return read_ground_truth(texts[0], self._config.columns, tally)
         if (self._mav0 / _POSITIONS_ONLY / "data.csv").is_file():
             tally.note(f"{_POSITIONS_ONLY}/data.csv is not read: it holds positions of a prism, not poses of the body")
         return None
@@ -164,6 +168,14 @@ def joint_names(path: Path, columns: ColumnNames) -> tuple[Path, tuple[str, ...]
     """The file that holds the joints, and their names; no names where it is absent."""
     joints = _mav0(path) / "joints0" / "data.csv"
     return joints, Header(joints, CsvTable.open(joints).header, columns).joint_names() if joints.is_file() else ()
+
+
+def _half_imus(mav0: Path) -> str:
+    """What to do with folders that hold half of an IMU each, to follow a sentence; empty where there are none."""
+    halves = [file.parent.name for file in sorted(mav0.glob("*/data.csv")) if _HALF_IMU.match(file.parent.name.lower())]
+    if not halves:
+        return ""
+    return f", and {listing(halves)} are halves of one: write both with one stamp a row into imu0/data.csv"
 
 
 def _mav0(path: Path) -> Path:

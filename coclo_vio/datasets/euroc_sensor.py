@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
-from coclo_vio.values.errors import CalibrationMissing, ConfigError, DatasetError, listing
+from coclo_vio.values.config import read_yaml
+from coclo_vio.values.errors import CalibrationMissing, ConfigError, DatasetError, listing, shortened
 
 SENSOR_YAML = "sensor.yaml"
 
@@ -35,21 +36,21 @@ _DISTORTION_MODELS = {
     "none": "none",
 }
 _TIME_SHIFT = "timeshift_cam_imu"
+_FARTHEST_M = 1e6
 
 
 def read_sensor_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a ``sensor.yaml``, whose ``%YAML:1.0`` line and OpenCV tags are not valid YAML.
+    """The mapping in a ``sensor.yaml``; its ``%YAML:1.0`` line and OpenCV tags are no obstacle.
 
     Raises:
         DatasetError: it cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8").replace("!!opencv-matrix", "")
-        values = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise DatasetError(f"cannot read {path}: {error}") from error
-    if not isinstance(values, dict):
-        raise DatasetError(f"{path} must hold a mapping of keys to values, it holds a {type(values).__name__}")
+        values = read_yaml(path)
+    except ConfigError as error:
+        raise DatasetError(str(error)) from error
+    if not values:
+        raise DatasetError(f"{path} must hold a mapping of keys to values, it is empty")
     return values
 
 
@@ -64,9 +65,11 @@ def mounting(path: Path, sensor: Mapping[str, Any]) -> Array | None:
         return None
     try:
         matrix = np.array(value["data"] if isinstance(value, dict) else value, dtype=np.float64).reshape(4, 4)
-    except (KeyError, TypeError, ValueError) as error:
-        raise DatasetError(f"{path}: T_BS must be a matrix of 4 x 4 numbers ({error})") from error
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise DatasetError(f"{path}: T_BS must be a matrix of 4 x 4 numbers ({shortened(error)})") from error
     rotation = matrix[:3, :3]
+    if not (np.abs(matrix) < _FARTHEST_M).all():
+        raise DatasetError(f"{path}: T_BS must be finite, with a position below {_FARTHEST_M:g} m; correct the matrix")
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0:
         raise DatasetError(f"{path}: the rotation of T_BS is not orthonormal; correct the matrix")
     return matrix
@@ -105,17 +108,17 @@ def read_stereo(left: Path, right: Path) -> StereoCalibration:
     """
     sensors = [read_sensor_yaml(path) for path in (left, right)]
     mountings = [_camera_mounting(path, sensor) for path, sensor in zip((left, right), sensors, strict=True)]
+    values = {
+        "left": _intrinsics(left, sensors[0]),
+        "right": _intrinsics(right, sensors[1]),
+        "body_left_camera": matrix4(mountings[0]),
+        "body_right_camera": matrix4(mountings[1]),
+        "time_offset_s": sensors[0].get(_TIME_SHIFT, 0.0),
+    }
     try:
-        return StereoCalibration(
-            left=_intrinsics(left, sensors[0]),
-            right=_intrinsics(right, sensors[1]),
-            body_left_camera=matrix4(mountings[0]),
-            body_right_camera=matrix4(mountings[1]),
-            time_offset_s=float(sensors[0].get(_TIME_SHIFT, 0.0)),
-        )
-    except (ConfigError, ValueError, TypeError) as error:
-        reason = str(error).splitlines()
-        raise DatasetError(f"the cameras of {left.parent.parent}: {'; '.join(reason[-2:])}") from error
+        return StereoCalibration.parse(values, f"the cameras of {left.parent.parent}")
+    except ConfigError as error:
+        raise DatasetError(str(error)) from error
 
 
 def write_camera(folder: Path, intrinsics: CameraCalibration, T_body_camera: Array, time_offset_s: float) -> None:
@@ -151,9 +154,15 @@ def _intrinsics(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
         raise CalibrationMissing(f"{path} has no {listing(missing)}; its keys are: {listing(sensor)}")
     intrinsics, resolution = sensor["intrinsics"], sensor["resolution"]
     if not isinstance(intrinsics, list) or len(intrinsics) != 4:
-        raise DatasetError(f"{path}: intrinsics = {intrinsics} must be the four numbers fx, fy, cx, cy, in pixels")
+        raise DatasetError(f"{path}: intrinsics = {shortened(intrinsics)} must be the four numbers fx, fy, cx, cy, px")
     if not isinstance(resolution, list) or len(resolution) != 2:
-        raise DatasetError(f"{path}: resolution = {resolution} must be width and height in pixels")
+        raise DatasetError(f"{path}: resolution = {shortened(resolution)} must be width and height in pixels")
+    camera_model = sensor.get("camera_model", "pinhole")
+    if camera_model != "pinhole":
+        raise CalibrationMissing(
+            f"{path}: camera_model {shortened(camera_model)} is not supported; calibrate the camera as pinhole with "
+            f"{listing(_DISTORTION_MODELS)}"
+        )
     model, coefficients = _distortion(path, sensor)
     values = {
         "width_px": resolution[0],
@@ -163,7 +172,10 @@ def _intrinsics(path: Path, sensor: Mapping[str, Any]) -> CameraCalibration:
         "distortion": model,
         "distortion_coefficients": coefficients,
     }
-    return CameraCalibration.parse(values, str(path))
+    try:
+        return CameraCalibration.parse(values, str(path))
+    except ConfigError as error:
+        raise DatasetError(str(error)) from error
 
 
 def _distortion(path: Path, sensor: Mapping[str, Any]) -> tuple[str, list[float]]:
@@ -171,12 +183,13 @@ def _distortion(path: Path, sensor: Mapping[str, Any]) -> tuple[str, list[float]
     name = str(sensor.get("distortion_model", "none"))
     if name not in _DISTORTION_MODELS:
         raise DatasetError(
-            f"{path}: distortion_model {name!r} is not supported; supported are {listing(_DISTORTION_MODELS)}"
+            f"{path}: distortion_model {shortened(name)!r} is not supported; "
+            f"supported are {listing(_DISTORTION_MODELS)}"
         )
     model = _DISTORTION_MODELS[name]
     coefficients = sensor.get("distortion_coefficients") or []
     if not isinstance(coefficients, list):
-        raise DatasetError(f"{path}: distortion_coefficients = {coefficients} must be a list of numbers")
+        raise DatasetError(f"{path}: distortion_coefficients = {shortened(coefficients)} must be a list of numbers")
     is_undistorted = model == "none" or (model == "radtan" and not any(coefficients))
     return ("none", []) if is_undistorted else (model, coefficients)
 

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ground truth from text files: TUM, EuRoC's CSV, motion-capture CSV with and without stamps."""
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +28,9 @@ _SPELLINGS: Mapping[str, tuple[str, ...]] = {
     **{f"v{axis}": (f"v{axis}", f"v_{axis}", f"v_RS_R_{axis}") for axis in "xyz"},
 }
 _QUATERNION_TOLERANCE = 0.05
+_TUM_FIELDS = 8
+_MOST_COMMENTS = 100  # lines before the first pose
+_TRUTH_NAME = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|mocap|vicon|optitrack|leica|reference")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +43,7 @@ class _PoseColumns:
 
 
 def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> GroundTruth:
-    """The reference trajectory in a ``.tum`` or ``.csv`` file; assumptions and rows left out go to ``tally``.
+    """The reference trajectory in a file of TUM lines or a CSV file; assumptions and rows left out go to ``tally``.
 
     The columns of a CSV file are taken by name (x y z qx qy qz qw, or EuRoC's ``p_RS_R_x`` ... ``q_RS_w``, with
     ``v_RS_R_x`` ... where present). Where the names repeat or are unknown and there are seven columns beside time, they
@@ -47,7 +53,7 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
         DatasetError: the file cannot be read, or its columns cannot be identified, or hold no unit quaternion.
         TimestampError: no pose, or a TUM file whose stamps do not increase.
     """
-    if path.suffix == ".tum":
+    if path.suffix == ".tum" or is_tum(path):
         return GroundTruth(read_tum(path), has_stamps=True, source=path.name)
     table = CsvTable.open(path)
     found = _pose_columns(table, columns, tally)
@@ -59,6 +65,31 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
         tally.note(f"{path.name}: ground truth has no stamps, offset and rate of its clock must be estimated")
     trajectory = Trajectory(stamps_ns, transforms, velocity)
     return GroundTruth(trajectory, has_stamps=found.stamp is not None, source=path.name)
+
+
+def is_tum(path: Path) -> bool:
+    """Whether a text file has TUM lines, whatever its name: its first line that is no comment is eight numbers."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            for line in islice(file, _MOST_COMMENTS):
+                fields = line.partition("#")[0].split()
+                if fields:
+                    return len(fields) == _TUM_FIELDS and all(math.isfinite(float(field)) for field in fields)
+    except (OSError, ValueError):
+        return False
+    return False
+
+
+def tum_files(folder: Path) -> list[Path]:
+    """The files of TUM lines in a folder, those named as ground truth first, then by name.
+
+    Files named ``.tum`` or ``.txt`` are looked into; of those without the name of a ground truth none is taken where a
+    folder has several.
+    """
+    texts = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in (".tum", ".txt") and path.is_file()]
+    found = [path for path in texts if is_tum(path)]
+    named = [path for path in found if _TRUTH_NAME.search(path.stem.lower())]
+    return named or (found if len(found) == 1 else [])
 
 
 def stamped_truth(stamps_ns: IntArray, T_world_body: Array, source: str, tally: ReadTally) -> GroundTruth:

@@ -14,7 +14,7 @@ from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.values.errors import DatasetError, TopicNotFound, listing
+from coclo_vio.values.errors import DatasetError, TopicNotFound, listing, shortened
 from coclo_vio.values.measurements import StereoFrame
 
 CAMERAS = ("cam0", "cam1")
@@ -118,7 +118,7 @@ class _ImageList:
             stamp_ns, name = self.stamp.read(row), row.text(self.name_column)
             if stamp_ns is None or not name:
                 tally.dropped[f"{self.label}: row without a stamp or a file name"] += 1
-            elif not (folder / name).is_file():
+            elif not _is_file(folder / name):
                 absent.append(name)
             else:
                 yield stamp_ns, folder / name
@@ -127,8 +127,15 @@ class _ImageList:
         if absent:
             tally.dropped[f"{self.label}: image file is missing"] += len(absent)
             more = ", ..." if len(absent) > _MAX_NAMED else ""
-            named = ", ".join(absent[:_MAX_NAMED]) + more
+            named = ", ".join(map(shortened, absent[:_MAX_NAMED])) + more
             tally.note(f"{self.label} names {len(absent)} images whose files are missing: {named}")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long
+        return False
 
 
 def read_bytes(path: Path) -> bytes:

@@ -17,10 +17,11 @@ from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration
 from coclo_vio.values.config import StageConfig, read_yaml
-from coclo_vio.values.errors import CalibrationMissing, ConfigError, listing
+from coclo_vio.values.errors import CalibrationMissing, ConfigError, listing, shortened
 
 _DISTORTIONS = ("radtan", "equidistant", "none")
 _TOLERANCE_M = 1e-3
+_FARTHEST_M = 1e6
 _TOLERANCE_RAD = 1e-3
 _NOISE_KEYS = {
     "gyroscope_noise_density": "gyroscope_noise_density",
@@ -137,8 +138,8 @@ def _intrinsics(source: str, camera: dict[str, Any]) -> CameraCalibration:
     model, distortion = camera.get("camera_model", "pinhole"), camera.get("distortion_model", "none")
     if model != "pinhole" or distortion not in _DISTORTIONS:
         raise CalibrationMissing(
-            f"{source}: camera_model {model} with distortion_model {distortion} is not supported; "
-            f"calibrate it as pinhole with {' or '.join(_DISTORTIONS)}"
+            f"{source}: camera_model {shortened(model)} with distortion_model {shortened(distortion)} is not "
+            f"supported; calibrate it as pinhole with {' or '.join(_DISTORTIONS)}"
         )
     coefficients = _numbers(source, "distortion_coeffs", camera.get("distortion_coeffs", []))
     fx, fy, cx, cy = _numbers(source, "intrinsics", camera.get("intrinsics"), 4)
@@ -160,9 +161,11 @@ def _intrinsics(source: str, camera: dict[str, Any]) -> CameraCalibration:
 def _transform(source: str, key: str, camera: dict[str, Any]) -> Array:
     try:
         T = np.array(camera[key], dtype=np.float64).reshape(4, 4)
-    except (TypeError, ValueError) as error:
-        raise CalibrationMissing(f"{source}: {key} must be 4 rows of 4 numbers ({error})") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CalibrationMissing(f"{source}: {key} must be 4 rows of 4 numbers ({shortened(error)})") from error
     rotation = T[:3, :3]
+    if not (np.abs(T) < _FARTHEST_M).all():
+        raise CalibrationMissing(f"{source}: {key} must be finite, with a position below {_FARTHEST_M:g} m")
     is_rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
     if not is_rigid or not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0]):
         raise CalibrationMissing(f"{source}: {key} is not a rigid transform: its rotation or its last row is wrong")
@@ -176,9 +179,9 @@ def _number(source: str, key: str, value: Any) -> float:
 def _numbers(source: str, key: str, value: Any, count: int | None = None) -> tuple[float, ...]:
     try:
         numbers = tuple(float(number) for number in value)
-    except (TypeError, ValueError) as error:
-        raise CalibrationMissing(f"{source}: {key} = {value!r} must be numbers") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CalibrationMissing(f"{source}: {key} = {shortened(repr(value))} must be numbers") from error
     if (count is not None and len(numbers) != count) or not np.isfinite(numbers).all():
         how_many = "" if count is None else f"{count} "
-        raise CalibrationMissing(f"{source}: {key} = {value!r} must be {how_many}finite numbers")
+        raise CalibrationMissing(f"{source}: {key} = {shortened(repr(value))} must be {how_many}finite numbers")
     return numbers

@@ -13,7 +13,8 @@ Canonical columns, as ``writer.write_leg_log`` writes them; only the stamp and t
 are patterns in ``DatasetConfig.columns``; those of the Unitree Go1 motion-capture log (``Time(s)``, ``FR_Force``,
 ``BaseAx``, ``BaseWx``, ``JointPosFR_hip``) are among the defaults.
 
-A folder holds the log under any name, and at most one of ``groundtruth.tum``, ``groundtruth.csv`` and ``mocap.csv``.
+A folder holds the log under any name, and at most one of ``groundtruth.tum``, ``groundtruth.csv``, ``mocap.csv``, or
+TUM lines in a text file of any other name.
 """
 
 from pathlib import Path
@@ -21,7 +22,7 @@ from pathlib import Path
 from coclo_vio.datasets.columns import ColumnNames, Header
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.csv_table import CsvTable
-from coclo_vio.datasets.ground_truth import read_ground_truth
+from coclo_vio.datasets.ground_truth import read_ground_truth, tum_files
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.recording_reader import RecordingReader
 from coclo_vio.datasets.sample_table import SampleTable
@@ -74,7 +75,7 @@ class LegLog(RecordingReader):
                 "and is not read"
             )
             return None
-        found = [folder / name for name in GROUND_TRUTH_NAMES if (folder / name).is_file()]
+        found = [folder / name for name in GROUND_TRUTH_NAMES if (folder / name).is_file()] or tum_files(folder)
         if not found:
             return None
         if len(found) > 1:
@@ -98,6 +99,13 @@ def find_log(path: Path, columns: ColumnNames) -> Path:
     if path.is_file():
         return path
     logs = _logs_in(path, columns)
+    files = [file.name for file in _csv_files(path)]
+    if not logs and files:
+        accepted = listing(columns.stamp_ns + columns.stamp_s)
+        raise DatasetError(
+            f"none of the {len(files)} CSV files in {path} ({listing(files)}) has a time column ({accepted}): a leg "
+            "log is one file with time, IMU and joints; name its time column in dataset.columns.stamp_ns or stamp_s"
+        )
     if len(logs) != 1:
         listed = listing(log.name for log in logs)
         raise DatasetError(f"{path} holds {len(logs)} leg logs ({listed}); pass the path of one of them")

@@ -4,6 +4,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from coclo_vio.robot.description import RobotDescription, load_robot, robot_names
@@ -89,12 +90,17 @@ class RobotFit:
 def fit_of(joints: Sequence[str]) -> RobotFit:
     """Compare a recording's joints with those of all known robots."""
     absent, totals = {}, {}
-    for name in robot_names():
-        robot = load_robot(name)
+    for name, robot in _packaged().items():
         matched = _matched(robot, joints)
         absent[name] = tuple(joint for joint in robot.joint_names if joint not in matched)
         totals[name] = len(robot.joint_names)
     return RobotFit(tuple(joints), absent, totals)
+
+
+@lru_cache(maxsize=1)
+def _packaged() -> dict[str, RobotDescription]:
+    """The robots of the package by name, read once."""
+    return {name: load_robot(name) for name in robot_names()}
 
 
 def _matched(robot: RobotDescription, joints: Sequence[str]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from coclo_vio.robot.contact import ContactConfig
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.config import StageConfig, read_yaml
-from coclo_vio.values.errors import ConfigError, RobotModelError, listing
+from coclo_vio.values.errors import ConfigError, RobotModelError, listing, shortened
 
 EXTRA_SCHEME = "example-robot-data:"
 _EXTRA_DISTRIBUTION = "example-robot-data"
@@ -108,7 +108,7 @@ def _yaml_path(name_or_path: str) -> Path:
         return path
     if name_or_path not in robot_names():
         raise ConfigError(
-            f"no robot {name_or_path!r}; the known robots are: {listing(robot_names())}; "
+            f"no robot {shortened(name_or_path)!r}; the known robots are: {listing(robot_names())}; "
             "for an own robot use the path of a file ending in .yaml"
         )
     return Path(str(resources.files("coclo_vio.robot") / "presets" / f"{name_or_path}.yaml"))
@@ -124,8 +124,15 @@ def urdf_path(description: RobotDescription) -> Path:
         path = Path(description.urdf)
     else:
         path = _path_in_extra(description.name, description.urdf.removeprefix(EXTRA_SCHEME))
-    if not path.is_file():
-        raise RobotModelError(f"robot {description.name!r}: there is no URDF file {path}; correct `urdf` in its YAML")
+    try:
+        is_file = path.is_file()
+    except OSError:  # a name that is too long
+        is_file = False
+    if not is_file:
+        raise RobotModelError(
+            f"robot {shortened(description.name)!r}: there is no URDF file {shortened(path)}; "
+            "correct `urdf` in its YAML"
+        )
     return path
 
 

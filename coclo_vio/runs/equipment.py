@@ -38,6 +38,7 @@ class Equipment:
         sensors: those that have samples; all where that is not known.
         name: of the recording.
         pictures_every: a mode with images draws its tracks on every n-th frame; on none if None.
+        notes: sentences of the reader, among them why a sensor is not read.
     """
 
     robot: RobotModel | None = None
@@ -47,6 +48,7 @@ class Equipment:
     sensors: frozenset[type] = ALL_SENSORS
     name: str = "the recording"
     pictures_every: int | None = None
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, dataset: Dataset, config: RunConfig, sensors: frozenset[type] = ALL_SENSORS) -> Self:
@@ -78,6 +80,7 @@ class Equipment:
             stereo,
             sensors_of(dataset) or ALL_SENSORS,
             dataset.name,
+            notes=_notes_of(dataset),
         )
 
     def with_pictures(self, every: int | None) -> Self:
@@ -110,7 +113,8 @@ class Equipment:
             CalibrationMissing: the cameras are not calibrated.
         """
         if not self.sensors & IMAGE_SENSORS:
-            raise TopicNotFound(f"{self.name} has no stereo images; coclo-vio inspect lists what it has")
+            why = self._noted("left and right images")
+            raise TopicNotFound(f"{self.name} has no stereo images{why}; coclo-vio inspect lists what it has")
         if self.stereo is None:
             raise CalibrationMissing(
                 f"{self.name} has no calibration of its cameras: give it in cam0/sensor.yaml and cam1/sensor.yaml of "
@@ -127,7 +131,9 @@ class Equipment:
             CalibrationMissing: its mounting is not known.
         """
         if not self.sensors & IMU_SENSORS:
-            raise TopicNotFound(f"{self.name} has no IMU; a mode of stereo alone needs none")
+            why = self._noted("only half of one")
+            what = "half an IMU" if why else "no IMU"
+            raise TopicNotFound(f"{self.name} has {what}{why}; a mode of stereo alone needs none")
         known = self.known_vision_imu
         if known is None:
             raise CalibrationMissing(
@@ -136,6 +142,10 @@ class Equipment:
                 "(dataset.rosbag.kalibr), or under imu: of a robot's YAML; a mode of stereo alone needs none"
             )
         return known
+
+    def _noted(self, words: str) -> str:
+        """The reader's sentence with these words, to follow what is missing; empty where there is none."""
+        return next((f" ({note})" for note in self.notes if words in note), "")
 
     def require_body_twist(self) -> None:
         """Make sure that there are body twists.
@@ -183,3 +193,10 @@ def sensors_of(dataset: Dataset) -> frozenset[type]:
     except DatasetError:  # whoever reads it reports the error, and keeps what comes before
         return frozenset()
     return frozenset(kind for kind, name in STREAM_NAMES.items() if name in streams)
+
+
+def _notes_of(dataset: Dataset) -> tuple[str, ...]:
+    try:
+        return dataset.report().notes
+    except DatasetError:  # as in ``sensors_of``
+        return ()

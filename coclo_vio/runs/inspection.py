@@ -29,6 +29,7 @@ from coclo_vio.values.measurements import ALL_SENSORS, JointSample, StereoFrame
 from coclo_vio.values.trajectory import GroundTruth
 
 _PATH_SPACING_S = 0.1
+_LONGEST_S = 30 * 24 * 3600  # a longer trajectory has a stamp that is wrong, and would be resampled for ever
 _NOTED_ANGLE_DEG = 5.0
 _NOT_READ_THROUGH = "a recording that can be read through (see problems)"
 _T = TypeVar("_T")
@@ -347,6 +348,6 @@ def _truth(truth: GroundTruth | None) -> Truth | None:
         return None
     trajectory = truth.trajectory
     duration_s = trajectory.duration_s if truth.has_stamps else None
-    is_paced = truth.has_stamps and len(trajectory) > 1
+    is_paced = truth.has_stamps and len(trajectory) > 1 and trajectory.duration_s < _LONGEST_S
     path_m = float(travelled_m(trajectory, _PATH_SPACING_S)[-1]) if is_paced else trajectory.path_length_m()
     return Truth(truth.source, truth.has_stamps, len(trajectory), duration_s, path_m)

@@ -123,7 +123,8 @@ def _missing_cameras(holdings: Holdings) -> Iterator[str]:
 def _missing_imu(holdings: Holdings) -> Iterator[str]:
     imus = holdings.vision_imus
     if not imus:
-        yield "an IMU"
+        is_half = any("only half of one" in note for note in holdings.report.notes)
+        yield "the other half of its IMU (see notes)" if is_half else "an IMU"
     elif all(calibration is None for calibration in imus.values()):
         yield "the mounting of its IMU"
 

@@ -19,7 +19,7 @@ from coclo_vio.runs.faults import FaultsConfig
 from coclo_vio.runs.plugins import load_plugins
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.config import StageConfig, merged, parse_settings, read_yaml
-from coclo_vio.values.errors import ConfigError, listing
+from coclo_vio.values.errors import ConfigError, listing, shortened
 
 
 class RunConfig(StageConfig):
@@ -123,7 +123,9 @@ def _preset_values(preset: str | RobotDescription | None) -> dict[str, Any]:
 
 def _mapping(robot: Any) -> Mapping[str, Any]:
     if not isinstance(robot, Mapping):
-        raise ConfigError(f"robot = {robot!r}: give keys below it, such as robot.contact.on_force, or use --robot")
+        raise ConfigError(
+            f"robot = {shortened(repr(robot))}: give keys below it, such as robot.contact.on_force, or use --robot"
+        )
     return robot
 
 

@@ -85,8 +85,8 @@ class CameraCalibration(StageConfig):
     Brandt 2006). Pixel (0, 0) is the centre of the upper left pixel.
     """
 
-    width_px: Annotated[int, Field(gt=0, description="image width, px")]
-    height_px: Annotated[int, Field(gt=0, description="image height, px")]
+    width_px: Annotated[int, Field(gt=0, le=65535, description="image width, px")]
+    height_px: Annotated[int, Field(gt=0, le=65535, description="image height, px")]
     focal_px: Annotated[tuple[float, float], Field(description="focal lengths fx, fy, px")]
     principal_point_px: Annotated[tuple[float, float], Field(description="principal point cx, cy, px")]
     distortion: Annotated[Literal["none", "radtan", "equidistant"], Field(description="distortion model")] = "none"

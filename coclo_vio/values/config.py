@@ -12,7 +12,8 @@ from typing import Any, Self, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from coclo_vio.values.errors import ConfigError, listing
+from coclo_vio.values.errors import ConfigError, listing, shortened
+from coclo_vio.values.yaml_text import DEEPEST, MOST_CHARACTERS, parse_yaml
 
 
 class StageConfig(BaseModel):
@@ -40,10 +41,10 @@ def first_problem(model: type[BaseModel], error: ValidationError) -> str:
     if problem["type"] == "extra_forbidden":
         choices = listing(_model_at(model, problem["loc"][:-1]).model_fields)
         return f"there is no {where}; the keys there are: {choices}"
-    message = problem["msg"].removeprefix("Value error, ")
+    message = " ".join(problem["msg"].removeprefix("Value error, ").split())
     if isinstance(problem["input"], Mapping | BaseModel):  # of a whole section, not of one value
         return f"{where}: {message}" if where else message
-    return f"{where} = {problem['input']!r}: {message}"
+    return f"{where} = {shortened(repr(problem['input']))}: {message}"
 
 
 def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:
@@ -68,11 +69,16 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ConfigError: no such file, not YAML, or not a mapping.
     """
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MOST_CHARACTERS + 1)
     except OSError as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {error}") from error
+        raise ConfigError(f"cannot read the configuration {shortened(path)}: {error.strerror}") from error
+    except ValueError as error:  # bytes that are no UTF-8, or a path with a zero byte
+        raise ConfigError(f"cannot read the configuration {shortened(path)!r} as text: {error}") from error
+    try:
+        values = parse_yaml(text)
+    except ConfigError as error:
+        raise ConfigError(f"{path} {error}") from error
     if values is None:
         return {}
     if not isinstance(values, dict):
@@ -105,12 +111,15 @@ def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
     for setting in settings:
         path, equals, text = setting.partition("=")
         if not equals or not path:
-            raise ConfigError(f"--set takes key.subkey=value, got {setting!r}")
+            raise ConfigError(f"--set takes key.subkey=value, got {shortened(setting)!r}")
         try:
-            value: Any = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f"--set {path}: {text!r} is not a YAML value") from error
-        for key in reversed(path.split(".")):
+            value: Any = parse_yaml(text)
+        except ConfigError as error:
+            raise ConfigError(f"--set {shortened(path)}: {shortened(text)!r} {error}") from error
+        keys = path.split(".")
+        if len(keys) > DEEPEST:
+            raise ConfigError(f"--set takes key.subkey=value, got {len(keys)} keys, {shortened(path)!r}")
+        for key in reversed(keys):
             value = {key: value}
         result = merged(result, value)
     return result

@@ -7,6 +7,8 @@ error.
 
 from collections.abc import Iterable
 
+_LONGEST_NAME = 120
+
 
 class CocloError(Exception):
     """Base of every error raised on purpose by this package."""
@@ -54,6 +56,12 @@ class EvaluationError(CocloError):
 
 def listing(choices: Iterable[str], most: int = 40) -> str:
     """Names in alphabetical order for an error message, at most ``most`` of them."""
-    names = sorted(choices)
+    names = sorted(shortened(choice, _LONGEST_NAME) for choice in choices)
     shown = ", ".join(names[:most]) if names else "none"
     return shown if len(names) <= most else f"{shown}, ... ({len(names)} in all)"
+
+
+def shortened(text: object, most: int = 200) -> str:
+    """A value as text for an error message: one line of at most about ``most`` characters."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= most else f"{line[:most]} ... ({len(line)} characters)"

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, BoolArray, IntArray, checked, frozen
-from coclo_vio.values.errors import DatasetError, EvaluationError, TimestampError
+from coclo_vio.values.errors import DatasetError, EvaluationError, TimestampError, shortened
 from coclo_vio.values.units import NS_PER_S
 
 _TUM_VALUES = " ".join(["%.12g"] * 7) + "\n"
@@ -240,8 +240,8 @@ def read_tum(path: Path) -> Trajectory:
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"cannot read the trajectory {path}: {error}") from error
+    except (OSError, ValueError) as error:  # no such file; a path with a zero byte; bytes that are no UTF-8
+        raise DatasetError(f"cannot read the trajectory {shortened(path)}: {shortened(error)}") from error
     stamps: list[int] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
@@ -255,7 +255,8 @@ def read_tum(path: Path) -> Trajectory:
             rows.append(_pose_fields(fields[1:]))
         except ValueError as error:
             raise DatasetError(
-                f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({error}); correct or remove it"
+                f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({shortened(error)}); "
+                "correct or remove it"
             ) from error
     if not rows:
         raise TimestampError(f"{path} holds no pose; a TUM file has lines of t x y z qx qy qz qw")

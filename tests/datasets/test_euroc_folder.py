@@ -114,7 +114,7 @@ def test_sensor_yaml_holds_noise_and_mounting(folder, biped):
         (YAML.replace("0.3,", "0.3, 7.0,"), "4 x 4 numbers"),
         (YAML.replace("-1.0", "1.0"), "is not orthonormal"),
         ("[1, 2]", "must hold a mapping"),
-        ("a: [1", "cannot read"),
+        ("a: [1", "is not YAML"),
     ],
 )
 def test_a_broken_sensor_yaml_is_one_sentence(folder, biped, broken, message):
@@ -228,3 +228,18 @@ def test_grade_and_bias_sigmas_of_an_imu_are_kept_where_they_are_given(tmp_path:
         write_imu(tmp_path, imu)
         assert read_imu(tmp_path / "sensor.yaml") == imu
     assert "grade" not in (tmp_path / "sensor.yaml").read_text()
+
+
+def test_halves_of_an_imu_in_folders_of_their_own_are_refused_by_name(tmp_path):
+    for name, columns in (("gyro0", "w_RS_S_x,w_RS_S_y,w_RS_S_z"), ("accel0", "a_RS_S_x,a_RS_S_y,a_RS_S_z")):
+        (tmp_path / "mav0" / name).mkdir(parents=True)
+        (tmp_path / "mav0" / name / "data.csv").write_text(f"#timestamp [ns],{columns}\n1,0,0,0\n")
+    (tmp_path / "mav0" / "imu1").mkdir()
+    (tmp_path / "mav0" / "imu1" / "data.csv").write_text("#timestamp [ns],w_RS_S_x,w_RS_S_y,w_RS_S_z\n1,0,0,0\n")
+    with pytest.raises(TopicNotFound, match="has 3 of the 6 IMU columns, w_RS_S_x, w_RS_S_y, w_RS_S_z"):
+        open_dataset(tmp_path, None)
+    (tmp_path / "mav0" / "imu1" / "data.csv").write_text(
+        "#timestamp [ns],w_RS_S_x,w_RS_S_y,w_RS_S_z,a_RS_S_x,a_RS_S_y,a_RS_S_z\n1,0,0,0,0,0,9.81\n"
+    )
+    notes = open_dataset(tmp_path, None).report().notes
+    assert any("imu0/data.csv is absent, and accel0, gyro0 are halves of one" in note for note in notes)

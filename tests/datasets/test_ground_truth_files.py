@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from coclo_vio.datasets.columns import ColumnNames
-from coclo_vio.datasets.ground_truth import UNSTAMPED_PERIOD_NS, read_ground_truth
+from coclo_vio.datasets.ground_truth import UNSTAMPED_PERIOD_NS, read_ground_truth, tum_files
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.geometry import so3
 from coclo_vio.values.errors import DatasetError, TimestampError
@@ -75,3 +75,32 @@ def test_euroc_ground_truth_has_velocity_and_scalar_first_quaternions(read):
     assert truth.trajectory.stamps_ns[0] == 1403636580838555648
     assert so3.yaw(truth.trajectory.rotations)[0] == pytest.approx(np.pi / 2)
     np.testing.assert_array_equal(truth.trajectory.velocity_world, [[4, 5, 6]])
+
+
+POSE = f"1 2 3 {QUARTER.replace(',', ' ')}"
+TUM = ("# time x y z qx qy qz qw", "", f"1.5 {POSE}", f"1.6 {POSE}")
+
+
+@pytest.mark.parametrize("name", ["stamped_groundtruth.txt", "poses.csv", "x.tum", "truth"])
+def test_tum_lines_are_read_under_any_name(read, name):
+    truth, _ = read(*TUM, name=name)
+    np.testing.assert_array_equal(truth.trajectory.stamps_ns, [1_500_000_000, 1_600_000_000])
+    assert so3.yaw(truth.trajectory.rotations)[0] == pytest.approx(np.pi / 2)
+
+
+def test_of_several_tum_files_those_named_as_ground_truth_are_taken(tmp_path):
+    text = "\n".join(TUM) + "\n"
+    (tmp_path / "notes.txt").write_text("not a trajectory\n")
+    (tmp_path / "a.txt").write_text(text)
+    assert [path.name for path in tum_files(tmp_path)] == ["a.txt"]
+    (tmp_path / "b.tum").write_text(text)
+    assert tum_files(tmp_path) == []  # none is named, and two could be meant
+    (tmp_path / "stamped_groundtruth.txt").write_text(text)
+    assert [path.name for path in tum_files(tmp_path)] == ["stamped_groundtruth.txt"]
+
+
+@pytest.mark.parametrize("stamp", ["1e99999999", "1" * 5000, "9" * 30, "1e400", "inf"])
+def test_a_stamp_of_too_many_digits_is_refused_at_once(read, stamp):
+    with pytest.raises(DatasetError) as error:
+        read("stamp_ns,x,y,z,qx,qy,qz,qw", f"{stamp},1,2,3,0,0,0,1", "1,1,2,3,0,0,0,1")
+    assert len(str(error.value)) < 600

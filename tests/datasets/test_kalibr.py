@@ -133,3 +133,26 @@ def test_an_imu_file_without_noise_names_the_keys(tmp_path):
     path.write_text("{rostopic: /imu0}")
     with pytest.raises(CalibrationMissing, match=r"none of accelerometer_noise_density.*its keys rostopic"):
         read_imu(path)
+
+
+def test_the_directive_of_opencv_is_no_obstacle(read):
+    assert read("%YAML:1.0\n---\n" + yaml.safe_dump(CHAIN))[0].time_shift_s == -0.003
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "sentence"),
+    [
+        ("camera_model", "omni", "camera_model omni with distortion_model radtan is not supported"),
+        ("camera_model", "ds", "camera_model ds .* is not supported"),
+        ("camera_model", "eucm", "camera_model eucm .* is not supported"),
+        ("distortion_model", "fov", "distortion_model fov is not supported"),
+        ("resolution", [1e300, 480], "width_px"),
+        ("intrinsics", [10**400, 1, 1, 1], "must be numbers"),
+        ("T_cam_imu", [[1, 0, 0, float("inf")], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "must be finite"),
+        ("timeshift_cam_imu", float("nan"), "must be 1 finite numbers"),
+    ],
+)
+def test_values_no_camera_has_are_refused_in_a_sentence(read, key, value, sentence):
+    with pytest.raises(CalibrationMissing, match=sentence) as error:
+        read(changed("cam0", key, value))
+    assert "\n" not in str(error.value)

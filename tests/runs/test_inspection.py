@@ -199,7 +199,7 @@ def test_a_bag_whose_clock_jumps_back_is_a_problem_for_all(tmp_path: Path) -> No
     with new_bag(path) as bag:
         for step in range(800):
             back_ns = 3_000_000_000 if step >= 400 else 0
-            sample = ImuSample(START_NS + step * 10_000_000 - back_ns, np.zeros(3), np.ones(3))
+            sample = ImuSample(START_NS + step * 10_000_000 - back_ns, 0.1 * np.ones(3), np.ones(3))
             message = BagMessages(bag).imu("imu_link", sample, 0.0, 0.0)
             bag.write("/imu", START_NS + step * 10_000_000, message)
     seen = inspected(path, None)

@@ -116,7 +116,7 @@ def test_the_last_of_two_settings_of_one_key_wins() -> None:
     [
         ("rate_hz", "key.subkey=value, got 'rate_hz'"),
         ("=5", "got '=5'"),
-        ("a.b=[1", r"--set a\.b: '\[1' is not a YAML"),
+        ("a.b=[1", r"--set a\.b: '\[1' is not YAML"),
     ],
 )
 def test_a_setting_that_cannot_be_read_is_named(setting: str, message: str) -> None:

@@ -19,7 +19,7 @@ from coclo_vio.geometry import se3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, StereoCalibration, matrix4
-from coclo_vio.values.errors import CalibrationMissing
+from coclo_vio.values.errors import CalibrationMissing, ConfigError
 
 _PLAUSIBLE_DENSITY = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
 _IMU_ROLES = {"imu": "the body's IMU", "camera_imu": "the camera's IMU"}
@@ -66,7 +66,7 @@ class BagCalibration:
         topic = self._topics[role]
         if topic is None:
             return None
-        values = self._noise_of(topic)
+        values = self._noise_of(topic, self._topics[f"{role}_acceleration"] or topic)
         if self._kalibr_imu is not None and self._config.kalibr.calibrated_imu == role:
             values |= self._kalibr_imu.noise
         T_body_imu = self._mounting_of_imu(role, topic)
@@ -101,16 +101,17 @@ class BagCalibration:
             f"cameras from {self._config.kalibr.camchain}, whose IMU is taken to be {_IMU_ROLES[self._role]} "
             "(dataset.rosbag.kalibr.calibrated_imu)"
         )
-        return StereoCalibration(
-            left=left.intrinsics,
-            right=right.intrinsics,
-            body_left_camera=matrix4(T_body_imu @ se3.inverse(left.T_camera_imu)),
-            body_right_camera=matrix4(T_body_imu @ se3.inverse(right.T_camera_imu)),
-            time_offset_s=left.time_shift_s,
-        )
+        values = {
+            "left": left.intrinsics,
+            "right": right.intrinsics,
+            "body_left_camera": matrix4(T_body_imu @ se3.inverse(left.T_camera_imu)),
+            "body_right_camera": matrix4(T_body_imu @ se3.inverse(right.T_camera_imu)),
+            "time_offset_s": left.time_shift_s,
+        }
+        return _stereo(values, str(self._config.kalibr.camchain))
 
     def _stereo_of_bag(self) -> StereoCalibration | None:
-        infos = [self._preview.first.get(self._topics[role] or "") for role in ("left_info", "right_info")]
+        infos = [self._first(role) for role in ("left_info", "right_info")]
         if None in infos:
             self._tally.note(
                 "no intrinsics: a CameraInfo is missing; name a camchain in dataset.rosbag.kalibr.camchain"
@@ -124,9 +125,18 @@ class BagCalibration:
                 f"{self._no_transform(self._topics['left_info'] or '')}; name a camchain in dataset.rosbag.kalibr"
             )
             return None
-        return StereoCalibration(
-            left=left, right=right, body_left_camera=matrix4(T_left), body_right_camera=matrix4(T_right)
-        )
+        values = {
+            "left": left,
+            "right": right,
+            "body_left_camera": matrix4(T_left),
+            "body_right_camera": matrix4(T_right),
+        }
+        return _stereo(values, f"{self._topics['left_info']} and {self._topics['right_info']}")
+
+    def _first(self, role: str) -> Any | None:
+        """The first message of a role, or None."""
+        topic = self._topics[role]
+        return None if topic is None else self._preview.first.get(topic)
 
     def _intrinsics(self, side: str, info: Any) -> CameraCalibration | None:
         return intrinsics_of(info, self._topics[f"{side}_info"] or "", is_rectified=self._is_rectified(side))
@@ -162,10 +172,12 @@ class BagCalibration:
     def _mounting_of_imu(self, role: str, topic: str) -> Array | None:
         """``T_body_imu`` by frame; of the camera's IMU otherwise from the camchain and the camera's frame."""
         T = self._frames.between(self._body, self._preview.frame(topic))
+        if T is None and self._topics[f"{role}_acceleration"]:  # the two halves are in one housing
+            T = self._frames.between(self._body, self._preview.frame(self._topics[f"{role}_acceleration"] or ""))
         if T is not None or not self._camchain or role != self._role:
             return T
         left, _ = self._sides()
-        info = self._preview.first.get(self._topics["left_info"] or "")
+        info = self._first("left_info")
         if info is None:
             return None
         T_body_left = self._frames.between(self._body, str(info.header.frame_id).lstrip("/"))
@@ -204,13 +216,18 @@ class BagCalibration:
                 f"set dataset.rosbag.kalibr.calibrated_imu={other}"
             )
 
-    def _noise_of(self, topic: str) -> dict[str, Any]:
+    def _noise_of(self, rate_topic: str, acceleration_topic: str) -> dict[str, Any]:
         """Noise densities from the covariances: the variance of a reading is density^2 times the rate."""
-        message, rate_hz = self._preview.first[topic], self._preview.rate_hz(topic)
         values: dict[str, Any] = {}
-        for sensor, field in (("gyroscope", "angular_velocity"), ("accelerometer", "linear_acceleration")):
+        for topic, sensor, field in (
+            (rate_topic, "gyroscope", "angular_velocity"),
+            (acceleration_topic, "accelerometer", "linear_acceleration"),
+        ):
+            message, rate_hz = self._preview.first.get(topic), self._preview.rate_hz(topic)
+            if message is None or rate_hz is None:  # none can be decoded, or too few
+                continue
             variance = float(np.mean(getattr(message, f"{field}_covariance")[::4]))
-            if rate_hz is None or not np.isfinite(variance) or variance <= 0.0:
+            if not np.isfinite(variance) or variance <= 0.0:
                 continue
             density = float(np.sqrt(variance / rate_hz))
             low, high = _PLAUSIBLE_DENSITY[sensor]
@@ -227,6 +244,13 @@ class BagCalibration:
         frame = self._preview.frame(topic) or "without a name"
         known = ", ".join(self._frames.frames) or "none"
         return f"no static transform from {self._body} to the frame {frame} (known frames: {known})"
+
+
+def _stereo(values: dict[str, Any], source: str) -> StereoCalibration:
+    try:
+        return StereoCalibration.parse(values, source)
+    except ConfigError as error:
+        raise CalibrationMissing(f"{error}; correct it, or name another camchain in dataset.rosbag.kalibr") from error
 
 
 def _base_topic(topic: str) -> str:

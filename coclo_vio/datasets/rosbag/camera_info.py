@@ -7,7 +7,7 @@ import numpy as np
 
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration
-from coclo_vio.values.errors import CalibrationMissing
+from coclo_vio.values.errors import CalibrationMissing, ConfigError, shortened
 
 _MODELS = {
     "": "radtan",
@@ -37,15 +37,20 @@ def intrinsics_of(info: Any, topic: str, *, is_rectified: bool) -> CameraCalibra
     pinhole = P if is_rectified and P[0, 0] > 0 else K
     if not (pinhole[0, 0] > 0 and pinhole[1, 1] > 0 and info.width and info.height):
         return None
-    model, coefficients = ("none", ()) if is_rectified or not D.any() else _distortion(info, D, topic)
-    return CameraCalibration(
-        width_px=int(info.width),
-        height_px=int(info.height),
-        focal_px=(float(pinhole[0, 0]), float(pinhole[1, 1])),
-        principal_point_px=(float(pinhole[0, 2]), float(pinhole[1, 2])),
-        distortion=model,  # type: ignore[arg-type]
-        distortion_coefficients=coefficients,
-    )
+    has_model = not is_rectified and (D.any() or _model_of(info) is None)
+    model, coefficients = _distortion(info, D, topic) if has_model else ("none", ())
+    values = {
+        "width_px": int(info.width),
+        "height_px": int(info.height),
+        "focal_px": (float(pinhole[0, 0]), float(pinhole[1, 1])),
+        "principal_point_px": (float(pinhole[0, 2]), float(pinhole[1, 2])),
+        "distortion": model,
+        "distortion_coefficients": coefficients,
+    }
+    try:
+        return CameraCalibration.parse(values, topic)
+    except ConfigError as error:
+        raise CalibrationMissing(f"{error}; name a camchain in dataset.rosbag.kalibr") from error
 
 
 def baseline_m(right: Any) -> float | None:
@@ -64,15 +69,21 @@ def T_camera_rectified(info: Any) -> Array:
 
 
 def _distortion(info: Any, D: Array, topic: str) -> tuple[str, tuple[float, ...]]:
-    model = _MODELS.get(info.distortion_model.lower())
+    model = _model_of(info)
     longest = 0 if model is None else max(_COEFFICIENTS[model])
     coefficients = D[:longest] if not D[longest:].any() else D
     if model is None or len(coefficients) not in _COEFFICIENTS[model]:
         raise CalibrationMissing(
-            f"{topic}: distortion {info.distortion_model!r} with {len(D)} coefficients is not supported; supported are "
-            "plumb_bob (4 or 5), rational_polynomial (8), equidistant (4); name a camchain in dataset.rosbag.kalibr"
+            f"{topic}: distortion {shortened(info.distortion_model)!r} with {len(D)} coefficients is not supported; "
+            "supported are plumb_bob (4 or 5), rational_polynomial (8), equidistant (4); "
+            "name a camchain in dataset.rosbag.kalibr"
         )
     return model, tuple(coefficients.tolist())
+
+
+def _model_of(info: Any) -> str | None:
+    """The package's name of the message's distortion model; None where it is not supported."""
+    return _MODELS.get(info.distortion_model.lower())
 
 
 def _field(info: Any, name: str) -> Any:

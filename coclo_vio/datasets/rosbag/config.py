@@ -9,12 +9,19 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from coclo_vio.datasets.kalibr import KalibrConfig
+from coclo_vio.datasets.rosbag.field_paths import FieldsConfig
 from coclo_vio.values.calibration import Angle, Triple
 from coclo_vio.values.config import StageConfig
 
 NO_TOPIC = ""
 
 _Topic = Annotated[str | None, Field(description="a topic; null infers it, an empty string reads none")]
+
+
+_Acceleration = Annotated[
+    str | None,
+    Field(description="the accelerations of that IMU, where its topic has only rates; null infers the topic"),
+]
 
 
 class RosbagTopics(StageConfig):
@@ -25,7 +32,9 @@ class RosbagTopics(StageConfig):
         Field(description="JointState topics that together hold the joints; null infers, an empty list reads none"),
     ] = None
     imu: _Topic = None
+    imu_acceleration: _Acceleration = None
     camera_imu: _Topic = None
+    camera_imu_acceleration: _Acceleration = None
     left_image: _Topic = None
     right_image: _Topic = None
     left_info: _Topic = None
@@ -47,6 +56,9 @@ class RosbagConfig(StageConfig):
         description="topic: the type to read it as, where the bag names a type of its own with the same fields, "
         "such as sensor_msgs/msg/Imu",
     )
+    fields: Annotated[
+        FieldsConfig, Field(description="readings in messages of any type, by the paths of their fields")
+    ] = FieldsConfig()
     clock: Annotated[
         Literal["header", "received"],
         Field(description="source of the stamps: the message's header, or the time at which the bag received it"),
@@ -74,6 +86,15 @@ class RosbagConfig(StageConfig):
         float,
         Field(ge=0, le=1, description="tolerance of equal stamps: left and right image, parts of a reading, s"),
     ] = 0.0005
+    parts_tolerance_s: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=1,
+            description="joints, and feet, of several topics or messages are one sample where their stamps are within "
+            "this, s; null: as far apart as the first messages are, 0.02 at most",
+        ),
+    ] = None
     reorder_s: Annotated[
         float, Field(gt=0, le=60, description="messages are sorted within this span of the bag's time, s")
     ] = 1.0

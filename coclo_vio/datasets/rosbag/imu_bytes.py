@@ -25,6 +25,8 @@ _FIELDS = (
 )
 _NUMBERS = 37
 _RATE, _FORCE = slice(13, 16), slice(25, 28)
+_RATE_VARIANCE, _FORCE_VARIANCE = 16, 28
+_UNKNOWN = (0.0,)
 
 
 class ImuReader:
@@ -52,6 +54,19 @@ class ImuReader:
             self._is_standard[topic] = _has_standard_fields(imu)
         rate, force = imu.angular_velocity, imu.linear_acceleration
         return np.array([rate.x, rate.y, rate.z]), np.array([force.x, force.y, force.z])
+
+    def variances(self, topic: str, data: bytes) -> tuple[float, float]:
+        """The first elements of the covariances of angular velocity and linear acceleration, -1 for no reading.
+
+        Raises:
+            DatasetError: the message does not decode as its type.
+        """
+        numbers = numbers_of(data, is_ros1=self._bag.is_ros1) if self._is_standard.get(topic, False) else None
+        if numbers is not None:
+            return float(numbers[_RATE_VARIANCE]), float(numbers[_FORCE_VARIANCE])
+        imu = self._bag.decoded(topic, data)
+        rate, force = (getattr(imu, f"{name}_covariance", _UNKNOWN) for name in (_FIELDS[3], _FIELDS[5]))
+        return float(rate[0]), float(force[0])
 
 
 def numbers_of(data: bytes, *, is_ros1: bool) -> Array | None:

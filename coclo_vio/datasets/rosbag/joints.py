@@ -2,9 +2,9 @@
 """Readings of all joints and all feet from JointState and WrenchStamped messages, in any order, over several topics."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -184,63 +184,6 @@ def wrench_force(message: Any, component: str) -> float:
     force = message.wrench.force
     value = float(force.z) if component == "z" else float(np.linalg.norm([force.x, force.y, force.z]))
     return value if np.isfinite(value) else np.nan
-
-
-class ReadingAssembler:
-    """Assembles one reading from several messages of the same time.
-
-    A reading is complete when every expected entry has arrived; it is closed incomplete when a message is of another
-    time or repeats an entry. Its stamp is that of its latest part.
-    """
-
-    def __init__(self, is_expected: BoolArray, tolerance_ns: int) -> None:
-        self._is_expected = is_expected
-        self._tolerance_ns = tolerance_ns
-        self._held: _Part | None = None
-
-    def push(self, stamp_ns: int, match_ns: int, values: Array, is_present: BoolArray) -> Iterator[tuple[int, Array]]:
-        """Add a part.
-
-        Args:
-            stamp_ns: its time.
-            match_ns: the time by which it is matched with other parts (see ``BagClock.match_ns``).
-            values: (..., n), NaN where the part has no value.
-            is_present: which entries the part holds, (n,).
-
-        Yields:
-            Stamp and values of a reading that is complete, or that cannot be completed any more.
-        """
-        part = _Part(stamp_ns, match_ns, values, is_present)
-        held, self._held = self._held, None
-        if held is not None:
-            if abs(match_ns - held.match_ns) > self._tolerance_ns or (held.is_present & is_present).any():
-                yield held.stamp_ns, held.values
-            else:
-                part = held.joined_by(part)
-        if (part.is_present | ~self._is_expected).all():
-            yield part.stamp_ns, part.values
-        else:
-            self._held = part
-
-    def finish(self) -> Iterator[tuple[int, Array]]:
-        """The reading that is still incomplete at the end."""
-        if self._held is not None:
-            yield self._held.stamp_ns, self._held.values
-            self._held = None
-
-
-class _Part(NamedTuple):
-    """Some entries of a reading."""
-
-    stamp_ns: int
-    match_ns: int
-    values: Array
-    is_present: BoolArray
-
-    def joined_by(self, later: "_Part") -> "_Part":
-        values = np.where(later.is_present, later.values, self.values)
-        stamp_ns = max(self.stamp_ns, later.stamp_ns)
-        return _Part(stamp_ns, self.match_ns, values, self.is_present | later.is_present)
 
 
 def _is_command(topic: str) -> bool:

@@ -15,11 +15,12 @@ from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, is_finite
-from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.values.errors import DatasetError, TimestampError, shortened
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 _BODY_FRAMES = ("base_link", "base", "trunk", "body", "torso", "pelvis", "base_footprint")
-_SHORTEST_QUATERNION = 0.5
+_SHORTEST_QUATERNION, _LONGEST_QUATERNION = 0.5, 2.0
+_FARTHEST_M = 1e9
 
 
 class FrameTree:
@@ -69,7 +70,13 @@ def read_frames(bag: BagFile, topic: str) -> FrameTree:
     if topic not in bag.topics:
         return FrameTree()
     messages = (bag.readable(topic, data) for _, _, data in bag.messages([topic]))
-    return FrameTree(transform for message in messages for transform in getattr(message, "transforms", ()))
+    try:
+        return FrameTree(transform for message in messages for transform in getattr(message, "transforms", ()))
+    except (AttributeError, TypeError) as error:
+        raise DatasetError(
+            f"{bag.path}: the messages on {topic} are no TFMessage ({shortened(error)}); name the topic of the static "
+            "transforms in dataset.rosbag.topics.tf_static"
+        ) from error
 
 
 def pose_of(position: Any, orientation: Any) -> Array | None:
@@ -79,10 +86,12 @@ def pose_of(position: Any, orientation: Any) -> Array | None:
 
 
 def _numbers_of(position: Any, orientation: Any) -> Array | None:
-    """[position, quaternion xyzw] (7,); None without a finite rotation."""
+    """[position, quaternion xyzw] (7,); None without a rotation, or with a position that is none on earth."""
     quat_xyzw = (orientation.x, orientation.y, orientation.z, orientation.w)
     numbers = np.array([position.x, position.y, position.z, *quat_xyzw])
-    if not is_finite(numbers) or not math.hypot(*quat_xyzw) > _SHORTEST_QUATERNION:
+    if not is_finite(numbers) or not _SHORTEST_QUATERNION < math.hypot(*quat_xyzw) < _LONGEST_QUATERNION:
+        return None
+    if max(abs(position.x), abs(position.y), abs(position.z)) > _FARTHEST_M:
         return None
     return numbers
 
@@ -126,16 +135,16 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
 
 def _pose_in(message: Any, topic: str) -> Array | None:
     """[position, quaternion xyzw] (7,); None where they are not finite or no rotation (the tracker lost the object)."""
-    if hasattr(message, "transform"):
-        return _numbers_of(message.transform.translation, message.transform.rotation)
-    pose = getattr(message, "pose", None)
-    pose = getattr(pose, "pose", pose)
-    if pose is None or not hasattr(pose, "orientation"):
+    try:
+        if hasattr(message, "transform"):
+            return _numbers_of(message.transform.translation, message.transform.rotation)
+        pose = getattr(message.pose, "pose", message.pose)
+        return _numbers_of(pose.position, pose.orientation)
+    except (AttributeError, TypeError) as error:
         raise DatasetError(
             f"a message on {topic} holds no pose; the types that are read are TransformStamped, PoseStamped, "
             "PoseWithCovarianceStamped and Odometry"
-        )
-    return _numbers_of(pose.position, pose.orientation)
+        ) from error
 
 
 def _mounting(config: RosbagConfig) -> Array:

@@ -13,10 +13,14 @@ import numpy as np
 
 from coclo_vio.datasets.columns import ColumnNames
 from coclo_vio.datasets.config import DatasetConfig
+from coclo_vio.datasets.ground_truth import read_ground_truth, tum_files
 from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
 from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
 from coclo_vio.datasets.rosbag.bag_preview import preview_of
+from coclo_vio.datasets.rosbag.field_paths import FieldsConfig
+from coclo_vio.datasets.rosbag.foreign_types import hints
+from coclo_vio.datasets.rosbag.mapped_bag import MappedBag, with_topics
 from coclo_vio.datasets.rosbag.message_types import JOINT_STATE
 from coclo_vio.datasets.rosbag.poses import read_frames, read_truth
 from coclo_vio.datasets.rosbag.stereo_pairing import RawPair
@@ -28,12 +32,13 @@ from coclo_vio.datasets.rosbag.topic_choice import TopicChoice
 from coclo_vio.datasets.rosbag.topic_roles import choose_roles, notes_of
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound
+from coclo_vio.values.errors import DatasetError, TimestampError, TopicNotFound, listing
 from coclo_vio.values.measurements import ALL_SENSORS, LEG_SENSORS, JointSample, Measurement, StereoFrame
 from coclo_vio.values.trajectory import GroundTruth
 
 __all__ = ["LAYOUT", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 
+_MOST_TOPICS = 15
 _ROLES = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
 
 
@@ -57,18 +62,24 @@ class RosBag:
             DatasetError: the bag is damaged and partial reading is not allowed, or the configuration does not fit.
         """
         self.name = path.resolve().name if path.is_dir() else path.stem
-        self._robot, self._config = robot, config
-        self._bag = BagFile(path, allow_partial=config.allow_partial)
+        config = config.model_copy(update={"rosbag": with_topics(config.rosbag, robot)})
+        self._path, self._robot, self._config = path, robot, config
+        self._bag: BagFile = MappedBag(path, config.rosbag, robot, allow_partial=config.allow_partial)
         self._preview = preview_of(self._bag, config.rosbag.types, config.rosbag.joint_entries)
         self._roles = choose_roles(self._preview, robot, config.rosbag)
         if self._roles.joints is not None and self._roles.joints.has_other_names and not config.allow_partial:
             raise self._missing_joints()
         self._counted: dict[str, StreamReport | None] = {}
         self._dropped: dict[str, int] = {}
-        self._notes: dict[str, None] = dict.fromkeys(notes_of(self._roles))
+        self._notes: dict[str, None] = dict.fromkeys((*notes_of(self._roles), *self._hints()))
         self._truth: tuple[GroundTruth | None, ReadReport] | None = None
         self._calibration: BagCalibration | None = None
         self._calibration_tally = self._new_tally()
+
+    def _hints(self) -> list[str]:
+        """How messages of other types could be read, where they are all there is of a sensor."""
+        has_all = self._roles.topic("imu") is not None and self._roles.choice("joints").topic is not None
+        return [] if has_all or self._config.rosbag.fields != FieldsConfig() else hints(self._preview.types)
 
     def topics(self) -> tuple[TopicChoice, ...]:
         """The topic of every role, why it was chosen, and the other topics of its type."""
@@ -156,6 +167,7 @@ class RosBag:
             raise self._no_sample(self._new_tally())
         truth = self._truth_report()
         notes = dict.fromkeys((*self._notes, *truth.notes, *self._calibration_tally.notes))
+        notes.update(dict.fromkeys(self._bag.notes))
         if self._bag.damage is not None:
             notes[f"{self._bag.damage}: read up to the damage"] = None
         return ReadReport(self.format_name, streams, {**self._dropped, **truth.dropped}, tuple(notes))
@@ -199,7 +211,7 @@ class RosBag:
         tally = self._new_tally()
         topic = self._roles.topic("ground_truth")
         if topic is None:
-            return None, tally.report()
+            return self._truth_beside(tally), tally.report()
         clock = self._clock(tally, drops_defects=drops_defects)
         try:
             truth = read_truth(self._bag, topic, self._config.rosbag, clock, tally)
@@ -209,6 +221,11 @@ class RosBag:
             tally.note(f"ground truth is not read: {error}")
             truth = None
         return truth, tally.report()
+
+    def _truth_beside(self, tally: ReadTally) -> GroundTruth | None:
+        """Ground truth in a file of TUM lines in the bag's folder, where the recording is a folder."""
+        texts = tum_files(self._path) if self._path.is_dir() else []
+        return read_ground_truth(texts[0], self._config.columns, tally) if texts else None
 
     def _truth_report(self) -> ReadReport:
         try:
@@ -224,7 +241,8 @@ class RosBag:
             config = self._config.rosbag
             self._calibration = BagCalibration(
                 self._preview,
-                {role: self._roles.topic(role) for role in _ROLES},
+                {role: self._roles.topic(role) for role in _ROLES}
+                | {f"{role}_acceleration": self._roles.acceleration_topic(role) for role in ("imu", "camera_imu")},
                 read_frames(self._bag, config.topics.tf_static),
                 self._robot,
                 config,
@@ -245,9 +263,19 @@ class RosBag:
         return TopicNotFound(f"{self._bag.path}: {problem}; --allow-partial (dataset.allow_partial) reads the rest")
 
     def _no_sample(self, tally: ReadTally) -> DatasetError:
-        left_out = dict(tally.report().dropped) or "none"
-        damage = "" if self._bag.damage is None else f"; {self._bag.damage}"
-        return DatasetError(f"{self._bag.path} holds no sample; messages left out: {left_out}{damage}")
+        left_out = dict(tally.report().dropped)
+        parts = [note for note in self._notes if not note.startswith(("no ground truth", "joints and foot forces"))]
+        joints = self._preview.of_type(JOINT_STATE)
+        if self._robot is None and joints:
+            has_names = any(self._preview.entries.get(topic) for topic in joints)
+            order = "" if has_names else ", and the order of its joints in dataset.rosbag.joint_entries"
+            parts.insert(0, f"the joints on {listing(joints)} are not read: name the robot (--robot){order}")
+        parts += [f"messages left out: {left_out}"] if left_out else []
+        parts += [] if self._bag.damage is None else [self._bag.damage]
+        topics = listing((f"{name} ({topic.msgtype})" for name, topic in self._bag.topics.items()), _MOST_TOPICS)
+        return DatasetError(
+            f"{self._bag.path} holds no sample that is read: {'; '.join(parts)}; its topics are {topics}"
+        )
 
     def _new_tally(self) -> ReadTally:
         return ReadTally(self.format_name, self._config.gap_s)

@@ -15,6 +15,7 @@ from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import StereoFrame
 
 _CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}
+_MOST_DIFFERENCES = 1000  # of stamps, for their median
 _MAX_HELD = 60  # images of one side that wait for the other side
 
 
@@ -54,7 +55,10 @@ class RawPair(NamedTuple):
 
 
 class StereoPairer:
-    """Pairs images whose stamps are equal within a tolerance; an image without a partner is dropped and counted."""
+    """Pairs images whose stamps are equal within a tolerance; an image without a partner is dropped and counted.
+
+    Where most are dropped a note says how far apart the stamps are, and which setting allows for it.
+    """
 
     def __init__(self, left_topic: str, tolerance_ns: int, tally: ReadTally) -> None:
         self._left_topic = left_topic
@@ -62,6 +66,10 @@ class StereoPairer:
         self._tally = tally
         self._left: deque[RawImage] = deque()
         self._right: deque[RawImage] = deque()
+        self._last_ns: dict[bool, int] = {}  # of the images dropped last, by whether they are left ones
+        self._apart_ns: list[int] = []  # of images without a partner from the nearest of the other camera
+        self._pairs = 0
+        self._dropped = 0
 
     def push(self, image: RawImage) -> Iterator[RawPair]:
         """Add an image of either side; yields the pairs that it completes."""
@@ -72,18 +80,35 @@ class StereoPairer:
         while self._left and self._right:
             apart_ns = self._left[0].match_ns - self._right[0].match_ns
             if abs(apart_ns) <= self._tolerance_ns:
+                self._pairs += 1
                 yield RawPair(self._left.popleft(), self._right.popleft())
             else:
-                self._drop(self._left if apart_ns < 0 else self._right)
+                self._drop(self._left if apart_ns < 0 else self._right, abs(apart_ns))
 
     def finish(self) -> None:
-        """Count the images that are still without a partner at the end."""
+        """Count the images that are still without a partner at the end; note how far apart the stamps are."""
         for side in (self._left, self._right):
             while side:
                 self._drop(side)
+        if not self._apart_ns or self._dropped <= 2 * self._pairs:
+            return
+        images = self._dropped + 2 * self._pairs
+        apart_ms, allowed_ms = float(np.median(self._apart_ns)) / 1e6, self._tolerance_ns / 1e6
+        self._tally.note(
+            f"left and right images: {2 * self._pairs} of {images} have a partner; the stamps of the others are "
+            f"{apart_ms:.4g} ms apart (median), more than the {allowed_ms:.4g} ms of dataset.rosbag.pair_tolerance_s; "
+            "increase it if both cameras expose at one time"
+        )
 
-    def _drop(self, side: deque[RawImage]) -> None:
-        self._tally.dropped[f"{side.popleft().topic}: no image of the other camera at this stamp"] += 1
+    def _drop(self, side: deque[RawImage], apart_ns: int | None = None) -> None:
+        image = side.popleft()
+        is_left = side is self._left
+        if apart_ns is not None and len(self._apart_ns) < _MOST_DIFFERENCES:
+            before_ns = self._last_ns.get(not is_left)
+            self._apart_ns.append(apart_ns if before_ns is None else min(apart_ns, abs(image.match_ns - before_ns)))
+        self._last_ns[is_left] = image.match_ns
+        self._dropped += 1
+        self._tally.dropped[f"{image.topic}: no image of the other camera at this stamp"] += 1
 
 
 def decoded_image(bag: BagFile, image: RawImage) -> ByteImage:

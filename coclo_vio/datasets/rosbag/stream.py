@@ -9,15 +9,17 @@ import numpy as np
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
-from coclo_vio.datasets.rosbag.joints import ReadingAssembler, read_feet, wrench_force
+from coclo_vio.datasets.rosbag.imu_halves import ImuUnion
+from coclo_vio.datasets.rosbag.joints import read_feet, wrench_force
+from coclo_vio.datasets.rosbag.reading_parts import ReadingAssembler, tolerance_ns
 from coclo_vio.datasets.rosbag.stereo_pairing import RawImage, RawPair, StereoPairer
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
 from coclo_vio.datasets.rosbag.timing import BagClock, ReorderWindow
 from coclo_vio.datasets.rosbag.topic_roles import TopicRoles
 from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.values.arrays import is_finite
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.arrays import BoolArray, is_finite
+from coclo_vio.values.errors import DatasetError, shortened
 from coclo_vio.values.measurements import (
     CameraImuSample,
     FootForceSample,
@@ -28,6 +30,7 @@ from coclo_vio.values.measurements import (
 )
 from coclo_vio.values.units import NS_PER_S
 
+_UNLIKE = (AttributeError, TypeError, ValueError, IndexError, OverflowError)  # a message with other fields
 _NO_PIXEL = np.zeros((1, 1), dtype=np.uint8)
 _STEREO_RANK = order_key(StereoFrame(0, _NO_PIXEL, _NO_PIXEL))[1]
 
@@ -63,13 +66,22 @@ class BagStream:
         self._bag, self._roles, self._config, self._clock, self._tally = bag, roles, config, clock, tally
         self._legs = () if robot is None else robot.leg_names
         self._drops_broken = drops_broken
-        tolerance_ns = round(config.pair_tolerance_s * NS_PER_S)
         expected_legs = np.array([i in roles.legs_by_topic.values() for i in range(len(self._legs))], dtype=np.bool_)
         expected_joints = np.zeros(0, dtype=np.bool_) if roles.joints is None else roles.joints.is_present
-        self._feet = ReadingAssembler(expected_legs, tolerance_ns)
-        self._joints = ReadingAssembler(expected_joints, tolerance_ns)
+        self._spans = {
+            "joints": roles.span_ns(() if roles.joints is None else roles.joints.topics),
+            "foot forces": roles.span_ns(tuple(roles.legs_by_topic)),
+        }
+        self._feet = self._assembler(expected_legs, self._spans["foot forces"])
+        self._joints = self._assembler(expected_joints, self._spans["joints"])
         self._imu = ImuReader(bag)
-        self._pairs = StereoPairer(roles.topic("left_image") or "", tolerance_ns, tally)
+        self._unions: list[ImuUnion] = []
+        self._pairs = StereoPairer(roles.topic("left_image") or "", round(config.pair_tolerance_s * NS_PER_S), tally)
+
+    def _assembler(self, is_expected: BoolArray, span: int) -> ReadingAssembler:
+        pair_ns, parts_s = round(self._config.pair_tolerance_s * NS_PER_S), self._config.parts_tolerance_s
+        tolerance = tolerance_ns(span, pair_ns) if parts_s is None else round(parts_s * NS_PER_S)
+        return ReadingAssembler(is_expected, tolerance)
 
     def in_order(self, sensors: frozenset[type], *, sorts: bool) -> Iterator[Item]:
         """The samples of ``sensors`` by stamp: streamed, or all held in memory and sorted.
@@ -105,6 +117,10 @@ class BagStream:
             yield received_ns, FootForceSample(stamp_ns, force)
         for stamp_ns, values in self._joints.finish():
             yield received_ns, JointSample(stamp_ns, *values)
+        for assembler, (what, span) in zip((self._joints, self._feet), self._spans.items(), strict=True):
+            assembler.describe(what, span, self._tally)
+        for union in self._unions:
+            union.finish()
         self._pairs.finish()
 
     def _handlers(self, sensors: frozenset[type]) -> dict[str, list[_Handler]]:
@@ -117,7 +133,7 @@ class BagStream:
                 found.setdefault(topic, []).append(self._wrench if roles.legs_by_topic else self._feet_of_joints)
         for sensor, role in ((ImuSample, "imu"), (CameraImuSample, "camera_imu")):
             if sensor in read:
-                found.setdefault(roles.topic(role) or "", []).append(self._inertial(sensor))
+                self._add_imu(found, sensor, role)
         if JointSample in read and roles.joints is not None:
             for topic in roles.joints.topics:
                 found.setdefault(topic, []).append(self._joint_state)
@@ -126,6 +142,31 @@ class BagStream:
                 found.setdefault(roles.topic(role) or "", []).append(self._image)
         return found
 
+    def _add_imu(
+        self, found: dict[str, list[_Handler]], sensor: type[ImuSample] | type[CameraImuSample], role: str
+    ) -> None:
+        topic, acceleration = self._roles.topic(role) or "", self._roles.acceleration_topic(role)
+        if acceleration is None:
+            found.setdefault(topic, []).append(self._inertial(sensor))
+            return
+        union = ImuUnion(topic, self._tally)
+        self._unions.append(union)
+        found.setdefault(topic, []).append(self._half(sensor, union, is_rate=True))
+        found.setdefault(acceleration, []).append(self._half(sensor, union, is_rate=False))
+
+    def _half(self, sensor: type[ImuSample] | type[CameraImuSample], union: ImuUnion, *, is_rate: bool) -> _Handler:
+        def handle(message: RawMessage, stamp_ns: int) -> Iterator[Item]:
+            rate, force = self._imu.read(message.topic, message.data)
+            reading = rate if is_rate else force
+            if not is_finite(reading):
+                self._tally.dropped[f"{message.topic}: IMU reading empty or NaN"] += 1
+                return
+            complete = union.add_rate(stamp_ns, reading) if is_rate else union.add_acceleration(stamp_ns, reading)
+            for at_ns, whole_rate, whole_force in complete:
+                yield sensor(at_ns, whole_rate, whole_force)
+
+        return handle
+
     def _read(self, handler: _Handler, message: RawMessage, stamp_ns: int) -> Iterator[Item]:
         try:
             yield from handler(message, stamp_ns)
@@ -133,6 +174,19 @@ class BagStream:
             if not self._drops_broken:
                 raise
             self._tally.dropped[f"{message.topic}: message cannot be decoded"] += 1
+        except (
+            AttributeError,
+            TypeError,
+            ValueError,
+            IndexError,
+            OverflowError,
+        ) as error:  # other fields than the first
+            if not self._drops_broken:
+                raise DatasetError(
+                    f"{self._bag.path}: a message on {message.topic} at {stamp_ns} ns is not like the first of its "
+                    f"topic ({shortened(error)}); --allow-partial (dataset.allow_partial) leaves it out"
+                ) from error
+            self._tally.dropped[f"{message.topic}: message is not like the first of its topic"] += 1
 
     def _decoded(self, message: RawMessage) -> Any:
         return self._bag.decoded(message.topic, message.data)

@@ -56,7 +56,8 @@ class BagClock:
         """
         topic = message.topic
         self._count[topic] = self._count.get(topic, 0) + 1
-        stamp_ns = self._bag.header_stamp_ns(topic, message.data) if self._uses_header else message.received_ns
+        is_of_header = self._uses_header and not self._bag.is_stamped_on_arrival(message)
+        stamp_ns = self._bag.header_stamp_ns(topic, message.data) if is_of_header else message.received_ns
         if stamp_ns == 0 and message.received_ns != 0:  # a simulated recording may begin at 0
             self._leave_out(topic, "header has no stamp", "its header has no stamp")
             return None

@@ -12,14 +12,15 @@ from dataclasses import dataclass
 from coclo_vio.datasets.rosbag import message_types
 from coclo_vio.datasets.rosbag.bag_preview import BagPreview
 from coclo_vio.datasets.rosbag.config import NO_TOPIC, RosbagTopics
+from coclo_vio.datasets.rosbag.imu_halves import BOTH, nearest_by_name
 from coclo_vio.datasets.rosbag.message_types import IMAGES, POSES
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.errors import TopicNotFound, listing
 
 _CONFIGURED = "named in dataset.rosbag.topics"
+_JOINED = "rates and accelerations are on two topics and are joined"
 _LEFT_OUT = "left out in dataset.rosbag.topics"
 _CAMERA = re.compile(r"camera|(?<![a-z])cam\d*(?![a-z])|realsense|d4[0-9]5|t265|infra|(?<![a-z])(zed|oak|mynt)")
-_HALF_IMU = re.compile(r"/(accel|gyro)/(sample|imu_info)")
 _NO_STEREO = re.compile(r"depth(?!_?cam)|colou?r|rgb|mask|disparity|theora|confidence")
 _TRUTH = re.compile(r"vicon|mocap|optitrack|qualisys|vrpn|natnet|ground_?truth|(?<![a-z])gt(?![a-z])|leica|phasespace")
 _SIDES = (
@@ -40,7 +41,8 @@ class TopicChoice:
     Attributes:
         role: ``joints``, ``imu``, ``camera_imu``, ``left_image``, ``right_image``, ``left_info``, ``right_info``,
             ``ground_truth`` or ``foot_force``.
-        topics: the chosen topics; several where joints or feet are spread over topics, none where none fits.
+        topics: the chosen topics; several where joints or feet are spread over topics, rates and accelerations of an
+            IMU where they are on two; none where none fits.
         msgtype: their type, empty without a topic.
         reason: why these, or why none.
         others: further topics of a type that fits.
@@ -69,13 +71,14 @@ class TopicChooser:
     def imus(self) -> tuple[TopicChoice, TopicChoice]:
         """The body's IMU and the camera's, distinguished by topic name and frame.
 
+        One whose rates and accelerations are on two topics has both, the rates first.
+
         Raises:
-            TopicNotFound: a configured topic is not in the bag.
+            TopicNotFound: a configured topic is not in the bag, or has only half of an IMU and no other has the rest.
         """
         available = self._preview.of_type(message_types.IMU)
-        complete = [topic for topic in available if not _HALF_IMU.search(topic.lower())]
-        of_camera = [topic for topic in complete if _CAMERA.search(f"{topic} {self._preview.frame(topic)}".lower())]
-        of_body = [topic for topic in complete if topic not in of_camera]
+        of_camera = [topic for topic in available if _CAMERA.search(f"{topic} {self._preview.frame(topic)}".lower())]
+        of_body = [topic for topic in available if topic not in of_camera]
         configured = {self._configured.imu, self._configured.camera_imu}
         choices = []
         for role, candidates, why, why_none in (
@@ -83,13 +86,70 @@ class TopicChooser:
             ("camera_imu", of_camera, "a camera's by its name or frame", "none has a camera's name or frame"),
         ):
             choice = self._from_config(role, getattr(self._configured, role), (message_types.IMU,))
-            if choice is None and not available:
+            free = [topic for topic in candidates if topic not in configured]
+            if choice is not None:
+                choice = self._whole_imu(choice)
+            elif not available:
                 choice = self._chosen(role, [], available, "no topic is of type Imu")
-            elif choice is None:
-                free = sorted((topic for topic in candidates if topic not in configured), key=self._imu_rank)
-                choice = self._chosen(role, free[:1], available, why if free else why_none)
+            else:
+                choice = self._inferred_imu(role, free, why, why_none)
             choices.append(choice)
         return choices[0], choices[1]
+
+    def _inferred_imu(self, role: str, candidates: Sequence[str], why: str, why_none: str) -> TopicChoice:
+        """A complete IMU among the candidates, otherwise two halves of one, otherwise what is missing."""
+        halves = self._preview.halves
+        available = self._preview.of_type(message_types.IMU)
+        complete = sorted((topic for topic in candidates if halves[topic].is_complete), key=self._imu_rank)
+        if complete:
+            return self._whole_imu(self._chosen(role, complete[:1], available, why))
+        rates = [topic for topic in candidates if halves[topic].has_rates]
+        for topic in sorted(rates, key=self._imu_rank):
+            other = self._accelerations_of(role, topic, candidates)
+            if other is not None:
+                return self._chosen(role, [topic, other], available, f"{_JOINED}; {why}")
+        if candidates:
+            lacks = "; ".join(f"{topic} has {halves[topic].absent} ({halves[topic].why})" for topic in candidates)
+            return self._chosen(role, [], available, f"only half of one: {lacks}")
+        return self._chosen(role, [], available, why_none)
+
+    def _whole_imu(self, choice: TopicChoice) -> TopicChoice:
+        """A chosen IMU with the topic of its other half, where it has only one.
+
+        Raises:
+            TopicNotFound: there is no such topic.
+        """
+        role, topic = choice.role, choice.topic
+        configured = self._from_config(
+            f"{role}_acceleration", getattr(self._configured, f"{role}_acceleration"), (message_types.IMU,)
+        )
+        halves = BOTH if topic is None else self._preview.halves[topic]
+        if topic is None or (halves.is_complete and configured is None):
+            return choice
+        available = self._preview.of_type(message_types.IMU)
+        pair: tuple[str | None, str | None]
+        if halves.has_rates:
+            pair = topic, self._accelerations_of(role, topic, available)
+        else:
+            with_rates = [other for other in available if self._preview.halves[other].has_rates and other != topic]
+            alone = [other for other in with_rates if not self._preview.halves[other].is_complete]
+            pair = nearest_by_name(topic, alone) if halves.has_accelerations else None, topic
+        if pair[0] is None or pair[1] is None:
+            raise TopicNotFound(
+                f"the Imu messages on {topic} have {halves.absent} ({halves.why}), and no other topic is half an IMU "
+                f"that has them: name a whole IMU in dataset.rosbag.topics.{role}, or its accelerations in "
+                f"dataset.rosbag.topics.{role}_acceleration; the Imu topics are: {listing(available)}"
+            )
+        return self._chosen(role, [str(one) for one in pair], available, f"{_JOINED}; {choice.reason}")
+
+    def _accelerations_of(self, role: str, topic: str, candidates: Sequence[str]) -> str | None:
+        """The topic with the accelerations to the rates on ``topic``: as configured, otherwise a half by its name."""
+        configured = getattr(self._configured, f"{role}_acceleration")
+        if configured is not None:
+            return configured or None
+        halves = self._preview.halves
+        alone = [one for one in candidates if halves[one].has_accelerations and not halves[one].has_rates]
+        return nearest_by_name(topic, alone)
 
     def images(self) -> tuple[TopicChoice, TopicChoice]:
         """The left and the right image, whose names differ in one part (infra1/infra2, left/right, cam0/cam1).

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The topics that are read of one bag for one robot, role by role, and what the bag lacks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from coclo_vio.datasets.rosbag import message_types
@@ -14,6 +14,7 @@ from coclo_vio.datasets.rosbag.joints import (
     foot_entries,
     missing_joints,
 )
+from coclo_vio.datasets.rosbag.reading_parts import span_ns
 from coclo_vio.datasets.rosbag.topic_choice import TopicChoice, TopicChooser
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import BoolArray
@@ -56,16 +57,27 @@ class TopicRoles:
         joints: None without a robot.
         legs_by_topic: by wrench topic, the index of the leg whose foot it measures.
         foot_entries: by leg, the entry of the joint messages that holds its foot force.
+        parts: by topic, name of the part and stamp of its first messages (see ``BagPreview``).
     """
 
     choices: tuple[TopicChoice, ...]
     joints: BagJoints | None
     legs_by_topic: Mapping[str, int]
     foot_entries: Mapping[str, FootEntry]
+    parts: Mapping[str, tuple[tuple[str, int], ...]]
+
+    def span_ns(self, topics: Sequence[str]) -> int:
+        """How far apart the messages on ``topics`` come that are parts of one reading, ns."""
+        return span_ns([part for topic in topics for part in self.parts.get(topic, ())])
 
     def topic(self, role: str) -> str | None:
         """The topic of a role, or None."""
         return self.choice(role).topic
+
+    def acceleration_topic(self, role: str) -> str | None:
+        """The topic of the accelerations of ``imu`` or ``camera_imu``, where they are not with the rates; or None."""
+        topics = self.choice(role).topics
+        return topics[1] if len(topics) > 1 else None
 
     def choice(self, role: str) -> TopicChoice:
         """The choice for a role."""
@@ -99,7 +111,7 @@ def choose_roles(preview: BagPreview, robot: RobotDescription | None, config: Ro
     foot_choice, feet, entries = _feet(preview, robot, config, chooser, joint_choice)
     choices = (joint_choice, imu, camera_imu, left, right, *infos, chooser.ground_truth(), foot_choice)
     legs = () if robot is None else robot.leg_names
-    return TopicRoles(choices, joints, {topic: legs.index(leg) for leg, topic in feet.items()}, entries)
+    return TopicRoles(choices, joints, {topic: legs.index(leg) for leg, topic in feet.items()}, entries, preview.parts)
 
 
 def _joints(
@@ -168,6 +180,15 @@ def notes_of(roles: TopicRoles) -> list[str]:
         choice = roles.choice(role)
         if choice.topic is None:
             notes.append(f"no {role.replace('_', ' ')}: {choice.reason}")
+    for role in ("imu", "camera_imu"):
+        acceleration = roles.acceleration_topic(role)
+        if acceleration is not None:
+            notes.append(
+                f"{role}: rates of {roles.topic(role)} and accelerations of {acceleration} are joined, the "
+                "accelerations interpolated to the stamps of the rates"
+            )
+    if roles.choice("camera_imu").topic is None and roles.choice("camera_imu").reason.startswith("only half"):
+        notes.append(f"no camera imu: {roles.choice('camera_imu').reason}")
     taken = {topic for choice in roles.choices for topic in choice.topics}
     for role in ("imu", "ground_truth"):
         choice = roles.choice(role)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Calibrations and ground truth of a bag: mountings, intrinsics, noise, the tracked body; files of Kalibr."""
 
+import sqlite3
+
 import numpy as np
 import pytest
 import yaml
@@ -125,7 +127,7 @@ def test_cameras_without_a_mounting_are_noted_and_have_no_calibration(bag, biped
 def test_noise_is_read_from_covariances_by_the_rate(bag, biped):
     for i in range(20):
         variance = (4e-6 * 100,) + (0.0,) * 3 + (4e-6 * 100,) + (0.0,) * 3 + (4e-6 * 100,)
-        fields = {"angular_velocity_covariance": variance, "linear_acceleration_covariance": (-1.0,) + (0.0,) * 8}
+        fields = {"angular_velocity_covariance": variance, "linear_acceleration_covariance": (0.0,) * 9}
         bag.add_imu(START_NS + i * STEP_NS, header__frame_id="imu_link", **fields)
     bag.add_tf(bag.transform("base_link", "imu_link", (0.1, 0.2, 0.3), TURNED))
     imu = open_dataset(bag.write(), biped).imu_calibration()
@@ -297,3 +299,35 @@ def test_a_topic_that_holds_no_pose_is_refused(bag, biped):
     config = configured("topics.ground_truth=/imu", "types={/imu: geometry_msgs/msg/PoseStamped}")
     with pytest.raises(DatasetError, match="/imu holds no pose"):
         open_dataset(bag.write(), biped, config).ground_truth()
+
+
+def test_a_time_shift_of_seconds_is_one_sentence(tmp_path, bag, biped):
+    seeing(bag)
+    path = camchain(tmp_path)
+    path.write_text(path.read_text().replace("timeshift_cam_imu: 0.0125", "timeshift_cam_imu: 6.0"))
+    dataset = open_dataset(bag.write(), biped, configured(f"kalibr.camchain={path}"))
+    with pytest.raises(CalibrationMissing, match=r"camchain\.yaml: time_offset_s = 6\.0: .*or equal to 1;") as error:
+        dataset.stereo_calibration()
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("model", ["omnidirectional", "double_sphere", "Inverse Brown Conrady"])
+@pytest.mark.parametrize("coefficients", [(), (0.0,) * 5, (0.1, 0.2, 0.0, 0.0)])
+def test_an_unknown_lens_is_not_read_as_a_pinhole(bag, biped, model, coefficients):
+    for side in ("left", "right"):
+        add_camera(bag, side, f"{side}_optical", distortion_model=model, d=coefficients)
+    bag.add_tf(bag.transform("base_link", "left_optical", (0.0, 0.1, 0.0), TURNED))
+    with pytest.raises(CalibrationMissing, match=f"distortion '{model}' .* is not supported"):
+        open_dataset(bag.write(), biped).stereo_calibration()
+
+
+def test_a_calibration_of_a_bag_whose_first_messages_cannot_be_decoded_is_none(tmp_path, biped):
+    bag = TinyBag(tmp_path / "walk.db3")
+    for i in range(5):
+        bag.add_imu(START_NS + i * STEP_NS)
+    path = bag.write()
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE messages SET data = substr(data, 1, 60)")
+    dataset = open_dataset(path, biped, DatasetConfig(allow_partial=True))
+    assert dataset.imu_calibration() is None
+    assert dataset.stereo_calibration() is None

@@ -94,3 +94,22 @@ def test_a_camera_that_stops_does_not_hold_the_images_of_the_other(mcap, biped):
     report = open_dataset(mcap.write(), biped).report()
     assert report.stream("stereo").samples == 1
     assert report.dropped == {"/left/image_raw: no image of the other camera at this stamp": 199}
+
+
+@pytest.mark.parametrize("apart_ms", [4, 16])
+def test_stamps_that_never_meet_are_noted_with_their_difference_and_the_setting(tmp_path, apart_ms):
+    bag = TinyBag(tmp_path / "walk.mcap")
+    for i in range(20):
+        for side, late_ns in (("left", 0), ("right", apart_ms * 1_000_000)):
+            pixels = np.full((2, 2), i, dtype=np.uint8)
+            bag.add_image(START_NS + i * 5 * STEP_NS + late_ns, f"/{side}/image", pixels)
+    path = bag.write()
+    sentence = (
+        rf"left and right images: 0 of 40 have a partner; .* {apart_ms} ms apart .*dataset\.rosbag\.pair_tolerance_s"
+    )
+    with pytest.raises(DatasetError, match=sentence):
+        open_dataset(path, None).report()
+    config = DatasetConfig.parse(parse_settings(["rosbag.pair_tolerance_s=0.02"]), "test")
+    report = open_dataset(path, None, config).report()
+    assert report.stream("stereo").samples == 20
+    assert not any("have a partner" in note for note in report.notes)

@@ -18,10 +18,12 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from coclo_vio.datasets.rosbag.storage import files
-from coclo_vio.values.errors import DatasetError, TimestampError
+from coclo_vio.datasets.rosbag.storage.storage import Storage
+from coclo_vio.values.errors import DatasetError, TimestampError, shortened
 from coclo_vio.values.units import NS_PER_S
 
 _IDL_RULE = "=" * 80 + "\n"
+_SERIALIZATIONS = ("cdr", "ros1")
 _MOST_DEFINITIONS = 64  # of messages, whose compiled decoders are kept
 
 
@@ -50,6 +52,7 @@ class BagFile:
         is_ros1: whether it is a ROS 1 bag.
         topics: the topics by name.
         damage: what is damaged, or None for a bag that could be read so far.
+        notes: sentences on what is odd about the files.
     """
 
     def __init__(self, path: Path, *, allow_partial: bool) -> None:
@@ -65,14 +68,21 @@ class BagFile:
         self.path = files.bag_in(path)
         self.is_ros1 = files.is_ros1(self.path)
         self.damage: str | None = None
+        self.notes: list[str] = []
         self._is_cut = False
         self._allow_partial = allow_partial
         self._types: dict[str, tuple[str, Typestore | None]] = {}
-        connections = self._survey()
+        connections = self._readable(self._survey())
         self._definitions = {connection.topic: connection for connection in reversed(connections)}
         counts: Counter[str] = Counter()
         for connection in connections:
-            counts[connection.topic] += connection.msgcount
+            if self._is_read(connection):
+                counts[connection.topic] += connection.msgcount
+            else:
+                read = self._definitions[connection.topic].msgtype
+                self.notes.append(
+                    f"{connection.topic} has messages of two types; those of {read} are read, not {connection.msgtype}"
+                )
         self.topics = {
             name: BagTopic(name, self._definitions[name].msgtype, counts[name]) for name in sorted(self._definitions)
         }
@@ -112,6 +122,8 @@ class BagFile:
         """
         try:
             msgtype, store = self._typed(topic)
+            if msgtype not in store.fielddefs:
+                raise LookupError(f"the bag has no definition of {msgtype}; record it as MCAP, which has them")
             return store.deserialize_ros1(data, msgtype) if self.is_ros1 else store.deserialize_cdr(data, msgtype)
         except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
             raise DatasetError(
@@ -136,24 +148,73 @@ class BagFile:
             raise TimestampError(f"{self.path}: a message on {topic} is too short to have a stamp") from error
         return int(seconds) * NS_PER_S + int(nanoseconds)
 
+    def readable_stamp_ns(self, message: RawMessage) -> int | None:
+        """The stamp in a message's header, or the time of its arrival where that is 0; None where it has none.
+
+        Raises:
+            TimestampError: the message is too short to have one, and partial reading is not allowed.
+        """
+        try:
+            return self.header_stamp_ns(message.topic, message.data) or message.received_ns
+        except DatasetError:
+            if not self._allow_partial:
+                raise
+            return None
+
+    def is_stamped_on_arrival(self, message: RawMessage) -> bool:
+        """Whether a message's time is that of its arrival, whatever the configuration: it has no header."""
+        return False
+
     def _survey(self) -> list[Connection]:
         """The connections of all files; determines whether the bag is sound."""
         try:
             files.check_lengths(self.path)
             return self._connections(files.sound_readers(self.path))
         except Exception as error:
-            self.damage = f"the bag is damaged or cut off ({files.reason_of(error)})"
+            reason = files.reason_of(error)
+            if files.is_foreign(reason):
+                raise DatasetError(f"{self.path} is not a bag of ROS: {reason}") from error
+            self.damage = f"the bag is damaged or cut off ({reason})"
             if not self._allow_partial:
                 raise self._damaged() from error
         self._is_cut = True
         try:
             return self._connections(files.partial_readers(self.path))
         except Exception as error:
-            raise DatasetError(
-                f"nothing can be read of {self.path}: {files.reason_of(error)}; copy it again"
-            ) from error
+            reason = files.reason_of(error)
+            if files.is_foreign(reason):
+                raise DatasetError(f"{self.path} is not a bag of ROS: {reason}") from error
+            raise DatasetError(f"nothing can be read of {self.path}: {reason}; copy it again") from error
 
-    def _connections(self, storages: list[files.Storage]) -> list[Connection]:
+    def _readable(self, connections: list[Connection]) -> list[Connection]:
+        """Those of a serialization that is read; notes on the others, and on metadata that does not fit the files.
+
+        Raises:
+            DatasetError: there is none.
+        """
+        formats = [getattr(each.ext, "serialization_format", "") or "cdr" for each in connections]
+        known = [each for each, form in zip(connections, formats, strict=True) if form in _SERIALIZATIONS]
+        others = sorted(set(formats) - set(_SERIALIZATIONS))
+        if others and not known:
+            raise DatasetError(
+                f"{self.path}: its messages are serialized as {', '.join(map(shortened, others))}; only cdr, the "
+                "format of ROS 2, is read: record it again with the default rmw_serialization_format"
+            )
+        if others:
+            self.notes.append(f"topics serialized as {', '.join(map(shortened, others))} are not read, only cdr")
+        metadata = files.metadata_of(self.path)
+        count = sum(each.msgcount for each in connections)
+        self.notes += metadata.notes
+        if metadata.messages is not None and count and metadata.messages != count:
+            self.notes.append(f"metadata.yaml counts {metadata.messages} messages, the files hold {count}")
+        return known
+
+    def _is_read(self, connection: Connection) -> bool:
+        """Whether a connection has the type of its topic, which another connection may have set."""
+        known = self._definitions.get(connection.topic)
+        return known is not None and known.msgtype == connection.msgtype
+
+    def _connections(self, storages: list[Storage]) -> list[Connection]:
         found = []
         for storage in storages:
             storage.open()
@@ -163,11 +224,11 @@ class BagFile:
                 storage.close()
         return found
 
-    def _storages(self) -> list[files.Storage]:
+    def _storages(self) -> list[Storage]:
         return files.partial_readers(self.path) if self._is_cut else files.sound_readers(self.path)
 
-    def _messages_of(self, storage: files.Storage, names: Collection[str]) -> Iterator[RawMessage]:
-        connections = [connection for connection in storage.connections if connection.topic in names]
+    def _messages_of(self, storage: Storage, names: Collection[str]) -> Iterator[RawMessage]:
+        connections = [each for each in storage.connections if each.topic in names and self._is_read(each)]
         if not connections:
             return
         stream = storage.messages(connections)

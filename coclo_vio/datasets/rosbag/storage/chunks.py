@@ -7,6 +7,7 @@ format 2.0", wiki.ros.org/Bags/Format/2.0.
 """
 
 import heapq
+import os
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator
 from contextlib import suppress
@@ -15,7 +16,6 @@ from io import BytesIO
 from pathlib import Path
 
 from rosbags.interfaces import Connection
-from rosbags.interfaces.typing import RPath
 from rosbags.rosbag1.reader import (
     Chunk,
     ChunkInfo,
@@ -28,7 +28,8 @@ from rosbags.rosbag1.reader import (
     read_uint32,
 )
 
-from coclo_vio.datasets.rosbag.storage.unpack import unpacked_prefix
+from coclo_vio.datasets.rosbag.storage.sized_file import SizedFile, SizedPath
+from coclo_vio.datasets.rosbag.storage.unpack import check_size, unpacked, unpacked_prefix
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _NO_TIME_NS = 2**63 - 1
@@ -39,6 +40,9 @@ class ChunkReader(Reader):
     """A ROS 1 bag: messages in the order of arrival, one chunk in memory at a time."""
 
     _may_break = False
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(SizedPath(path))
 
     def open(self) -> None:
         """Read the table of chunks.
@@ -51,6 +55,20 @@ class ChunkReader(Reader):
         for info in self.chunk_infos:
             counts.update(info.connection_counts)
         self.connections = [connection._replace(msgcount=counts[connection.id]) for connection in self.connections]
+
+    def read_chunk(self) -> Chunk:
+        """Place and size of the chunk at the current position, and how it is unpacked.
+
+        Raises:
+            ReaderError: the header is damaged.
+        """
+        if self.bio is None:
+            raise ReaderError("the bag is not open")
+        header = Header.read(self.bio, RecordType.CHUNK)
+        compression, size, packed = header.get_string("compression"), header.get_uint32("size"), read_uint32(self.bio)
+        datapos = self.bio.tell()
+        self.bio.seek(packed, os.SEEK_CUR)
+        return Chunk(packed, datapos, partial(unpacked, compression, size=size))
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
         """Skip the index of single messages, which is not needed here."""
@@ -88,6 +106,7 @@ class ChunkReader(Reader):
         if self.bio is None:
             raise ReaderError("the bag is not open")
         self.bio.seek(chunk.datapos)
+        check_size(chunk.datasize)
         return BytesIO(chunk.decompressor(read_bytes(self.bio, chunk.datasize)))
 
 
@@ -100,7 +119,7 @@ class CutChunkReader(ChunkReader):
 
     _may_break = True
 
-    def __init__(self, path: str | RPath) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.break_pos = 0
 
@@ -110,7 +129,7 @@ class CutChunkReader(ChunkReader):
         Raises:
             ReaderError: not a ROS 1 bag, or no message in it.
         """
-        self.bio = Path(str(self.path)).open("rb")  # noqa: SIM115 -- closed by close()
+        self.bio = SizedFile(Path(str(self.path)))
         if self.bio.readline() != _MAGIC:
             raise ReaderError("it does not begin with the magic bytes of a ROS 1 bag")
         with suppress(ReaderError, OSError, EOFError, ValueError, RuntimeError):
@@ -138,6 +157,7 @@ class CutChunkReader(ChunkReader):
             read_bytes(self.bio, read_uint32(self.bio))
             return
         size, datapos = read_uint32(self.bio), self.bio.tell()
+        check_size(size)
         available = len(self.bio.read(size))
         self.chunks[pos] = Chunk(available, datapos, partial(unpacked_prefix, header.get_string("compression")))
         self._survey(pos, self.chunks[pos])

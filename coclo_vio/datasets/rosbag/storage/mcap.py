@@ -8,21 +8,36 @@ import os
 import struct
 from collections import Counter
 from collections.abc import Collection, Generator
+from functools import partial
 from io import BytesIO
+from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from rosbags.interfaces import Connection
 from rosbags.interfaces.typing import RPath
 from rosbags.rosbag2.errors import ReaderError
-from rosbags.rosbag2.storage_mcap import McapReader, decompress
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
 
-from coclo_vio.datasets.rosbag.storage.unpack import unpacked_prefix
+from coclo_vio.datasets.rosbag.storage.unpack import unpacked, unpacked_prefix
 
 _MAGIC = b"\x89MCAP0\r\n"
 _CHUNK, _DATA_END = 0x06, 0x0F
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _Message = tuple[Connection, int, bytes]
+
+
+# Those of the library unpack whatever a chunk expands to; they are given its recorded size and do not use it.
+DECOMPRESSORS.update({name: partial(unpacked, name) for name in DECOMPRESSORS})
+
+
+def has_profile_of_ros2(path: Path) -> bool:
+    """Whether an MCAP file says that it is of ROS 2; other recorders write files of ROS 2 without saying so."""
+    with path.open("rb") as file:
+        head = file.read(len(_MAGIC) + _RECORD.size + 64)
+    start = len(_MAGIC) + _RECORD.size
+    (length,) = struct.unpack_from("<I", head.ljust(start + 4, b"\0"), start)
+    return not head.startswith(_MAGIC) or head[start + 4 : start + 4 + length] == b"ros2"
 
 
 class _Span(NamedTuple):
@@ -137,8 +152,9 @@ def _unpacked_prefix(body: bytes) -> bytes:
 def _end_of_complete_records(data: bytes) -> int:
     end = 0
     while end + _RECORD.size <= len(data):
-        after = end + _RECORD.size + _RECORD.unpack_from(data, end)[1]
-        if after > len(data):
+        op, size = _RECORD.unpack_from(data, end)
+        after = end + _RECORD.size + size
+        if op == 0 or after > len(data):  # there is no record of the kind 0
             break
         end = after
     return end

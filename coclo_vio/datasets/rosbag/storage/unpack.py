@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The part of a compressed chunk that can be unpacked, where the chunk was cut off or damaged."""
+"""Compressed chunks unpacked within bounds, whole or, where one was cut off or damaged, as far as it can be."""
 
 import bz2
 import sys
-from collections.abc import Callable
+from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
@@ -12,11 +12,58 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
+__all__ = ["MOST_UNPACKED", "check_size", "unpacked", "unpacked_prefix", "zstd"]
+
+MOST_UNPACKED = 128 * 2**20
+"""Bytes of one chunk; recorders close a chunk of a few megabytes, and 48 kB can expand to gigabytes."""
+
+_MOST_OF_PREFIX = 32 * 2**20
 _PIECE = 1024  # bytes; at most this much is lost before the damage
 
 
+def check_size(size: int) -> None:
+    """Check the size of a chunk, or of a message.
+
+    Raises:
+        ValueError: it is larger than ``MOST_UNPACKED``.
+    """
+    if size > MOST_UNPACKED:
+        raise ValueError(
+            f"a chunk of {size / 2**20:.0f} MB is larger than the {MOST_UNPACKED // 2**20} MB that are read"
+        )
+
+
+def unpacked(compression: str, data: bytes, size: int | None) -> bytes:
+    """A whole chunk.
+
+    Args:
+        compression: ``none`` or empty, ``bz2``, ``lz4``, ``zstd``.
+        data: the compressed bytes.
+        size: the size of the result as recorded; None where it is not.
+
+    Raises:
+        ValueError: an unknown compression, damaged data, or a result that is too large or not of that size.
+    """
+    check_size(max(len(data), size or 0))
+    if compression in {"", "none"}:
+        return data
+    most = MOST_UNPACKED if size is None else size
+    parts, length = [], 0
+    while data and length <= most:
+        frame = _decompressor(compression)
+        part = _of_frame(frame, data, most + 1 - length)
+        parts.append(part)
+        length += len(part)
+        if not frame.eof:
+            break
+        data = frame.unused_data or b""
+    if length > most or (size is not None and length != size):
+        raise ValueError(f"a chunk of {compression} does not unpack to its recorded size of {most} bytes")
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
 def unpacked_prefix(compression: str, data: bytes) -> bytes:
-    """The unpacked data up to the end or the damage.
+    """The unpacked data up to the end, the damage, or 32 MB.
 
     Args:
         compression: ``none`` or empty, ``bz2``, ``lz4`` (ROS 1), ``zstd`` (MCAP).
@@ -27,22 +74,41 @@ def unpacked_prefix(compression: str, data: bytes) -> bytes:
     """
     if compression in {"", "none"}:
         return data
-    decompress = _decompressor(compression)
+    frame = _decompressor(compression)
     unpacked = bytearray()
     for start in range(0, len(data), _PIECE):
         try:
-            unpacked += decompress(data[start : start + _PIECE])
+            unpacked += frame.decompress(data[start : start + _PIECE], _MOST_OF_PREFIX + 1 - len(unpacked))
         except Exception:  # each library has its own error for damaged data
+            break
+        if len(unpacked) > _MOST_OF_PREFIX:
             break
     return bytes(unpacked)
 
 
-def _decompressor(compression: str) -> Callable[[bytes], bytes]:
+def _of_frame(frame: Any, data: bytes, most: int) -> bytes:
+    """At most so many bytes of one frame."""
+    parts, left = [], most
+    while left > 0:
+        try:
+            part = frame.decompress(data, left)
+        except Exception as error:  # each library has its own error for damaged data
+            raise ValueError(f"a chunk cannot be unpacked: {error}") from error
+        data = b""
+        parts.append(part)
+        left -= len(part)
+        if frame.eof or not part:
+            break
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _decompressor(compression: str) -> Any:
+    """An object with ``decompress``, ``eof`` and ``unused_data`` of one frame."""
     match compression:
         case "bz2":
-            return bz2.BZ2Decompressor().decompress
+            return bz2.BZ2Decompressor()
         case "lz4":
-            return LZ4FrameDecompressor().decompress  # type: ignore[no-any-return]
+            return LZ4FrameDecompressor()
         case "zstd":
-            return zstd.ZstdDecompressor().decompress
+            return zstd.ZstdDecompressor()
     raise ValueError(f"compression {compression!r} is not supported; supported are none, bz2, lz4 and zstd")

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag in which fields of messages of any type are read as Imu, JointState and WrenchStamped.
+
+Each reading that ``dataset.rosbag.fields`` names becomes a topic of its own, such as ``/lowstate as imu``, beside those
+of the bag. A message without a header has the time at which the bag received it.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coclo_vio.datasets.rosbag.config import RosbagConfig
+from coclo_vio.datasets.rosbag.field_paths import FieldsConfig, ImuFields, JointFields, numbers_at
+from coclo_vio.datasets.rosbag.message_types import IMU, JOINT_STATE, WRENCH
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, BagTopic, RawMessage
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.errors import DatasetError, TopicNotFound, listing
+
+_UNKNOWN = np.zeros(9)
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    frame_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Vector:
+    x: float
+    y: float
+    z: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Imu:
+    """The fields of Imu that are read."""
+
+    header: _Header
+    angular_velocity: _Vector
+    linear_acceleration: _Vector
+    angular_velocity_covariance: Array = field(default_factory=lambda: _UNKNOWN)
+    linear_acceleration_covariance: Array = field(default_factory=lambda: _UNKNOWN)
+
+
+@dataclass(frozen=True, slots=True)
+class _JointState:
+    """The fields of JointState that are read."""
+
+    header: _Header
+    name: list[str]
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Wrench:
+    force: _Vector
+
+
+@dataclass(frozen=True, slots=True)
+class _WrenchStamped:
+    """The fields of WrenchStamped that are read."""
+
+    header: _Header
+    wrench: _Wrench
+
+
+@dataclass(frozen=True, slots=True)
+class _Role:
+    """A reading in the messages of a topic: its type, and which leg's where it is a foot force."""
+
+    topic: str
+    msgtype: str
+    fields: Any
+    leg: int = 0
+
+
+class MappedBag(BagFile):
+    """A bag with topics made of fields."""
+
+    def __init__(
+        self, path: Path, config: RosbagConfig, robot: RobotDescription | None, *, allow_partial: bool
+    ) -> None:
+        """List the topics.
+
+        Raises:
+            TopicNotFound: a topic of ``config.fields`` is not in the bag.
+            DatasetError: the bag is damaged and ``allow_partial`` is not set.
+        """
+        super().__init__(path, allow_partial=allow_partial)
+        self._robot = robot
+        self._roles = _roles(config.fields, robot)
+        self._has_header: dict[str, bool] = {}
+        self._decoded: tuple[str, bytes, Any] = ("", b"", None)
+        for name, role in self._roles.items():
+            if role.topic not in self.topics:
+                raise TopicNotFound(
+                    f"{self.path} has no topic {role.topic}, which dataset.rosbag.fields names; those there are: "
+                    f"{listing(self.topics)}"
+                )
+            self.topics[name] = BagTopic(name, role.msgtype, self.topics[role.topic].count)
+
+    def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
+        """As ``BagFile.messages``; a message is passed on once for each topic that is made of its fields."""
+        made = {name: self._roles[name].topic for name in names if name in self._roles}
+        for message in super().messages({*(set(names) - set(made)), *made.values()}):
+            if message.topic in names:
+                yield message
+            for name, topic in made.items():
+                if topic == message.topic:
+                    yield message._replace(topic=name)
+
+    def decoded(self, topic: str, data: bytes) -> Any:
+        """As ``BagFile.decoded``; of a topic made of fields a message with those that are read of its type.
+
+        Raises:
+            DatasetError: the bytes do not fit the type, or the type has no such fields.
+        """
+        role = self._roles.get(topic)
+        if role is None:
+            return super().decoded(topic, data)
+        message = self._source(role.topic, data)
+        header = getattr(message, "header", None)
+        frame = str(getattr(header, "frame_id", ""))
+        match role.fields:
+            case ImuFields() as imu:
+                rate, force = (_three(message, path, role.topic) for path in (imu.gyroscope, imu.accelerometer))
+                return _Imu(_Header(imu.frame or frame), rate, force)
+            case JointFields() as joints:
+                return self._joints(message, joints, frame)
+        forces = numbers_at(message, role.fields.force, role.topic)
+        if role.leg >= len(forces):
+            raise DatasetError(
+                f"{role.fields.force} of the messages on {role.topic} holds {len(forces)} forces, fewer than there are "
+                "legs; name its legs in dataset.rosbag.fields.foot_force.legs"
+            )
+        return _WrenchStamped(_Header(frame), _Wrench(_Vector(0.0, 0.0, float(forces[role.leg]))))
+
+    def header_stamp_ns(self, topic: str, data: bytes) -> int:
+        """As ``BagFile.header_stamp_ns``; 0 for a message without a header."""
+        role = self._roles.get(topic)
+        if role is None:
+            return super().header_stamp_ns(topic, data)
+        return super().header_stamp_ns(role.topic, data) if self._with_header(role.topic, data) else 0
+
+    def is_stamped_on_arrival(self, message: RawMessage) -> bool:
+        """Whether the message has no header, so that its time is that of its arrival."""
+        role = self._roles.get(message.topic)
+        return role is not None and not self._with_header(role.topic, message.data)
+
+    def _with_header(self, topic: str, data: bytes) -> bool:
+        if topic not in self._has_header:
+            first = next(iter(vars_of(self._source(topic, data))), "")
+            self._has_header[topic] = first == "header"
+            if first != "header":
+                self.notes.append(
+                    f"the messages on {topic} have no header: they are stamped with the time at which the bag received "
+                    "them"
+                )
+        return self._has_header[topic]
+
+    def _source(self, topic: str, data: bytes) -> Any:
+        """The message of the bag, decoded once for all topics that are made of it."""
+        known, of, message = self._decoded
+        if known != topic or of is not data:
+            message = super().decoded(topic, data)
+            self._decoded = topic, data, message
+        return message
+
+    def _joints(self, message: Any, joints: JointFields, frame: str) -> _JointState:
+        readings = [
+            np.zeros(0) if path is None else numbers_at(message, path, joints.topic)
+            for path in (joints.position, joints.velocity, joints.effort)
+        ]
+        names = list(joints.names or (() if self._robot is None else self._robot.joint_names))
+        if names and len(names) != len(readings[0]):
+            raise DatasetError(
+                f"{joints.position} of the messages on {joints.topic} holds {len(readings[0])} angles, but there are "
+                f"{len(names)} names of joints; correct dataset.rosbag.fields.joints"
+            )
+        return _JointState(_Header(frame), names, *readings)
+
+
+def with_topics(config: RosbagConfig, robot: RobotDescription | None) -> RosbagConfig:
+    """The configuration with the topics made of fields in their roles, and a topic of each foot."""
+    roles = _roles(config.fields, robot)
+    if not roles:
+        return config
+    topics: dict[str, Any] = {}
+    feet: dict[str, str] = {}
+    for name, role in roles.items():
+        match role.msgtype:
+            case "sensor_msgs/msg/Imu":
+                topics[name.rpartition(" ")[2]] = name
+            case "sensor_msgs/msg/JointState":
+                topics["joints"] = (name,)
+            case _:
+                feet[name.rpartition(" ")[2]] = name
+    topics |= {"foot_force": feet} if feet else {}
+    changes = {"topics": config.topics.model_copy(update=topics)}
+    return config.model_copy(update=changes | ({"foot_force_component": "z"} if feet else {}))
+
+
+def vars_of(message: Any) -> tuple[str, ...]:
+    """The names of a message's fields, in order."""
+    return tuple(name for name in getattr(message, "__dataclass_fields__", ()) if not name.startswith("__"))
+
+
+def _roles(config: FieldsConfig, robot: RobotDescription | None) -> dict[str, _Role]:
+    roles = {}
+    for name, imu in (("imu", config.imu), ("camera_imu", config.camera_imu)):
+        if imu is not None:
+            roles[f"{imu.topic} as {name}"] = _Role(imu.topic, IMU, imu)
+    if config.joints is not None:
+        roles[f"{config.joints.topic} as joints"] = _Role(config.joints.topic, JOINT_STATE, config.joints)
+    feet = config.foot_force
+    if feet is not None:
+        for number, leg in enumerate(feet.legs or (() if robot is None else robot.leg_names)):
+            roles[f"{feet.topic} as foot {leg}"] = _Role(feet.topic, WRENCH, feet, number)
+    return roles
+
+
+def _three(message: Any, path: str, topic: str) -> _Vector:
+    numbers = numbers_at(message, path, topic)
+    if len(numbers) != 3:
+        raise DatasetError(
+            f"{path} of the messages on {topic} holds {len(numbers)} numbers, not the 3 of an IMU; correct "
+            "dataset.rosbag.fields"
+        )
+    return _Vector(*(float(number) for number in numbers))
