@@ -29,6 +29,11 @@ class LegMotion:
     rate: Array
     body_rate: Array | None
 
+    def every(self, n: int) -> "LegMotion":
+        """Every n-th of the times."""
+        body_rate = None if self.body_rate is None else self.body_rate[::n]
+        return LegMotion(self.position[::n], self.rate[::n], body_rate)
+
 
 def seconds_of(stamps_ns: IntArray, first_ns: int) -> Array:
     """Seconds since ``first_ns``, (N,)."""
@@ -95,7 +100,7 @@ def up_body_at(evidence: Evidence, joints: JointRecord, rows: IntArray) -> Array
     s, at = seconds_of(imu.stamps_ns, first_ns), seconds_of(joints.stamps_ns[rows], first_ns)
     total = integral(s, imu.force)
     mean = _between(at - 0.5, at + 0.5, s, total) @ rotation_body_imu(evidence).T
-    return mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9))
 
 
 def _mean_rate(evidence: Evidence, imu: InertialRecord, start_ns: IntArray, end_ns: IntArray) -> Array:
