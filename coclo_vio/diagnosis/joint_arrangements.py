@@ -141,7 +141,7 @@ def _leg_orders(robot: RobotModel) -> Iterator[tuple[int, ...]]:
     for mirror in ((1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
         distances = np.linalg.norm(hips[:, None] * np.array(mirror) - hips[None], axis=2)
         found.append(tuple(np.argmin(distances, axis=1).tolist()))
-    by_side = np.lexsort((legs, hips[:, 1] < 0.0))
+    by_side = np.argsort(hips[:, 1] < 0.0, kind="stable")
     found += [legs[::-1], tuple(by_side.tolist()), tuple(np.argsort(by_side).tolist())]
     yield from (order for order in dict.fromkeys(found) if order != legs and sorted(order) == list(legs))
 

@@ -70,7 +70,8 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             "contact_force_absent",
             Stage.CONTACT,
             "foot_force",
-            "there are no foot forces, but contact.source is force_sensor: no foot is ever in stance; record them, or where "
+            "there are no foot forces, but contact.source is force_sensor: no foot is ever in stance; record them, or "
+            "where "
             "joints have torques set robot.contact.source=torque with its thresholds",
         )
         return
@@ -82,7 +83,8 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             "contact_force_constant",
             Stage.CONTACT,
             "foot_force",
-            f"the forces of all {len(legs)} feet never change in {len(record.force):,} samples while the legs step: they are "
+            f"the forces of all {len(legs)} feet never change in {len(record.force):,} samples while the legs step: "
+            "they are "
             "not measured; record them, or set robot.contact.source=torque with its thresholds",
         )
     elif is_constant.any():
@@ -92,7 +94,8 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             "contact_force_constant",
             Stage.CONTACT,
             "foot_force",
-            f"the force of foot {listing(names)} is {value:.4g} in all {len(record.force):,} samples while its leg steps: a "
+            f"the force of foot {listing(names)} is {value:.4g} in all {len(record.force):,} samples while its leg "
+            "steps: a "
             "dead sensor; repair it, or leave the leg out (dataset.corrections.joints.left_out)",
         )
 
@@ -205,6 +208,7 @@ def _single_feet(loads: _Loads, config: ContactConfig, robot: RobotModel, share:
                 f"contact_foot_{what}",
                 Stage.CONTACT,
                 loads.streams,
-                f"foot {robot.leg_names[leg]} is {what} in stance while the others step: its load is {low:.3g} to {high:.3g} "
+                f"foot {robot.leg_names[leg]} is {what} in stance while the others step: its load is {low:.3g} to "
+                f"{high:.3g} "
                 f"(5 to 95 %), stance {limit}; check its sensor, its leg's joints and the thresholds (robot.contact)",
             )

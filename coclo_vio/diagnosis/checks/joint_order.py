@@ -72,6 +72,17 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     yield _finding(robot, found, start, now, rival)
 
 
+def keeps_distances(evidence: Evidence) -> bool:
+    """Whether standing feet keep their distances, so that order and signs of the joints may be right."""
+    robot, joints = evidence.robot, evidence.joints
+    if robot is None or joints is None or len(robot.leg_names) < 2:
+        return True
+    motion = leg_motion(evidence, _SAMPLES // _COARSE)
+    if motion is None or not np.isfinite(motion.position).all():
+        return True
+    return bool(_residuals(robot, motion).by_distance.max() < 2.0 * _SUSPICIOUS[1])
+
+
 def _best_step(
     robot: RobotModel, motion: LegMotion, base: Arrangement, now: _Residuals
 ) -> tuple[Arrangement, _Residuals, Arrangement | None] | None:
@@ -138,7 +149,8 @@ def _finding(
         "joint_order",
         Stage.JOINTS,
         "joints",
-        f"standing feet move relative to each other: the residual of legs {listing(robot.leg_names[leg] for leg in legs)} "
+        "standing feet move relative to each other: the residual of legs "
+        f"{listing(robot.leg_names[leg] for leg in legs)} "
         f"is {before:.2f} of the feet's speed and falls to {after:.2f} with {found.described(robot)}; set "
         f"{' and '.join(settings)}{doubt}{other}",
         *settings,

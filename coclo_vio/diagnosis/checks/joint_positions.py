@@ -49,7 +49,8 @@ def _units_and_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Findin
             "joint_position_unit",
             Stage.JOINTS,
             "joints",
-            f"the joint angles reach {largest:.4g}, which is beyond the limits of the URDF as radians and within them as "
+            f"the joint angles reach {largest:.4g}, which is beyond the limits of the URDF as radians and within them "
+            "as "
             "degrees: set dataset.corrections.joints.position_unit=deg",
             "dataset.corrections.joints.position_unit=deg",
             is_certain=True,
@@ -65,14 +66,23 @@ def _units_and_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Findin
     value = float(np.nanmedian(joints.position[:, worst]))
     is_most = np.count_nonzero(typical > _FAR_RAD) >= 0.5 * len(typical)
     report = error if is_most else warning
+    names = [robot.joint_names[joint] for joint in beyond]
+    negated = np.nanmedian(np.nan_to_num(_excess(-joints.position, robot, turns=True)), axis=0)[beyond]
+    signs = f"dataset.corrections.joints.signs={{{', '.join(f'{name}: -1' for name in names)}}}"
+    fits_negated = bool((negated == 0.0).all())
+    cure = (
+        f"with the opposite sign they would be within: set {signs}"
+        if fits_negated
+        else "correct the unit, zero, sign or order of the joints (dataset.corrections.joints) or the URDF"
+    )
     yield report(
         "joint_position_limits",
         Stage.JOINTS,
         "joints",
         f"{_counted(len(beyond), 'joint is', 'joints are')} beyond the limits of the URDF in most samples "
-        f"({listing(robot.joint_names[joint] for joint in beyond[:6])}): {robot.joint_names[worst]} is at {value:.3g} rad, "
-        f"its limits are {lower:.3g} and {upper:.3g}; correct the unit, zero, sign or order of the joints "
-        "(dataset.corrections.joints) or the URDF",
+        f"({listing(names[:6])}): {robot.joint_names[worst]} is at {value:.3g} "
+        f"rad, its limits are {lower:.3g} and {upper:.3g}; {cure}",
+        *((signs,) if fits_negated else ()),
     )
 
 
@@ -92,7 +102,8 @@ def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterat
                 Stage.JOINTS,
                 "joints",
                 f"the angles of all {int(has_reading.sum())} joints are the same in all {len(filled):,} samples "
-                f"({duration_s:.0f} s) although the gyroscope shows that the robot moves: they are not measured; record the "
+                f"({duration_s:.0f} s) although the gyroscope shows that the robot moves: they are not measured; "
+                "record the "
                 "joints, or run a mode without legs (--mode)",
             )
         return
@@ -109,7 +120,8 @@ def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterat
             "joint_still",
             Stage.JOINTS,
             "joints",
-            f"the angle of {listing(names)} is {joints.position[0, stuck[0]]:.4g} rad in all {len(filled):,} samples while "
+            f"the angle of {listing(names)} is {joints.position[0, stuck[0]]:.4g} rad in all {len(filled):,} samples "
+            "while "
             f"{'the rest of the leg' if others else 'other legs'} moves by up to "
             f"{max(others, default=np.nanmax(span)):.2g} rad: a dead encoder; leave leg {leg} out by {setting}",
             setting,
@@ -135,7 +147,7 @@ def _excess(position: Array, robot: RobotModel, *, turns: bool) -> Array:
         middle = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
         away = position - middle
         position = middle + away - 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-    return np.maximum(np.maximum(lower - position, position - upper), 0.0)
+    return np.asarray(np.maximum(np.maximum(lower - position, position - upper), 0.0))
 
 
 def _share_beyond(excess: Array) -> float:

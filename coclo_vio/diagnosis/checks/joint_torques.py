@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from coclo_vio.diagnosis.checks.joint_order import keeps_distances
 from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees
 from coclo_vio.diagnosis.evidence import Evidence, JointRecord
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
@@ -49,7 +50,7 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     if _USUAL[0] < share < _USUAL[1]:
         yield from _negative_legs(carried.mean(axis=0), weight, robot)
     else:
-        yield _wrong_share(share, weight)
+        yield _wrong_share(share, weight, is_certain=keeps_distances(evidence))
     yield from _beyond_limits(joints, robot)
 
 
@@ -99,19 +100,20 @@ def _dead(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
             "torque_dead",
             Stage.JOINTS,
             "joints",
-            f"the torque of {names} is {effort[0, is_dead][0]:.3g} Nm in all {len(effort):,} samples while those of other "
+            f"the torque of {names} is {effort[0, is_dead][0]:.3g} Nm in all {len(effort):,} samples while those of "
+            "other "
             "joints change: the load on this leg is wrong; repair the sensor, or leave the leg out by "
             f"dataset.corrections.joints.left_out=[{names}]",
         )
 
 
-def _wrong_share(share: float, weight: float) -> Finding:
+def _wrong_share(share: float, weight: float, *, is_certain: bool) -> Finding:
     said = (
         f"the joint torques say that the feet carry {share:.2g} times the robot's weight of {weight:.0f} N in the mean"
     )
     if -_SURE[1] < share < -_SURE[0]:
         text = f"{said}: they have the opposite sign of the motors' torques on the joints; set {_FACTOR}-1"
-        return error("torque_sign", Stage.JOINTS, "joints", text, f"{_FACTOR}-1", is_certain=True)
+        return error("torque_sign", Stage.JOINTS, "joints", text, f"{_FACTOR}-1", is_certain=is_certain)
     if _SURE[0] < share < _SURE[1]:
         text = f"{said} (1 expected): a motor constant or the masses of the URDF are off by this factor"
         return warning(
@@ -132,7 +134,8 @@ def _negative_legs(mean: Array, weight: float, robot: RobotModel) -> Iterator[Fi
             "torque_leg_sign",
             Stage.JOINTS,
             "joints",
-            f"by the joint torques leg {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean while the "
+            f"by the joint torques leg {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean "
+            "while the "
             "others push: the sign or the order of torques of this leg is wrong; correct it where they are recorded",
         )
 
@@ -146,6 +149,7 @@ def _beyond_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
             "torque_limits",
             Stage.JOINTS,
             "joints",
-            f"the torque of {robot.joint_names[worst]} reaches {largest[worst]:.3g} Nm, {ratio[worst]:.2g} times its limit "
+            f"the torque of {robot.joint_names[worst]} reaches {largest[worst]:.3g} Nm, {ratio[worst]:.2g} times its "
+            "limit "
             f"in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR} to the motor's constant",
         )

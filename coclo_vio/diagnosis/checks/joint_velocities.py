@@ -14,7 +14,6 @@ from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees
 from coclo_vio.diagnosis.evidence import Evidence, JointRecord
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.joint_series import integral, seconds_of
-from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.errors import listing
 
@@ -81,7 +80,8 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     in_degrees = is_in_degrees(joints, robot)
     if in_degrees:
         factor *= np.pi / 180.0
-    if abs(factor - 1.0) > _FACTOR_TOLERANCE:
+    is_usual = abs(factor / _FACTORS["deg/s"] - 1.0) < _FACTOR_TOLERANCE if in_degrees else False
+    if abs(factor - 1.0) > _FACTOR_TOLERANCE and not is_usual:  # with angles in degrees deg/s is the default
         yield _wrong_factor(factor, float(np.median(correlation)), in_degrees=in_degrees)
     yield from _odd_joints(names, correlation, slope / np.median(slope))
     late = _lag(joints, spans, compared)
@@ -119,7 +119,8 @@ def _compared(joints: JointRecord, spans: tuple[IntArray, int]) -> _Comparison |
 
 
 def _lag(joints: JointRecord, spans: tuple[IntArray, int], compared: _Comparison) -> tuple[float, float] | None:
-    """By how much the velocities are late, s, and the correlation then; None where no lag is clearly better than none."""
+    """By how much the velocities are late, s, and the correlation then; None where no lag is clearly better than "
+    "none."""
     first, length = spans
     s = seconds_of(joints.stamps_ns, int(joints.stamps_ns[0]))
     velocity = np.nan_to_num(joints.velocity[:, compared.joints])
@@ -157,7 +158,8 @@ def _zero(names: list[str], is_zero: BoolArray, joints: JointRecord, compared: _
         "joint_velocity_zero",
         Stage.JOINTS,
         "joints",
-        f"the velocities of {which} are zero in all {len(joints.stamps_ns):,} samples while their angles change by up to "
+        f"the velocities of {which} are zero in all {len(joints.stamps_ns):,} samples while their angles change by up "
+        "to "
         f"{moved:.2g} rad in 0.2 s: set {_FROM_POSITION}, which estimates them from the angles",
         _FROM_POSITION,
         is_certain=True,
@@ -181,18 +183,16 @@ def _wrong_factor(factor: float, correlation: float, *, in_degrees: bool) -> Fin
     said = f"the joint angles change at {factor:.3g} times the recorded velocities (correlation {correlation:.2f}"
     unit = next((name for name, known in _FACTORS.items() if abs(factor / known - 1.0) < _FACTOR_TOLERANCE), None)
     if unit is not None:
-        remedy = (_UNIT + unit,)
-        is_default = in_degrees and unit == "deg/s"
-        text = f"{said}), as velocities in {unit} do: set {remedy[0]}"
-        severity = warning if is_default else error
-        return severity("joint_velocity_unit", Stage.JOINTS, "joints", text, *remedy, is_certain=True)
+        text = f"{said}), as velocities in {unit} do: set {_UNIT}{unit}"
+        return error("joint_velocity_unit", Stage.JOINTS, "joints", text, _UNIT + unit, is_certain=True)
     if abs(factor * _FACTORS["deg/s"] - 1.0) < _FACTOR_TOLERANCE and not in_degrees:
         settings = ("dataset.corrections.joints.position_unit=deg", _UNIT + "rad/s")
         text = f"{said}), as angles in degrees with velocities in rad/s do: set {' and '.join(settings)}"
         return error("joint_velocity_unit", Stage.JOINTS, "joints", text, *settings)
     if abs(factor + 1.0) < _FACTOR_TOLERANCE:
         text = (
-            f"{said}): the velocities have the opposite sign of the angles; set {_FROM_POSITION}, which estimates them from "
+            f"{said}): the velocities have the opposite sign of the angles; set {_FROM_POSITION}, which estimates "
+            "them from "
             "the angles"
         )
         return error("joint_velocity_sign", Stage.JOINTS, "joints", text, _FROM_POSITION, is_certain=True)
@@ -230,7 +230,8 @@ def _late(lag_s: float) -> Finding:
         "joint_velocity_delay",
         Stage.JOINTS,
         "joints",
-        f"the velocities of the joints are {abs(lag_s):.2f} s {'late' if lag_s > 0 else 'early'} against their angles (0 "
+        f"the velocities of the joints are {abs(lag_s):.2f} s {'late' if lag_s > 0 else 'early'} against their angles "
+        "(0 "
         f"expected): a filter or another clock; set {_FROM_POSITION}, which estimates them from the angles",
         _FROM_POSITION,
         is_certain=True,
