@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees
-from coclo_vio.diagnosis.checks.joint_torques import vertical_loads
+from coclo_vio.diagnosis.checks.joint_torques import are_usual, missing_factor, silent, vertical_loads
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.joint_series import feet_of, leg_motion, thinned
@@ -50,14 +50,14 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     if config.source == "force_sensor":
         yield from _sensors(evidence, robot)
     loads = _loads(evidence, robot, config)
-    if loads is None:
+    if loads is None or _is_constant(loads.load).all():
         return
     share = loads.is_stance.mean(axis=0)
     is_stepping = _is_stepping(evidence, robot)
     if (share < _NEVER).all():
         yield _never(loads, config, robot)
     elif (share > _ALWAYS).all():
-        if is_stepping and not _is_constant(loads.load).all():
+        if is_stepping:
             yield _always(loads, config)
     elif is_stepping:
         yield from _single_feet(loads, config, robot, share)
@@ -65,7 +65,7 @@ def find(evidence: Evidence) -> Iterator[Finding]:
 
 def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
     record, legs = evidence.foot_force, robot.leg_names
-    if record is None:
+    if record is None or np.isnan(record.force).all():
         yield error(
             "contact_force_absent",
             Stage.CONTACT,
@@ -108,8 +108,10 @@ def _loads(evidence: Evidence, robot: RobotModel, config: ContactConfig) -> _Loa
         rows = thinned(record.stamps_ns, _RATE_HZ, _SAMPLES)
         stamps, load, streams = record.stamps_ns[rows], record.force[rows], "foot_force"
     else:
-        if joints is None or is_in_degrees(joints, robot) or not np.nan_to_num(joints.effort).any():
-            return None  # torques that are absent are reported as such
+        if joints is None or is_in_degrees(joints, robot) or silent(joints) is not None:
+            return None
+        if not are_usual(missing_factor(evidence, joints, robot)):
+            return None  # torques of no use are reported as such
         load = vertical_loads(evidence, joints, robot)
         stamps, streams = joints.stamps_ns[-len(load) :], "joints"
     if np.isnan(load).all() or len(load) < _LEAST_SAMPLES:
@@ -164,7 +166,7 @@ def _never(loads: _Loads, config: ContactConfig, robot: RobotModel) -> Finding:
         f"(5 to 95 %), stance begins at contact.on_force = {config.on_force:g}"
     )
     weight = robot.mass_kg * GRAVITY_MPS2
-    if high <= 0.0 or (low < -config.on_force and abs(low) > 3.0 * high):
+    if low < -0.1 * config.on_force and abs(low) > 3.0 * high:
         if loads.streams == "joints":
             return error("contact_never", Stage.CONTACT, "joints", f"{said}; correct the torques (effort_factor)")
         setting = "dataset.corrections.foot_force.factor=-1"

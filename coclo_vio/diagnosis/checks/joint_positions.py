@@ -35,9 +35,14 @@ def is_in_degrees(joints: JointRecord, robot: RobotModel) -> bool:
     has_limits = np.isfinite(robot.position_limits).all(axis=0) & np.isfinite(joints.position).any(axis=0)
     if not has_limits.any() or largest < _NOT_AN_ANGLE_RAD:
         return False
-    as_radians = _excess(joints.position, robot, turns=True)[:, has_limits]
     as_degrees = _excess(np.deg2rad(joints.position), robot, turns=False)[:, has_limits]
-    return bool(_share_beyond(as_radians) > 0.3 and _share_beyond(as_degrees) < 0.01)
+    if _share_beyond(as_degrees) > 0.01:
+        return False
+    low, high = np.nanquantile(joints.position[:, has_limits], (0.01, 0.99), axis=0)
+    lower, upper = robot.position_limits[:, has_limits]
+    is_wider = high - low > upper - lower + _MARGIN_RAD
+    as_radians = _excess(joints.position, robot, turns=True)[:, has_limits]
+    return bool(is_wider.mean() > 0.3 or _share_beyond(as_radians) > 0.15)
 
 
 def _units_and_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
@@ -125,6 +130,7 @@ def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterat
             f"{'the rest of the leg' if others else 'other legs'} moves by up to "
             f"{max(others, default=np.nanmax(span)):.2g} rad: a dead encoder; leave leg {leg} out by {setting}",
             setting,
+            is_certain=True,
         )
 
 

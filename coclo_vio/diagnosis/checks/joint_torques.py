@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Joint torques where contact is estimated from them: absent, zero, of another sign or unit than the robot's weight.
 
-Over a walk, as over a stand, the vertical forces of the ground carry the robot's weight in the mean, whatever the gait:
-the sum of those that the torques say, over the weight, is near one.
+Over a walk, as over a stand, the vertical forces of the ground carry the robot's weight in the mean, whatever the gait.
+Those forces are what the legs' own weight needs plus what the torques say, so that the factor follows by which the
+torques have to be multiplied: one where they are in Nm and of the right sign.
 """
 
 from collections.abc import Iterator
@@ -22,7 +23,7 @@ from coclo_vio.values.units import GRAVITY_MPS2
 _FACTOR = "dataset.corrections.joints.effort_factor="
 _RATE_HZ = 10.0
 _SAMPLES = 400
-_SURE = (0.33, 3.0)  # carried share of the weight: loads, friction and rough motor constants stay within
+_SURE = (0.33, 3.0)  # the factor: loads on the back, friction and rough motor constants stay within
 _USUAL = (0.6, 1.7)
 _BEYOND_LIMIT = 3.0
 _LEAST_SAMPLES = 20
@@ -36,43 +37,57 @@ def find(evidence: Evidence) -> Iterator[Finding]:
         return
     if is_in_degrees(joints, robot) or len(joints.stamps_ns) < _LEAST_SAMPLES:
         return
-    silent = _silent(joints, robot)
-    if silent is not None:
-        yield silent
+    nothing = silent(joints)
+    if nothing is not None:
+        yield nothing
         return
     yield from _dead(joints, robot)
-    loads = vertical_loads(evidence, joints, robot)
-    carried = loads[np.isfinite(loads).all(axis=1)]
-    if len(carried) < _LEAST_SAMPLES:
+    factor = missing_factor(evidence, joints, robot)
+    if factor is None:
         return
-    weight = robot.mass_kg * GRAVITY_MPS2
-    share = float(carried.sum(axis=1).mean()) / weight
-    if _USUAL[0] < share < _USUAL[1]:
-        yield from _negative_legs(carried.mean(axis=0), weight, robot)
-    else:
-        yield _wrong_share(share, weight, is_certain=keeps_distances(evidence))
+    pulling = _pulling_legs(np.nanmean(vertical_loads(evidence, joints, robot), axis=0), robot)
+    if pulling is not None and _SURE[0] < factor < _SURE[1]:
+        yield pulling
+    elif not are_usual(factor):
+        yield _wrong_factor(factor, robot, is_certain=keeps_distances(evidence))
     yield from _beyond_limits(joints, robot)
 
 
-def vertical_loads(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Array:
+def missing_factor(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> float | None:
+    """What the torques have to be multiplied with to carry the robot's weight in the mean; None where unknown."""
+    said = vertical_loads(evidence, joints, robot).sum(axis=1)
+    own = vertical_loads(evidence, joints, robot, with_torques=False).sum(axis=1)
+    is_known = np.isfinite(said)
+    if is_known.sum() < _LEAST_SAMPLES:
+        return None
+    by_torques = float((said - own)[is_known].mean())
+    return float((robot.mass_kg * GRAVITY_MPS2 - own[is_known].mean()) / by_torques) if by_torques else None
+
+
+def are_usual(factor: float | None) -> bool:
+    """Whether torques that lack this factor carry the weight about right."""
+    return factor is None or _USUAL[0] < factor < _USUAL[1]
+
+
+def vertical_loads(evidence: Evidence, joints: JointRecord, robot: RobotModel, *, with_torques: bool = True) -> Array:
     """Vertical forces on the feet by the torques, without inertia, N, (N, n); NaN where unknown."""
     rows = thinned(joints.stamps_ns, _RATE_HZ, _SAMPLES)
     ups = up_body_at(evidence, joints, rows)
     found = []
     for row, up in zip(rows, ups, strict=True):
-        position, velocity, effort = joints.position[row], joints.velocity[row], joints.effort[row]
+        position, velocity = joints.position[row], joints.velocity[row]
+        effort = joints.effort[row] if with_torques else np.zeros_like(position)
         found.append(robot.foot_forces(position, velocity, effort, specific_force_body=GRAVITY_MPS2 * up) @ up)
     return np.array(found)
 
 
-def _silent(joints: JointRecord, robot: RobotModel) -> Finding | None:
+def silent(joints: JointRecord) -> Finding | None:
+    """Torques that are absent, zero or constant; None where they say something."""
     effort = joints.effort
     has_reading = np.isfinite(effort)
     count = int(has_reading.any(axis=0).sum())
     what = f"in all {len(effort):,} samples, but contact.source is torque: no foot is ever in stance"
-    cure = "record torques"
-    if robot.description.contact.source == "torque":
-        cure += ", or where feet have sensors set robot.contact.source=force_sensor with its thresholds"
+    cure = "record torques, or where feet have sensors set robot.contact.source=force_sensor with its thresholds"
     if count == 0:
         return error("torque_absent", Stage.JOINTS, "joints", f"the joints have no torque {what}; {cure}")
     if not effort[has_reading].any():
@@ -107,37 +122,39 @@ def _dead(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
         )
 
 
-def _wrong_share(share: float, weight: float, *, is_certain: bool) -> Finding:
+def _wrong_factor(factor: float, robot: RobotModel, *, is_certain: bool) -> Finding:
+    setting = f"{_FACTOR}{factor:.3g}"
     said = (
-        f"the joint torques say that the feet carry {share:.2g} times the robot's weight of {weight:.0f} N in the mean"
+        f"the joint torques carry the robot's weight of {robot.mass_kg * GRAVITY_MPS2:.0f} N in the mean only if they "
+        "are "
+        f"multiplied by {factor:.3g}"
     )
-    if -_SURE[1] < share < -_SURE[0]:
+    if -_SURE[1] < factor < -_SURE[0]:
         text = f"{said}: they have the opposite sign of the motors' torques on the joints; set {_FACTOR}-1"
         return error("torque_sign", Stage.JOINTS, "joints", text, f"{_FACTOR}-1", is_certain=is_certain)
-    if _SURE[0] < share < _SURE[1]:
-        text = f"{said} (1 expected): a motor constant or the masses of the URDF are off by this factor"
-        return warning(
-            "torque_scale", Stage.JOINTS, "joints", f"{text}; set {_FACTOR}{1.0 / share:.3g} if it is the former"
-        )
+    if _SURE[0] < factor < _SURE[1]:
+        text = f"{said}: a motor constant or the masses of the URDF are off; set {setting} if it is the former"
+        return warning("torque_scale", Stage.JOINTS, "joints", text)
     text = (
         f"{said} (1 expected): another unit, such as currents or Nmm, or a robot that does not stand on its feet; set "
-        f"{_FACTOR}{1.0 / share:.3g} if it stands"
+        f"{setting} if it stands"
     )
-    return error("torque_scale", Stage.JOINTS, "joints", text, f"{_FACTOR}{1.0 / share:.3g}")
+    return error("torque_scale", Stage.JOINTS, "joints", text, setting)
 
 
-def _negative_legs(mean: Array, weight: float, robot: RobotModel) -> Iterator[Finding]:
-    is_negative = mean < _NEGATIVE_SHARE * weight / len(mean)
-    if is_negative.any():
-        legs = listing(np.array(robot.leg_names)[is_negative].tolist())
-        yield warning(
-            "torque_leg_sign",
-            Stage.JOINTS,
-            "joints",
-            f"by the joint torques leg {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean "
-            "while the "
-            "others push: the sign or the order of torques of this leg is wrong; correct it where they are recorded",
-        )
+def _pulling_legs(mean: Array, robot: RobotModel) -> Finding | None:
+    is_negative = mean < _NEGATIVE_SHARE * robot.mass_kg * GRAVITY_MPS2 / len(mean)
+    if not is_negative.any():
+        return None
+    legs = listing(np.array(robot.leg_names)[is_negative].tolist())
+    return warning(
+        "torque_leg_sign",
+        Stage.JOINTS,
+        "joints",
+        f"by the joint torques leg {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean while "
+        "the "
+        "others push: the sign or the order of torques of this leg is wrong; correct it where they are recorded",
+    )
 
 
 def _beyond_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:

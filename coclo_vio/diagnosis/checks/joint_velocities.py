@@ -76,17 +76,18 @@ def find(evidence: Evidence) -> Iterator[Finding]:
         late = _lag(joints, spans, compared)
         yield _late(late[0]) if late is not None and late[1] > 0.9 else _of_others(float(np.median(correlation)))
         return
+    late = _lag(joints, spans, compared)
+    if late is not None and abs(late[0]) >= _LATE_S:
+        yield _late(late[0])
+        return
     factor = float(np.median(slope))
     in_degrees = is_in_degrees(joints, robot)
     if in_degrees:
         factor *= np.pi / 180.0
-    is_usual = abs(factor / _FACTORS["deg/s"] - 1.0) < _FACTOR_TOLERANCE if in_degrees else False
-    if abs(factor - 1.0) > _FACTOR_TOLERANCE and not is_usual:  # with angles in degrees deg/s is the default
+    expected = _FACTORS["deg/s"] if in_degrees else 1.0  # as angles, so velocities by default
+    if abs(factor / expected - 1.0) > _FACTOR_TOLERANCE:
         yield _wrong_factor(factor, float(np.median(correlation)), in_degrees=in_degrees)
     yield from _odd_joints(names, correlation, slope / np.median(slope))
-    late = _lag(joints, spans, compared)
-    if late is not None and abs(late[0]) >= _LATE_S:
-        yield _late(late[0])
 
 
 def _spans(joints: JointRecord) -> tuple[IntArray, int] | None:
@@ -181,7 +182,8 @@ def _of_others(correlation: float) -> Finding:
 def _wrong_factor(factor: float, correlation: float, *, in_degrees: bool) -> Finding:
     """A common factor between velocities and the derivatives of the angles, which are radians after correction."""
     said = f"the joint angles change at {factor:.3g} times the recorded velocities (correlation {correlation:.2f}"
-    unit = next((name for name, known in _FACTORS.items() if abs(factor / known - 1.0) < _FACTOR_TOLERANCE), None)
+    units = {**_FACTORS, "rad/s": 1.0}
+    unit = next((name for name, known in units.items() if abs(factor / known - 1.0) < _FACTOR_TOLERANCE), None)
     if unit is not None:
         text = f"{said}), as velocities in {unit} do: set {_UNIT}{unit}"
         return error("joint_velocity_unit", Stage.JOINTS, "joints", text, _UNIT + unit, is_certain=True)
