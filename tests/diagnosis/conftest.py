@@ -26,7 +26,7 @@ from coclo_vio.values.config import parse_settings
 from coclo_vio.values.measurements import FootForceSample, JointSample, Measurement
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
-_LENGTH_S = 14.0
+_LENGTH_S = 11.0
 _STAGES = {Stage.JOINTS, Stage.CONTACT, Stage.GROUND_TRUTH}
 
 JointChange = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -96,6 +96,6 @@ def walk() -> Walk:
 def go1_walk() -> Walk:
     """A Go1 that turns as it walks: foot forces in counts."""
     robot = load_robot("go1")
-    body = BodyMotionConfig(rest_s=1.0, walk_s=6.0, stop_s=0.5, ramp_s=0.5)
+    body = BodyMotionConfig(rest_s=1.0, walk_s=4.0, stop_s=0.5, ramp_s=0.5)
     trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=5)
     return Walk(robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))

@@ -90,10 +90,10 @@ _DEFECTS: dict[str, tuple[JointChange, str, bool, tuple[str, ...]]] = {
         ("dataset.corrections.joints.signs={leg2_base: -1}",),
     ),
     "signs of two legs": (
-        _signed(1, 15),
+        _signed(3, 15),
         "joint_order",
         True,
-        ("dataset.corrections.joints.signs={leg1_shoulder: -1, leg6_base: -1}",),
+        ("dataset.corrections.joints.signs={leg2_base: -1, leg6_base: -1}",),
     ),
     "torques zero": (lambda p, v, t: (p, v, 0.0 * t), "torque_zero", True, ()),
     "torques absent": (lambda p, v, t: (p, v, np.nan * t), "torque_absent", True, ()),

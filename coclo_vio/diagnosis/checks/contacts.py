@@ -53,10 +53,11 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     if loads is None or _is_constant(loads.load).all():
         return
     share = loads.is_stance.mean(axis=0)
+    is_known = np.isfinite(loads.load).any(axis=0)
     is_stepping = _is_stepping(evidence, robot)
     if (share < _NEVER).all():
         yield _never(loads, config, robot)
-    elif (share > _ALWAYS).all():
+    elif (share[is_known] > _ALWAYS).all():
         if is_stepping:
             yield _always(loads, config)
     elif is_stepping:
@@ -139,13 +140,16 @@ def _is_stepping(evidence: Evidence, robot: RobotModel) -> bool:
     if motion is None:
         return False
     places, _ = feet_of(robot, motion.position, motion.rate)
-    first = places[:, :1]
-    spread = np.nanquantile(np.linalg.norm(places[:, 1:] - first, axis=2), (0.05, 0.95), axis=0)
-    return bool(len(robot.leg_names) > 1 and np.nanmax(spread[1] - spread[0], initial=0.0) > _STEPPING_M)
+    places = places[:, np.isfinite(places).all(axis=(0, 2))]
+    if places.shape[1] < 2:
+        return False
+    spread = np.quantile(np.linalg.norm(places[:, 1:] - places[:, :1], axis=2), (0.05, 0.95), axis=0)
+    return bool((spread[1] - spread[0]).max() > _STEPPING_M)
 
 
 def _thresholds(load: Array) -> tuple[float, float] | None:
     """Thresholds to try: shares of the way from the load in the air to that of a standing foot."""
+    load = load[:, np.isfinite(load).any(axis=0)]
     air, loaded = (float(np.median(np.nanquantile(load, share, axis=0))) for share in (0.05, 0.9))
     if loaded <= 0.0 or loaded - air < 0.1 * loaded:
         return None
@@ -202,10 +206,8 @@ def _single_feet(loads: _Loads, config: ContactConfig, robot: RobotModel, share:
         ("never", f"begins at contact.on_force = {config.on_force:g}", share < _NEVER),
         ("always", f"ends below contact.off_force = {config.off_force:g}", share > _ALWAYS),
     ):
-        for leg in np.flatnonzero(is_so & ~_is_constant(loads.load)):
-            low, high = (
-                np.nanquantile(loads.load[:, leg], (0.05, 0.95)) if np.isfinite(loads.load[:, leg]).any() else (0, 0)
-            )
+        for leg in np.flatnonzero(is_so & np.isfinite(loads.load).any(axis=0) & ~_is_constant(loads.load)):
+            low, high = np.nanquantile(loads.load[:, leg], (0.05, 0.95))
             yield warning(
                 f"contact_foot_{what}",
                 Stage.CONTACT,

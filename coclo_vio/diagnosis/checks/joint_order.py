@@ -29,6 +29,7 @@ _SUSPICIOUS = (0.14, 0.035)  # of a leg's residuals with the gyroscope, of dista
 _UNEVEN = 2.0  # times the least residual of a leg
 _COARSE = 3  # every so many samples are used for the first choice among all alternatives
 _REFINED = 6  # of them are compared by all samples
+_UNKNOWN = 0.01  # for legs of which nothing is known
 _GOOD = 0.25
 _GAIN = 1.8
 _CONFIRMING_GAIN = 1.25
@@ -53,12 +54,12 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     robot, joints = evidence.robot, evidence.joints
     if robot is None or joints is None or len(robot.leg_names) < 2 or is_in_degrees(joints, robot):
         return
-    motion = leg_motion(evidence, _SAMPLES)
-    if motion is None or not np.isfinite(motion.position).all():
+    motion = _known_motion(evidence, robot, _SAMPLES)
+    if motion is None:
         return
     start = _residuals(robot, motion)
     limit = _SUSPICIOUS[1 if start.by_gyroscope is None else 0]
-    is_uneven = start.chief.max() > _UNEVEN * start.chief.min()
+    is_uneven = start.chief.max() > _UNEVEN * np.median(start.chief)
     if start.chief.max() < limit and start.by_distance.max() < _SUSPICIOUS[1] and not is_uneven:
         return
     found, now, rival = Arrangement.as_recorded(robot), start, None
@@ -77,10 +78,26 @@ def keeps_distances(evidence: Evidence) -> bool:
     robot, joints = evidence.robot, evidence.joints
     if robot is None or joints is None or len(robot.leg_names) < 2:
         return True
-    motion = leg_motion(evidence, _SAMPLES // _COARSE)
-    if motion is None or not np.isfinite(motion.position).all():
+    motion = _known_motion(evidence, robot, _SAMPLES // _COARSE)
+    if motion is None:
         return True
     return bool(_residuals(robot, motion).by_distance.max() < 2.0 * _SUSPICIOUS[1])
+
+
+def _known_motion(evidence: Evidence, robot: RobotModel, most: int) -> LegMotion | None:
+    """The legs in motion, those with an unknown joint all NaN; None where fewer than two are known."""
+    motion = leg_motion(evidence, most)
+    if motion is None:
+        return None
+    is_known = np.isfinite(motion.rate).mean(axis=0) > 0.9
+    legs = [inside for inside in robot.leg_joint_slices if is_known[inside].all()]
+    if len(legs) < 2:
+        return None
+    whole = np.concatenate([np.arange(inside.start, inside.stop) for inside in legs])
+    rows = np.isfinite(motion.rate[:, whole]).all(axis=1)
+    masked = np.full((2, int(rows.sum()), motion.rate.shape[1]), np.nan)
+    masked[:, :, whole] = motion.position[rows][:, whole], motion.rate[rows][:, whole]
+    return LegMotion(masked[0], masked[1], None if motion.body_rate is None else motion.body_rate[rows])
 
 
 def _best_step(
@@ -88,7 +105,9 @@ def _best_step(
 ) -> tuple[Arrangement, _Residuals, Arrangement | None] | None:
     """The change that explains the feet best, if clearly better than none; with another that is nearly as good."""
     few = motion.every(_COARSE)
-    changes = sorted(alternatives(robot), key=lambda change: _level(_of(robot, few, base.followed_by(change))))
+    is_known = np.isfinite(motion.rate[0])
+    possible = [each for each in alternatives(robot) if np.array_equal(is_known[each.source], is_known)]
+    changes = sorted(possible, key=lambda change: _level(_of(robot, few, base.followed_by(change))))
     refined = [(change, _of(robot, motion, base.followed_by(change))) for change in changes[:_REFINED]]
     (change, residuals), (second, its_residuals), *_ = sorted(refined, key=lambda each: _level(each[1]))
     legs = change.changed_legs(robot)
@@ -127,8 +146,9 @@ def _residuals(robot: RobotModel, motion: LegMotion) -> _Residuals:
         by_gyroscope = np.linalg.norm(change + np.cross(motion.body_rate[:, None], apart), axis=2) / speed
 
     def of_legs(residual: Array) -> Array:
-        shares = [np.quantile(residual[:, (pairs == leg).any(axis=1)], _QUANTILE) for leg in legs]
-        return np.maximum(np.array(shares), 1e-6)
+        known = np.isfinite(residual).all(axis=0)
+        mine = [residual[:, known & (pairs == leg).any(axis=1)] for leg in legs]
+        return np.array([max(float(np.quantile(each, _QUANTILE)), 1e-6) if each.size else _UNKNOWN for each in mine])
 
     return _Residuals(None if by_gyroscope is None else of_legs(by_gyroscope), of_legs(by_distance))
 

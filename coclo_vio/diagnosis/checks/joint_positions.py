@@ -7,6 +7,7 @@ import numpy as np
 
 from coclo_vio.diagnosis.evidence import Evidence, JointRecord
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
+from coclo_vio.diagnosis.joint_series import integral, seconds_of
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import listing
@@ -16,7 +17,9 @@ _FAR_RAD = 0.5 * np.pi
 _NOT_AN_ANGLE_RAD = 7.0  # more than a full turn
 _STILL_RAD = 1e-6
 _MOVING_RAD = 0.1
-_TURNING_RADPS = 0.1  # scatter of the gyroscope of a robot that walks
+_TURNING_RADPS = 0.02  # scatter of means of the gyroscope over 0.1 s, from which the robot moves
+_MOVED_M = 0.3
+_SPEED_RADPS = 0.1
 _LEAST_SAMPLES = 50
 
 
@@ -93,21 +96,21 @@ def _units_and_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Findin
 
 def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
     has_reading = np.isfinite(joints.position).sum(axis=0) >= _LEAST_SAMPLES
-    filled = np.where(np.isnan(joints.position), np.nanmin(joints.position, axis=0, initial=np.inf), joints.position)
-    span = np.where(has_reading, np.ptp(filled, axis=0), np.nan)
+    low, high = np.fmin.reduce(joints.position, axis=0), np.fmax.reduce(joints.position, axis=0)
+    span = np.where(has_reading, high - low, np.nan)
+    samples = len(joints.position)
     is_still = span < _STILL_RAD
     if not is_still.any():
         return
     duration_s = (joints.stamps_ns[-1] - joints.stamps_ns[0]) / 1e9
     if is_still[has_reading].all():
-        imu = evidence.imu
-        if imu is not None and float(np.linalg.norm(imu.rate.std(axis=0))) > _TURNING_RADPS:
+        if _is_moving(evidence, joints):
             yield error(
                 "joints_still",
                 Stage.JOINTS,
                 "joints",
-                f"the angles of all {int(has_reading.sum())} joints are the same in all {len(filled):,} samples "
-                f"({duration_s:.0f} s) although the gyroscope shows that the robot moves: they are not measured; "
+                f"the angles of all {int(has_reading.sum())} joints are the same in all {samples:,} samples "
+                f"({duration_s:.0f} s) although the robot moves: they are not measured; "
                 "record the "
                 "joints, or run a mode without legs (--mode)",
             )
@@ -125,13 +128,28 @@ def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterat
             "joint_still",
             Stage.JOINTS,
             "joints",
-            f"the angle of {listing(names)} is {joints.position[0, stuck[0]]:.4g} rad in all {len(filled):,} samples "
+            f"the angle of {listing(names)} is {joints.position[0, stuck[0]]:.4g} rad in all {samples:,} samples "
             "while "
             f"{'the rest of the leg' if others else 'other legs'} moves by up to "
             f"{max(others, default=np.nanmax(span)):.2g} rad: a dead encoder; leave leg {leg} out by {setting}",
             setting,
             is_certain=True,
         )
+
+
+def _is_moving(evidence: Evidence, joints: JointRecord) -> bool:
+    """Whether gyroscope, ground truth or the joints' own velocities show motion."""
+    if float(np.sqrt(np.mean(np.nan_to_num(joints.velocity) ** 2))) > _SPEED_RADPS:
+        return True
+    truth, imu = evidence.truth, evidence.imu
+    if truth is not None and float(np.ptp(truth.trajectory.positions, axis=0).max()) > _MOVED_M:
+        return True
+    if imu is None or len(imu.stamps_ns) < _LEAST_SAMPLES:
+        return False
+    s = seconds_of(imu.stamps_ns, int(imu.stamps_ns[0]))
+    at = np.arange(0.0, s[-1], 0.1)
+    turned = np.diff([np.interp(at, s, column) for column in integral(s, imu.rate).T], axis=1) / 0.1
+    return float(np.linalg.norm(turned.std(axis=1))) > _TURNING_RADPS
 
 
 def _is_moving_elsewhere(stuck: list[int], span: Array, robot: RobotModel) -> bool:
