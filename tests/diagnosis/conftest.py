@@ -64,6 +64,7 @@ class Walk:
 
     def written(self, folder: Path, *, as_bag: bool = False) -> Path:
         """The path of the recording, a bag or a CSV file with its ground truth beside it."""
+        folder.mkdir(exist_ok=True)
         if not as_bag:
             return write_leg_log(folder, self.robot, self.samples, self.truth)
         return write_bag(folder / "walk.mcap", RecordingContents(self.robot, self.samples, self.truth))
@@ -86,6 +87,8 @@ def walk() -> Walk:
     first = next(stream)
     end_ns = first.stamp_ns + round(_LENGTH_S * 1e9)
     samples = [first, *takewhile(lambda sample: sample.stamp_ns < end_ns, stream)]
+    kept = set(sorted({sample.stamp_ns for sample in samples})[::2])  # 50 Hz are enough
+    samples = [sample for sample in samples if sample.stamp_ns in kept]
     truth = dataset.ground_truth()
     assert truth is not None
     trajectory = truth.trajectory
@@ -97,5 +100,5 @@ def go1_walk() -> Walk:
     """A Go1 that turns as it walks: foot forces in counts."""
     robot = load_robot("go1")
     body = BodyMotionConfig(rest_s=1.0, walk_s=4.0, stop_s=0.5, ramp_s=0.5)
-    trial = generate(AnalyticTrialConfig(body=body), RobotModel(robot), seed=5)
+    trial = generate(AnalyticTrialConfig(body=body, rate_hz=50.0), RobotModel(robot), seed=5)
     return Walk(robot, trial.measurements, GroundTruth(trial.truth, True, "truth"))

@@ -23,7 +23,7 @@ _SETTING = "dataset.corrections.ground_truth."
 _NOT_READ = f"{_SETTING}is_read=false"
 _STEP_S = 0.1
 _SPAN_STEPS = 5  # rotations over half a second
-_LEAST_SPANS = 60
+_LEAST_SPANS = 40
 _LEAST_TURN_RAD = 0.02  # root mean square of rotations, below which they say little
 _VERY_CLEAR = 0.9  # agreement that is asked for then
 _SYNCHRONOUS = 0.6  # correlation of the sizes of rotations, from which the clocks are brought together
