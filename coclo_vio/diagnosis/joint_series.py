@@ -12,6 +12,7 @@ from coclo_vio.values.units import NS_PER_S
 
 _HALF_SPAN_S = 0.05  # rates are differences over twice this
 _LONGEST_SPAN_S = 0.3  # longer ones span a gap
+_OPPOSITE = 0.7  # cosine of 45 deg
 _LEAST_RATE_RADPS = 0.1  # root mean square of all joints, below which the legs stand
 
 
@@ -91,10 +92,28 @@ def integral(stamps_s: Array, values: Array) -> Array:
     return np.vstack((np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)))
 
 
-def up_body_at(evidence: Evidence, joints: JointRecord, rows: IntArray) -> Array:
-    """The upward direction in the body frame by the accelerometer's mean over a second, (N, 3); z without one."""
-    imu = evidence.imu
+def has_gravity(evidence: Evidence) -> bool:
+    """Whether the accelerometer's mean is gravity: larger than its scatter, and opposite to where the feet are."""
+    imu, joints, robot = evidence.imu, evidence.joints, evidence.robot
     if imu is None or len(imu.stamps_ns) < 10:
+        return False
+    mean = imu.force.mean(axis=0)
+    if float(np.linalg.norm(mean)) < float(np.linalg.norm(imu.force.std(axis=0))):
+        return False
+    if joints is None or robot is None:
+        return True
+    rows = thinned(joints.stamps_ns, 1.0, 60)
+    places, _ = feet_of(robot, joints.position[rows], np.zeros_like(joints.position[rows]))
+    if np.isnan(places).all(axis=(0, 2)).all():
+        return True
+    up, down = rotation_body_imu(evidence) @ mean, np.nanmean(places, axis=(0, 1))
+    return float(up @ down) < -_OPPOSITE * float(np.linalg.norm(up) * np.linalg.norm(down))
+
+
+def up_body_at(evidence: Evidence, joints: JointRecord, rows: IntArray) -> Array:
+    """The upward direction in the body frame by the accelerometer's mean over a second, (N, 3); z without gravity."""
+    imu = evidence.imu
+    if imu is None or not has_gravity(evidence):
         return np.tile([0.0, 0.0, 1.0], (len(rows), 1))
     first_ns = int(joints.stamps_ns[0])
     s, at = seconds_of(imu.stamps_ns, first_ns), seconds_of(joints.stamps_ns[rows], first_ns)

@@ -165,7 +165,7 @@ def test_a_wrong_gyroscope_is_not_taken_for_wrong_joints(walk: Walk, tmp_path: P
     assert "joint_order" not in {finding.kind for finding in found}
 
 
-def test_angles_beyond_the_limits_are_told_with_the_joint_and_its_limits(walk: Walk, tmp_path: Path) -> None:
+def test_angles_beyond_the_limits_name_the_joint_and_its_limits(walk: Walk, tmp_path: Path) -> None:
     def shifted(position, velocity, effort):
         return position + np.eye(18)[4] * 2.4, velocity, effort
 

@@ -34,6 +34,7 @@ _GOOD = 0.25
 _GAIN = 1.8
 _CONFIRMING_GAIN = 1.25
 _MOST_FAULTS = 4
+_BETTER = 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +83,17 @@ def keeps_distances(evidence: Evidence) -> bool:
     if motion is None:
         return True
     return bool(_residuals(robot, motion).by_distance.max() < 2.0 * _SUSPICIOUS[1])
+
+
+def gyroscope_fits(evidence: Evidence) -> bool | None:
+    """Whether standing feet agree with the gyroscope better than with its opposite; None where that is not known."""
+    robot = evidence.robot
+    motion = None if robot is None else _known_motion(evidence, robot, _SAMPLES // _COARSE)
+    if robot is None or motion is None or motion.body_rate is None:
+        return None
+    opposite = LegMotion(motion.position, motion.rate, -motion.body_rate)
+    ours, theirs = (float(np.log(_residuals(robot, each).chief).mean()) for each in (motion, opposite))
+    return bool(ours < theirs + np.log(_BETTER))
 
 
 def _known_motion(evidence: Evidence, robot: RobotModel, most: int) -> LegMotion | None:

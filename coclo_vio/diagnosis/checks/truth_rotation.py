@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coclo_vio.diagnosis.checks.joint_order import gyroscope_fits
 from coclo_vio.diagnosis.checks.truth_motion import stamp_unit
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
-from coclo_vio.diagnosis.joint_series import integral, rotation_body_imu, seconds_of
+from coclo_vio.diagnosis.joint_series import has_gravity, integral, rotation_body_imu, seconds_of
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.trajectory import Trajectory
@@ -29,6 +30,7 @@ _VERY_CLEAR = 0.9  # agreement that is asked for then
 _SYNCHRONOUS = 0.6  # correlation of the sizes of rotations, from which the clocks are brought together
 _CLEAR = 0.8
 _NONE = 0.3
+_SCALE = 2.0
 _UPRIGHT_RAD = np.deg2rad(15.0)
 _LYING_RAD = np.deg2rad(30.0)
 _OVERTURNED_RAD = np.deg2rad(150.0)
@@ -47,6 +49,7 @@ class _Turns:
         world: rotation vectors of the ground truth in world axes, rad, (N, 3).
         vertical: rotation about the vertical by the gyroscope, rad, (N,).
         up_body: upward direction by the accelerometer, (N, 3).
+        scale: size of the rotations by ground truth over that by the gyroscope.
         correlation: of the sizes of both at the lag that fits best.
     """
 
@@ -54,6 +57,7 @@ class _Turns:
     world: Array
     vertical: Array
     up_body: Array
+    scale: float
     correlation: float
 
 
@@ -73,9 +77,11 @@ def find(evidence: Evidence) -> Iterator[Finding]:
         return
     if truth.has_stamps and stamp_unit(evidence) is not None:
         return
+    if not has_gravity(evidence):
+        return
     turns = _turns(evidence, trajectory) if truth.has_stamps else None
     is_synchronous = turns is not None and turns.correlation > _SYNCHRONOUS
-    found = _by_vertical(turns) if turns is not None and is_synchronous else None
+    found = _by_vertical(evidence, turns) if turns is not None and is_synchronous else None
     if found is None:
         found = _by_gravity(evidence, trajectory, turns, is_synchronous=is_synchronous)
     if found is not None:
@@ -101,7 +107,7 @@ def _readings(rotations: Array) -> Mapping[str, Array]:
     return {"xyzw": rotations, "wxyz": rolled}
 
 
-def _by_vertical(turns: _Turns) -> Finding | None:
+def _by_vertical(evidence: Evidence, turns: _Turns) -> Finding | None:
     """What makes the rotation about the vertical that of the gyroscope; None where that is so, or says nothing."""
     scores: dict[tuple[str, str], float] = {}
     rolled = _readings(turns.rotations)["wxyz"]
@@ -116,19 +122,22 @@ def _by_vertical(turns: _Turns) -> Finding | None:
     tilts = {key: _tilt(_readings(turns.rotations)[key[0]], key[1], turns.up_body) for key in scores}
     said = f"about the vertical the ground truth turns unlike the gyroscope (agreement {as_read:.2f}, 1 expected)"
     enough = _CLEAR if is_turning else _VERY_CLEAR
-    if scores["xyzw", "-z"] > enough and tilts["xyzw", "z"] < _UPRIGHT_RAD:
+    if tilts["xyzw", "z"] > _LYING_RAD:
+        clear = [key for key, score in scores.items() if score > enough]
+        best = min(clear, key=lambda key: (tilts[key] > _UPRIGHT_RAD, key[1] != "z", -scores[key]), default=None)
+        return None if best is None else _read_as(best, said, scores[best])
+    if scores["xyzw", "-z"] < enough and not is_turning:
+        return None
+    fits = gyroscope_fits(evidence)
+    if fits is False or not 1.0 / _SCALE < turns.scale < _SCALE:
+        return None  # it is the gyroscope that is wrong
+    if scores["xyzw", "-z"] > enough:
         text = f"{said} but in the opposite sense: a left-handed world, or inverse poses; leave it out by {_NOT_READ}"
-        return error("truth_handedness", Stage.GROUND_TRUTH, "ground_truth", text, _NOT_READ, is_certain=True)
-    clear = [key for key, score in scores.items() if score > enough]
-    if clear:
-        best = min(clear, key=lambda key: (tilts[key] > _UPRIGHT_RAD, key[1] != "z", -scores[key]))
-        return _read_as(best, said, scores[best])
-    if is_turning:
-        text = (
-            f"{said}, in every order of its quaternions: scores of rotation mean nothing; leave it out by {_NOT_READ}"
-        )
-        return warning("truth_rotation", Stage.GROUND_TRUTH, "ground_truth", text, _NOT_READ)
-    return None
+        report = error if fits else warning
+        certain = bool(fits)
+        return report("truth_handedness", Stage.GROUND_TRUTH, "ground_truth", text, _NOT_READ, is_certain=certain)
+    text = f"{said}: scores of rotation mean nothing; leave it out by {_NOT_READ}, or correct the gyroscope"
+    return warning("truth_rotation", Stage.GROUND_TRUTH, "ground_truth", text, _NOT_READ)
 
 
 def _rolled_turns(turns: _Turns, rolled: Array) -> Array:
@@ -269,7 +278,8 @@ def _turns(evidence: Evidence, trajectory: Trajectory) -> _Turns | None:
     force = integral(s, imu.force @ R.T)
     turned, push = (_difference(at, at + _SPAN_STEPS * _STEP_S, s, each) for each in (rate, force))
     up = push / np.maximum(np.linalg.norm(push, axis=1, keepdims=True), 1e-9)
-    return _Turns(middle, world, (turned * up).sum(axis=1), up, correlation)
+    scale = float(np.linalg.norm(world)) / max(float(np.linalg.norm(turned)), 1e-9)
+    return _Turns(middle, world, (turned * up).sum(axis=1), up, scale, correlation)
 
 
 def _difference(start: Array, end: Array, s: Array, total: Array) -> Array:
