@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees
+from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees, joints_beyond
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.joint_arrangements import Arrangement, alternatives
@@ -32,6 +32,7 @@ _REFINED = 6  # of them are compared by all samples
 _UNKNOWN = 0.01  # for legs of which nothing is known
 _GOOD = 0.25
 _GAIN = 1.8
+_GAIN_ALONE = 3.0  # without a gyroscope
 _CONFIRMING_GAIN = 1.25
 _MOST_FAULTS = 4
 _BETTER = 0.9
@@ -118,7 +119,15 @@ def _best_step(
     """The change that explains the feet best, if clearly better than none; with another that is nearly as good."""
     few = motion.every(_COARSE)
     is_known = np.isfinite(motion.rate[0])
-    possible = [each for each in alternatives(robot) if np.array_equal(is_known[each.source], is_known)]
+    most = joints_beyond(motion.position[:, base.source] * base.sign, robot)
+    possible = [
+        each
+        for each in alternatives(robot)
+        if np.array_equal(is_known[each.source], is_known)
+        and joints_beyond(few.position[:, base.followed_by(each).source] * base.followed_by(each).sign, robot) <= most
+    ]
+    if len(possible) < 2:
+        return None
     changes = sorted(possible, key=lambda change: _level(_of(robot, few, base.followed_by(change))))
     refined = [(change, _of(robot, motion, base.followed_by(change))) for change in changes[:_REFINED]]
     (change, residuals), (second, its_residuals), *_ = sorted(refined, key=lambda each: _level(each[1]))
@@ -172,9 +181,12 @@ def _finding(
     before, after = float(np.median(start.chief[legs])), float(np.median(now.chief[legs]))
     is_confirmed = _gain(start.by_distance[legs], now.by_distance[legs]) > _CONFIRMING_GAIN
     settings = found.settings(robot)
-    doubt = (
-        "" if is_confirmed else "; or the axes of the gyroscope are wrong, which the feet's distances cannot exclude"
-    )
+    has_gyroscope = start.by_gyroscope is not None
+    if not has_gyroscope:
+        is_confirmed = before > _GAIN_ALONE * after
+    gyroscope = "the axes of the gyroscope are wrong, which the feet's distances cannot exclude"
+    kinematics = "the robot is another one, which distances of feet alone cannot exclude"
+    doubt = "" if is_confirmed else f"; or {gyroscope if has_gyroscope else kinematics}"
     other = "" if rival is None else f"; nearly as good would be {' and '.join(rival.settings(robot))}"
     report = error if is_confirmed else warning
     return report(
@@ -186,5 +198,5 @@ def _finding(
         f"is {before:.2f} of the feet's speed and falls to {after:.2f} with {found.described(robot)}; set "
         f"{' and '.join(settings)}{doubt}{other}",
         *settings,
-        is_certain=is_confirmed and rival is None,
+        is_certain=is_confirmed and has_gyroscope and rival is None,
     )

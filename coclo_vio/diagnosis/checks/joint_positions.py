@@ -48,6 +48,12 @@ def is_in_degrees(joints: JointRecord, robot: RobotModel) -> bool:
     return bool(is_wider.mean() > 0.3 or _share_beyond(as_radians) > 0.15)
 
 
+def joints_beyond(position: Array, robot: RobotModel) -> int:
+    """How many joints of angles (N, J) are beyond their limits in most samples."""
+    typical = np.median(np.nan_to_num(_excess(position, robot, turns=True)), axis=0)
+    return int(np.count_nonzero(typical > _MARGIN_RAD))
+
+
 def _units_and_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
     if np.isnan(joints.position).all():
         return
