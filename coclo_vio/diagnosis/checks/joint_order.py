@@ -32,6 +32,7 @@ _REFINED = 6  # of them are compared by all samples
 _UNKNOWN = 0.01  # for legs of which nothing is known
 _GOOD = 0.25
 _GAIN = 1.8
+_HINTING_GAIN = 1.4  # sound walks stay below 1.1
 _GAIN_ALONE = 3.0  # without a gyroscope
 _CONFIRMING_GAIN = 1.25
 _MOST_FAULTS = 4
@@ -65,8 +66,8 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     if start.chief.max() < limit and start.by_distance.max() < _SUSPICIOUS[1] and not is_uneven:
         return
     found, now, rival = Arrangement.as_recorded(robot), start, None
-    for _ in range(_MOST_FAULTS):
-        step = _best_step(robot, motion, found, now)
+    for number in range(_MOST_FAULTS):
+        step = _best_step(robot, motion, found, now, _GAIN if number else _HINTING_GAIN)
         if step is None:
             break
         found, now, rival = step
@@ -114,7 +115,7 @@ def _known_motion(evidence: Evidence, robot: RobotModel, most: int) -> LegMotion
 
 
 def _best_step(
-    robot: RobotModel, motion: LegMotion, base: Arrangement, now: _Residuals
+    robot: RobotModel, motion: LegMotion, base: Arrangement, now: _Residuals, least_gain: float
 ) -> tuple[Arrangement, _Residuals, Arrangement | None] | None:
     """The change that explains the feet best, if clearly better than none; with another that is nearly as good."""
     few = motion.every(_COARSE)
@@ -132,7 +133,7 @@ def _best_step(
     refined = [(change, _of(robot, motion, base.followed_by(change))) for change in changes[:_REFINED]]
     (change, residuals), (second, its_residuals), *_ = sorted(refined, key=lambda each: _level(each[1]))
     legs = change.changed_legs(robot)
-    if _gain(now.chief[legs], residuals.chief[legs]) < _GAIN or np.median(residuals.chief[legs]) > _GOOD:
+    if _gain(now.chief[legs], residuals.chief[legs]) < least_gain or np.median(residuals.chief[legs]) > _GOOD:
         return None
     if _gain(now.by_distance[legs], residuals.by_distance[legs]) < 0.85:
         return None  # the gyroscope fits better, but the feet do not keep their distances: it is the gyroscope
@@ -180,6 +181,7 @@ def _finding(
     legs = found.changed_legs(robot)
     before, after = float(np.median(start.chief[legs])), float(np.median(now.chief[legs]))
     is_confirmed = _gain(start.by_distance[legs], now.by_distance[legs]) > _CONFIRMING_GAIN
+    is_confirmed &= _gain(start.chief[legs], now.chief[legs]) > _GAIN
     settings = found.settings(robot)
     has_gyroscope = start.by_gyroscope is not None
     if not has_gyroscope:
