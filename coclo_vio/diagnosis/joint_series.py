@@ -68,9 +68,13 @@ def leg_motion(evidence: Evidence, most: int) -> LegMotion | None:
         return None
     chosen = np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))
     rows, rates = rows[chosen], rates[chosen]
+    imu, start_ns, end_ns = evidence.imu, joints.stamps_ns[rows - half], joints.stamps_ns[rows + half]
     body_rate = None
-    if evidence.imu is not None:
-        body_rate = _mean_rate(evidence, evidence.imu, joints.stamps_ns[rows - half], joints.stamps_ns[rows + half])
+    if imu is not None and len(imu.stamps_ns) > 1:
+        is_covered = (start_ns >= imu.stamps_ns[0]) & (end_ns <= imu.stamps_ns[-1])
+        if is_covered.mean() > 0.5:
+            rows, rates = rows[is_covered], rates[is_covered]
+            body_rate = _mean_rate(evidence, imu, start_ns[is_covered], end_ns[is_covered])
     return LegMotion(joints.position[rows], rates, body_rate)
 
 
@@ -119,7 +123,8 @@ def up_body_at(evidence: Evidence, joints: JointRecord, rows: IntArray) -> Array
     s, at = seconds_of(imu.stamps_ns, first_ns), seconds_of(joints.stamps_ns[rows], first_ns)
     total = integral(s, imu.force)
     mean = _between(at - 0.5, at + 0.5, s, total) @ rotation_body_imu(evidence).T
-    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9))
+    mean[np.linalg.norm(mean, axis=1) < 1e-6] = [0.0, 0.0, 1.0]  # before or after the IMU
+    return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
 
 
 def _mean_rate(evidence: Evidence, imu: InertialRecord, start_ns: IntArray, end_ns: IntArray) -> Array:

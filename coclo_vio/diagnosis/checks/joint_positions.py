@@ -34,7 +34,9 @@ def find(evidence: Evidence) -> Iterator[Finding]:
 
 def is_in_degrees(joints: JointRecord, robot: RobotModel) -> bool:
     """Whether the angles are degrees: beyond the limits and a full turn as radians, within the limits as degrees."""
-    largest = float(np.nanquantile(np.nanmax(np.abs(joints.position), axis=1), 0.99))
+    if np.isnan(joints.position).all():
+        return False
+    largest = float(np.nanquantile(np.fmax.reduce(np.abs(joints.position), axis=1), 0.99))
     has_limits = np.isfinite(robot.position_limits).all(axis=0) & np.isfinite(joints.position).any(axis=0)
     if not has_limits.any() or largest < _NOT_AN_ANGLE_RAD:
         return False
@@ -154,6 +156,8 @@ def _is_moving(evidence: Evidence, joints: JointRecord) -> bool:
         return False
     s = seconds_of(imu.stamps_ns, int(imu.stamps_ns[0]))
     at = np.arange(0.0, s[-1], 0.1)
+    if len(at) < 10:
+        return False
     turned = np.diff([np.interp(at, s, column) for column in integral(s, imu.rate).T], axis=1) / 0.1
     return float(np.linalg.norm(turned.std(axis=1))) > _TURNING_RADPS
 
