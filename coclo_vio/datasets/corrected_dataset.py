@@ -9,15 +9,18 @@ import numpy as np
 
 from coclo_vio.datasets.corrections import (
     ACCELERATION_UNITS,
-    ANGLE_UNITS,
     LENGTH_UNITS,
     RATE_UNITS,
     STAMP_UNITS_NS,
     Corrections,
     ImuCorrections,
+    upright,
 )
+from coclo_vio.datasets.joint_arrangement import JointArrangement
+from coclo_vio.datasets.joint_velocity import JointVelocityConfig, fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, StreamReport
 from coclo_vio.datasets.sequencer import merge_streams
+from coclo_vio.datasets.truth_defects import jumping_poses
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import TimestampError
@@ -47,15 +50,35 @@ class CorrectedDataset:
     Streams of different delays are read one by one and merged by their corrected stamps.
     """
 
-    def __init__(self, dataset: "Dataset", corrections: Corrections) -> None:
+    def __init__(
+        self,
+        dataset: "Dataset",
+        corrections: Corrections,
+        joint_names: tuple[str, ...] = (),
+        joint_velocity: JointVelocityConfig | None = None,
+    ) -> None:
+        """Set what is changed.
+
+        Args:
+            dataset: as recorded.
+            corrections: what is changed.
+            joint_names: of the robot, in the order of joint samples.
+            joint_velocity: how velocities are estimated from angles; by default as for logs without velocities.
+
+        Raises:
+            DatasetError: a correction of a joint that the robot does not have.
+        """
         self._dataset = dataset
         self._corrections = corrections
+        self._joint_names = joint_names
+        self._joint_velocity = joint_velocity or JointVelocityConfig()
         self._unit_ns = STAMP_UNITS_NS[corrections.stamp_unit]
         self._delays_ns = {kind: round(delay_s * NS_PER_S) for kind, delay_s in _delays_s(corrections).items()}
         self._changes: Mapping[type, _Change] = {
             ImuSample: _imu_change(corrections.imu),
             CameraImuSample: _imu_change(corrections.camera_imu),
-            JointSample: self._joints,
+            JointSample: JointArrangement(corrections.joints, joint_names),
+            FootForceSample: self._forces,
             StereoFrame: self._frame,
         }
 
@@ -70,12 +93,18 @@ class CorrectedDataset:
             DatasetError: the recording is malformed.
             TimestampError: a corrected stamp is beyond the year 2116.
         """
+        stream = self._merged(sensors)
+        if self._corrections.joints.velocity == "from_position":
+            is_absent = np.ones(len(self._joint_names), dtype=np.bool_)
+            stream = fill_velocities(stream, is_absent, self._joint_velocity)
+        yield from stream
+
+    def _merged(self, sensors: frozenset[type]) -> Iterator[Measurement]:
         delays = {self._delays_ns.get(kind, 0) for kind in sensors}
         if len(delays) <= 1:
-            yield from map(self._corrected, self._dataset.measurements(sensors))
-            return
+            return map(self._corrected, self._dataset.measurements(sensors))
         streams = [self._dataset.measurements(frozenset({kind})) for kind in sensors]
-        yield from merge_streams([map(self._corrected, stream) for stream in streams])
+        return merge_streams([map(self._corrected, stream) for stream in streams])
 
     def ground_truth(self) -> GroundTruth | None:
         """The corrected reference trajectory, or None.
@@ -91,12 +120,20 @@ class CorrectedDataset:
         if how.quaternion == "wxyz":
             rotations = so3.from_quat_xyzw(np.roll(so3.to_quat_xyzw(rotations), -1, axis=1))
         velocity = given.trajectory.velocity_world
+        if how.up != "z":
+            turn = upright(how.up)
+            rotations, positions = turn @ rotations, positions @ turn.T
+            velocity = None if velocity is None else velocity @ turn.T
         stamps = given.trajectory.stamps_ns.tolist()
+        if given.has_stamps:
+            stamps = [round(_in_ns(stamp, how.stamp_unit) * how.stamp_factor) for stamp in stamps]
         corrected = Trajectory(
-            np.array([_in_ns(stamp, how.stamp_unit) for stamp in stamps]) if given.has_stamps else np.array(stamps),
+            np.array(stamps),
             se3.transform(rotations, positions),
             None if velocity is None else velocity * LENGTH_UNITS[how.length_unit],
         )
+        if how.drops_jumps and given.has_stamps:
+            corrected = corrected.select(~jumping_poses(corrected.stamps_ns, corrected.positions))
         return replace(given, trajectory=corrected)
 
     def report(self) -> ReadReport:
@@ -131,14 +168,8 @@ class CorrectedDataset:
     def _stamp_ns(self, kind: type, stamp_ns: int) -> int:
         return _in_ns(stamp_ns, self._corrections.stamp_unit) - self._delays_ns.get(kind, 0)
 
-    def _joints(self, sample: JointSample) -> JointSample:
-        how = self._corrections.joints
-        return JointSample(
-            sample.stamp_ns,
-            sample.position * ANGLE_UNITS[how.position_unit],
-            sample.velocity * how.velocity_factor,
-            sample.effort * how.effort_factor,
-        )
+    def _forces(self, sample: FootForceSample) -> FootForceSample:
+        return FootForceSample(sample.stamp_ns, sample.force * self._corrections.foot_force.factor)
 
     def _frame(self, frame: StereoFrame) -> StereoFrame:
         if not self._corrections.stereo.is_swapped:

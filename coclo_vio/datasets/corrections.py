@@ -64,7 +64,7 @@ class ImuCorrections(StageConfig):
 
 
 class JointCorrections(StageConfig):
-    """Units and delay of the joints' readings."""
+    """Order, signs, units and delay of the joints' readings."""
 
     position_unit: Annotated[Literal["rad", "deg"], Field(description="unit of the angles in the recording")] = "rad"
     velocity_unit: Annotated[
@@ -74,6 +74,19 @@ class JointCorrections(StageConfig):
     effort_factor: Annotated[
         float, Field(description="is multiplied with the torques: -1 for another sign, a motor's constant for currents")
     ] = 1.0
+    velocity: Annotated[
+        Literal["recorded", "from_position"],
+        Field(description="from_position: the recorded velocities are replaced by estimates from the angles"),
+    ] = "recorded"
+    order: dict[str, str] = Field(
+        default_factory=dict, description="joint: the joint under whose name the recording has its readings"
+    )
+    signs: dict[str, Literal[-1, 1]] = Field(
+        default_factory=dict, description="joint: -1 where angle, velocity and torque have the opposite sign"
+    )
+    left_out: Annotated[
+        tuple[str, ...], Field(description="joints whose readings are not used; their legs are unknown")
+    ] = ()
     delay_s: _Delay = 0.0
 
     @property
@@ -84,8 +97,9 @@ class JointCorrections(StageConfig):
 
 
 class ForceCorrections(StageConfig):
-    """Delay of the foot forces."""
+    """Sign or unit, and delay of the foot forces."""
 
+    factor: Annotated[float, Field(description="is multiplied with the forces: -1 where a load is negative")] = 1.0
     delay_s: _Delay = 0.0
 
 
@@ -104,6 +118,16 @@ class TruthCorrections(StageConfig):
     stamp_unit: Annotated[
         Literal["ns", "us", "ms", "s"], Field(description="unit of stamps that were read as nanoseconds")
     ] = "ns"
+    up: Annotated[
+        Literal["x", "-x", "y", "-y", "z", "-z"], Field(description="the axis of its world that points up")
+    ] = "z"
+    stamp_factor: Annotated[
+        float,
+        Field(gt=0, description="is multiplied with the stamps: 0.001 for milliseconds read as seconds"),
+    ] = 1.0
+    drops_jumps: Annotated[
+        bool, Field(description="leave out poses that no body reaches at 10 m/s from the poses around them")
+    ] = False
     is_read: Annotated[bool, Field(description="whether it is read at all")] = True
 
 
@@ -142,3 +166,11 @@ def axes_name(matrix: Array) -> str:
         column = int(np.argmax(np.abs(row)))
         names.append(("-" if row[column] < 0.0 else "") + "xyz"[column])
     return " ".join(names)
+
+
+def upright(up: str) -> Array:
+    """The rotation (3, 3) from a world whose axis ``up``, such as ``"-y"``, points up, to one that is z up."""
+    axis = np.zeros(3)
+    axis["xyz".index(up[-1])] = -1.0 if up.startswith("-") else 1.0
+    other = np.array([1.0, 0.0, 0.0]) if up[-1] != "x" else np.array([0.0, 1.0, 0.0])
+    return np.array([other, np.cross(axis, other), axis])

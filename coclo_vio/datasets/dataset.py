@@ -180,7 +180,10 @@ def open_dataset(path: Path, robot: RobotDescription | None, config: DatasetConf
     """
     config = config or DatasetConfig()
     dataset = _format_of(path).open(path, robot, config)
-    return dataset if config.corrections.is_none else CorrectedDataset(dataset, config.corrections)
+    if config.corrections.is_none:
+        return dataset
+    joints = () if robot is None else robot.joint_names
+    return CorrectedDataset(dataset, config.corrections, joints, config.joint_velocity)
 
 
 def guess_robot(path: Path, config: DatasetConfig | None = None) -> str | None:

@@ -4,6 +4,7 @@
 import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from coclo_vio.datasets.columns import ColumnNames, Header, StampColumn
 from coclo_vio.datasets.csv_table import CsvTable
 from coclo_vio.datasets.read_report import ReadTally
+from coclo_vio.datasets.truth_defects import lost_poses
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import DatasetError, TimestampError, listing
@@ -31,6 +33,9 @@ _QUATERNION_TOLERANCE = 0.05
 _TUM_FIELDS = 8
 _MOST_COMMENTS = 100  # lines before the first pose
 _TRUTH_NAME = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|mocap|vicon|optitrack|leica|reference")
+_LATEST_S = 1e10  # the year 2286
+_FINER_UNITS = {"milliseconds": 1_000, "microseconds": 1_000_000, "nanoseconds": 1_000_000_000}
+LOST = "ground truth: pose at the origin, where the tracker lost the body"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +59,8 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
         TimestampError: no pose, or a TUM file whose stamps do not increase.
     """
     if path.suffix == ".tum" or is_tum(path):
-        return GroundTruth(read_tum(path), has_stamps=True, source=path.name)
+        trajectory = read_tum(path, per_second=_stamps_per_second(path, tally))
+        return GroundTruth(without_lost(trajectory, tally), has_stamps=True, source=path.name)
     table = CsvTable.open(path)
     found = _pose_columns(table, columns, tally)
     stamps_ns, poses = _poses(table, found, tally)
@@ -63,7 +69,7 @@ def read_ground_truth(path: Path, columns: ColumnNames, tally: ReadTally) -> Gro
     velocity = poses[:, 7:] if found.velocity else None
     if found.stamp is None:
         tally.note(f"{path.name}: ground truth has no stamps, offset and rate of its clock must be estimated")
-    trajectory = Trajectory(stamps_ns, transforms, velocity)
+    trajectory = without_lost(Trajectory(stamps_ns, transforms, velocity), tally)
     return GroundTruth(trajectory, has_stamps=found.stamp is not None, source=path.name)
 
 
@@ -112,7 +118,30 @@ def stamped_truth(stamps_ns: IntArray, T_world_body: Array, source: str, tally: 
     tally.dropped = +tally.dropped
     if not is_later.any():
         raise TimestampError(f"{source} holds no complete pose; delete its poses to run without ground truth")
-    return GroundTruth(Trajectory(stamps_ns[is_later], poses[is_later]), has_stamps=True, source=source)
+    trajectory = without_lost(Trajectory(stamps_ns[is_later], poses[is_later]), tally)
+    return GroundTruth(trajectory, has_stamps=True, source=source)
+
+
+def without_lost(trajectory: Trajectory, tally: ReadTally) -> Trajectory:
+    """The poses but those at the origin that a tracker writes while it does not see the body; counted."""
+    is_lost = lost_poses(trajectory.positions)
+    if not is_lost.any() or is_lost.all():
+        return trajectory
+    tally.dropped[LOST] += int(is_lost.sum())
+    return trajectory.select(~is_lost)
+
+
+def _stamps_per_second(path: Path, tally: ReadTally) -> int:
+    """How many units of a TUM file's stamps make a second: 1, unless they would be later than the year 2286."""
+    first = 0.0
+    with suppress(OSError, UnicodeDecodeError, ValueError), path.open(encoding="utf-8") as lines:
+        fields = next((line.split() for line in lines if line.partition("#")[0].strip()), ["0"])
+        first = float(fields[0])
+    for name, per_second in _FINER_UNITS.items():
+        if _LATEST_S < first <= _LATEST_S * per_second:
+            tally.note(f"{path.name}: the stamps are read as {name}: {first:.0f} is no time in seconds")
+            return per_second
+    return 1
 
 
 def _pose_columns(table: CsvTable, columns: ColumnNames, tally: ReadTally) -> _PoseColumns:

@@ -1,6 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The checks there are: a further one is one function in ``checks`` and one row here."""
 
+from coclo_vio.diagnosis.checks import (
+    contacts,
+    joint_order,
+    joint_positions,
+    joint_torques,
+    joint_velocities,
+    truth_motion,
+    truth_rotation,
+)
 from coclo_vio.diagnosis.checks.cameras import find_calibration, find_pairs
 from coclo_vio.diagnosis.checks.clocks import find_apart, find_offset_of_camera_imu, find_offsets, find_units
 from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
@@ -20,4 +29,11 @@ CHECKS: tuple[Check, ...] = (
     Check("calibration of the cameras", Stage.CAMERAS, Cost.REPORT, find_calibration),
     Check("images as a pair", Stage.CAMERAS, Cost.SAMPLES, find_pairs),
     Check("mountings by angular velocities", Stage.MOUNTING, Cost.IMAGES, find_mountings),
+    Check("joint angles", Stage.JOINTS, Cost.SAMPLES, joint_positions.find),
+    Check("joint velocities", Stage.JOINTS, Cost.SAMPLES, joint_velocities.find),
+    Check("order and signs of joints", Stage.JOINTS, Cost.SAMPLES, joint_order.find),
+    Check("joint torques", Stage.JOINTS, Cost.SAMPLES, joint_torques.find),
+    Check("contacts", Stage.CONTACT, Cost.SAMPLES, contacts.find),
+    Check("motion of the ground truth", Stage.GROUND_TRUTH, Cost.SAMPLES, truth_motion.find),
+    Check("rotation of the ground truth", Stage.GROUND_TRUTH, Cost.SAMPLES, truth_rotation.find),
 )

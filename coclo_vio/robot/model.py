@@ -62,6 +62,8 @@ class RobotModel:
         self._chains = self._legs.chains() if is_compiled else None
         self._joints: Array = np.zeros((2, len(self.joint_names)))  # the kernels' input, of one type always
         self.velocity_limits = self._legs.velocity_limits
+        self.position_limits = self._legs.position_limits
+        self.effort_limits = self._legs.effort_limits
         self.hip_position_body = self._legs.hip_position_body()
 
     @property

@@ -55,6 +55,20 @@ class PinocchioLegs:
         return np.asarray(np.array(self._model.velocityLimit)[self._v_index])
 
     @property
+    def position_limits(self) -> Array:
+        """Lower and upper limits of the joints, rad, (2, J); both infinite where the URDF has none."""
+        bounds = (self._model.lowerPositionLimit, self._model.upperPositionLimit)
+        lower, upper = (np.array(bound)[self._q_index] for bound in bounds)
+        has_none = lower >= upper
+        return np.array([np.where(has_none, -np.inf, lower), np.where(has_none, np.inf, upper)])
+
+    @property
+    def effort_limits(self) -> Array:
+        """Of the joints, Nm, (J,); infinite where the URDF has none."""
+        limits = np.array(self._model.effortLimit)[self._v_index]
+        return np.asarray(np.where(limits > 0.0, limits, np.inf))
+
+    @property
     def mass_kg(self) -> float:
         """Mass of the whole robot, kg."""
         return float(sum(inertia.mass for inertia in self._model.inertias))

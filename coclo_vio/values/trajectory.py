@@ -215,8 +215,8 @@ def seconds_to_ns(text: str) -> int:
     return int((seconds * NS_PER_S).to_integral_value())
 
 
-def _stamp_field(text: str) -> int:
-    stamp_ns = seconds_to_ns(text)
+def _stamp_field(text: str, per_second: int) -> int:
+    stamp_ns = seconds_to_ns(text) // per_second
     if abs(stamp_ns) >= _STAMP_LIMIT_NS:
         raise ValueError(f"the stamp {text} is beyond 64-bit nanoseconds: is it in nanoseconds, not seconds?")
     return stamp_ns
@@ -231,8 +231,12 @@ def _pose_fields(fields: list[str]) -> list[float]:
     return values
 
 
-def read_tum(path: Path) -> Trajectory:
+def read_tum(path: Path, *, per_second: int = 1) -> Trajectory:
     """Read ``t x y z qx qy qz qw`` lines; ``#`` starts a comment; stamps to the nanosecond.
+
+    Args:
+        path: the file.
+        per_second: how many units of its stamps make a second: 1000 where they are milliseconds.
 
     Raises:
         DatasetError: no such file, or a line that is not eight finite numbers with a quaternion.
@@ -251,7 +255,7 @@ def read_tum(path: Path) -> Trajectory:
         try:
             if len(fields) != 8:
                 raise ValueError(f"{len(fields)} fields")
-            stamps.append(_stamp_field(fields[0]))
+            stamps.append(_stamp_field(fields[0], per_second))
             rows.append(_pose_fields(fields[1:]))
         except ValueError as error:
             raise DatasetError(

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from coclo_vio.datasets.config import DatasetConfig
-from coclo_vio.datasets.corrections import Corrections, axes_matrix, axes_name
+from coclo_vio.datasets.corrections import Corrections, axes_matrix, axes_name, upright
 from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.writer import write_leg_log
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
-from coclo_vio.values.errors import ConfigError, TimestampError
-from coclo_vio.values.measurements import ImuSample, JointSample, Measurement
+from coclo_vio.values.errors import ConfigError, DatasetError, TimestampError
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 _STAMPS_NS = range(5_000_000_000, 5_200_000_000, 10_000_000)
@@ -114,3 +114,64 @@ def test_axes_that_are_no_rotation_are_refused(axes: str) -> None:
 @pytest.mark.parametrize("axes", ["x y z", "x -y -z", "y -x z", "-z y x"])
 def test_axes_have_a_name_and_back(axes: str) -> None:
     assert axes_name(axes_matrix(axes)) == axes
+
+
+def test_order_and_signs_of_joints_are_corrected_and_a_joint_left_out(log: Path) -> None:
+    names = _ROBOT.joint_names
+    how = {"order": {names[0]: names[4], names[4]: names[0]}, "signs": {names[1]: -1}, "left_out": [names[2]]}
+    joints = next(s for s in _read(log, {"joints": how}) if isinstance(s, JointSample))
+    expected = _ANGLES.copy()
+    expected[[0, 4]] = _ANGLES[[4, 0]]
+    expected[1] *= -1.0
+    expected[2] = np.nan
+    assert joints.position == pytest.approx(expected, nan_ok=True)
+    assert joints.velocity == pytest.approx(0.1 * expected, nan_ok=True)
+    assert joints.effort == pytest.approx(2.0 * expected, nan_ok=True)
+
+
+def test_a_correction_of_a_joint_that_the_robot_lacks_is_refused(log: Path) -> None:
+    with pytest.raises(DatasetError, match=r"knee_9, no joint of the robot; its joints are"):
+        _read(log, {"joints": {"signs": {"knee_9": -1}}})
+
+
+def test_velocities_can_be_estimated_from_the_angles_instead(tmp_path: Path) -> None:
+    angles = [_ANGLES + 0.02 * i for i in range(6)]
+    stamps = [5_000_000_000 + 10_000_000 * i for i in range(6)]
+    samples = [JointSample(t, q, 9.0 * q, q) for t, q in zip(stamps, angles, strict=True)]
+    log = write_leg_log(tmp_path, _ROBOT, samples)
+    read = [s for s in _read(log, {"joints": {"velocity": "from_position"}}) if isinstance(s, JointSample)]
+    assert np.isnan(read[0].velocity).all()
+    assert read[-1].velocity == pytest.approx(np.full(len(_ANGLES), 2.0))
+    assert read[-1].effort == pytest.approx(angles[-1])
+
+
+def test_forces_are_multiplied(tmp_path: Path) -> None:
+    force = np.arange(1.0, 1.0 + len(_ROBOT.leg_names))
+    log = write_leg_log(tmp_path, _ROBOT, [*_samples()[:2], FootForceSample(_STAMPS_NS[1], force)])
+    read = next(s for s in _read(log, {"foot_force": {"factor": -2.0}}) if isinstance(s, FootForceSample))
+    assert read.force == pytest.approx(-2.0 * force)
+
+
+@pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
+def test_a_world_of_another_upward_axis_is_turned_upright(tmp_path: Path, up: str) -> None:
+    truth = _truth().trajectory
+    turn = upright(up)
+    assert turn @ turn.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    moved = truth.moved(se3.transform(turn.T, np.zeros(3)))
+    log = write_leg_log(tmp_path, _ROBOT, _samples(), GroundTruth(moved, has_stamps=True, source="truth"))
+    read = open_dataset(log, _ROBOT, _config({"ground_truth": {"up": up}})).ground_truth()
+    assert read is not None
+    assert read.trajectory.T_world_body == pytest.approx(truth.T_world_body, abs=1e-9)
+
+
+def test_stamps_of_the_ground_truth_are_scaled_and_jumps_left_out(tmp_path: Path) -> None:
+    truth = _truth().trajectory
+    places = truth.positions.copy()
+    places[2] += [30.0, 0.0, 0.0]
+    slow = Trajectory(1000 * truth.stamps_ns, se3.transform(truth.rotations, places))
+    log = write_leg_log(tmp_path, _ROBOT, _samples(), GroundTruth(slow, has_stamps=True, source="truth"))
+    how = {"ground_truth": {"stamp_factor": 0.001, "drops_jumps": True}}
+    read = open_dataset(log, _ROBOT, _config(how)).ground_truth()
+    assert read is not None
+    assert read.trajectory.stamps_ns.tolist() == np.delete(truth.stamps_ns, 2).tolist()

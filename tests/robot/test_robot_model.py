@@ -160,3 +160,9 @@ def test_a_file_that_is_no_urdf_is_named(tmp_path) -> None:
         path.write_text(text, encoding="utf-8")
         with pytest.raises(RobotModelError, match=r"broken\.urdf is not a URDF"):
             RobotModel(RobotDescription(name="broken", urdf=str(path), legs=(leg,)))
+
+
+def test_joint_limits_are_those_of_the_urdf() -> None:
+    robot = RobotModel(load_robot("daisy"))
+    assert robot.position_limits[:, :3] == pytest.approx(np.array([[-1.57, -1.57, -2.6], [1.57, 1.57, 2.6]]))
+    assert robot.effort_limits[:3] == pytest.approx([20.0, 38.0, 20.0])

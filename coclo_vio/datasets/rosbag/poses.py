@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from coclo_vio.datasets.ground_truth import without_lost
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
@@ -127,10 +128,11 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
         )
     T_body_object = _mounting(config)
     numbers = np.array(poses)
-    T_world_body = se3.transform(so3.from_quat_xyzw(numbers[:, 3:]), numbers[:, :3])
+    T_world_object = se3.transform(so3.from_quat_xyzw(numbers[:, 3:]), numbers[:, :3])
+    trajectory = without_lost(Trajectory(np.array(stamps_ns, dtype=np.int64), T_world_object), tally)
     if not np.array_equal(T_body_object, np.eye(4)):
-        T_world_body = T_world_body @ se3.inverse(T_body_object)
-    return GroundTruth(Trajectory(np.array(stamps_ns, dtype=np.int64), T_world_body), has_stamps=True, source=topic)
+        trajectory = Trajectory(trajectory.stamps_ns, trajectory.T_world_body @ se3.inverse(T_body_object))
+    return GroundTruth(trajectory, has_stamps=True, source=topic)
 
 
 def _pose_in(message: Any, topic: str) -> Array | None:
