@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.diagnosis.evidence import Evidence, InertialRecord, JointRecord
+from coclo_vio.diagnosis.evidence import Evidence
+from coclo_vio.diagnosis.records import InertialRecord, JointRecord
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import NS_PER_S
