@@ -6,7 +6,7 @@ A description is a YAML file beside a URDF. Those of this package (``robot_names
 
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -47,6 +47,13 @@ class RobotDescription(StageConfig):
     joint_aliases: dict[str, str] = Field(
         default_factory=dict, description="names that logs use for joints, each with its URDF joint name"
     )
+    inferred_from: Annotated[
+        Literal["joints", "path"],
+        Field(
+            description="what a known robot is inferred from where none is named: joints, its joint names in the "
+            "recording; path, its own name in the recording's path too, for a robot that shares its joint names"
+        ),
+    ] = "joints"
     filter: Annotated[
         dict[str, Any],
         Field(default_factory=dict, description="filter parameters that differ for this robot (see FilterConfig)"),
