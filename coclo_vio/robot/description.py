@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from coclo_vio.robot.contact import ContactConfig
-from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.calibration import ImuCalibration, Triple
 from coclo_vio.values.config import StageConfig, read_yaml
 from coclo_vio.values.errors import ConfigError, RobotModelError, listing
 
@@ -28,6 +28,9 @@ class LegDescription(StageConfig):
         tuple[str, ...], Field(min_length=1, description="URDF joint names from the body to the foot, in log order")
     ]
     foot_frame: Annotated[str, Field(min_length=1, description="URDF link or frame at the centre of the foot")]
+    foot_centre_m: Annotated[
+        Triple, Field(description="centre of the foot in the axes of foot_frame, where that is not at the centre, m")
+    ] = (0.0, 0.0, 0.0)
     foot_radius_m: Annotated[float, Field(ge=0, lt=1, description="radius of a spherical foot, 0 for a point, m")] = 0.0
 
 

@@ -36,6 +36,7 @@ class PinocchioLegs:
         self._description = description
         self._model = _read_urdf(description)
         self._model.gravity.linear = np.zeros(3)  # gravity enters through the specific force of the base
+        self._frames = [_foot_frame(self._model, leg, description) for leg in description.legs]
         self._data = self._model.createData()
         self._T_body_root = _body_to_root(self._model, self._data, description)
         self._root_from_body: Array = self._T_body_root.inverse().action  # of [linear, angular] motions
@@ -46,7 +47,6 @@ class PinocchioLegs:
         self._dry_friction: Array = np.array(self._model.upperDryFrictionLimit)[self._v_index]
         self._q = pin.neutral(self._model)
         self._q[:7] = pin.SE3ToXYZQUAT(self._T_body_root)
-        self._frames = [_frame_id(self._model, leg.foot_frame, description) for leg in description.legs]
         self.is_own_joint: BoolArray = np.zeros((len(description.legs), len(joints)), dtype=np.bool_)
         for row, joints_of_leg in enumerate(joint_slices(description.legs)):
             self.is_own_joint[row, joints_of_leg] = True
@@ -227,6 +227,16 @@ def _frame_id(model: pin.Model, name: str, description: RobotDescription) -> int
     raise RobotModelError(
         f"robot {description.name!r}: the URDF has no link or frame {name!r}; its links are: {listing(frames)}"
     )
+
+
+def _foot_frame(model: pin.Model, leg: LegDescription, description: RobotDescription) -> int:
+    """The frame at the centre of a foot; one is added where no frame of the URDF is there."""
+    frame = _frame_id(model, leg.foot_frame, description)
+    if not any(leg.foot_centre_m):
+        return frame
+    link = model.frames[frame]
+    centre = link.placement * pin.SE3(np.eye(3), np.array(leg.foot_centre_m))
+    return int(model.addFrame(pin.Frame(f"{leg.name} foot centre", link.parentJoint, centre, pin.FrameType.OP_FRAME)))
 
 
 def _body_to_root(model: pin.Model, data: pin.Data, description: RobotDescription) -> pin.SE3:
