@@ -66,7 +66,8 @@ def test_legs_without_speaking_names_are_found_by_their_reach(tmp_path) -> None:
             parent = "b0" if k == 0 else f"c{number}{k - 1}"
             parts.append(
                 f'<link name="c{number}{k}">{inertial}</link><joint name="q{number}{k}" type="{kind}">'
-                f'<parent link="{parent}"/><child link="c{number}{k}"/><origin xyz="{place[0]} {place[1]} {place[2]}"/><axis xyz="0 1 0"/>'
+                f'<parent link="{parent}"/><child link="c{number}{k}"/><axis xyz="0 1 0"/>'
+                f'<origin xyz="{place[0]} {place[1]} {place[2]}"/>'
                 '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
             )
     path = tmp_path / "plain.urdf"
