@@ -23,7 +23,7 @@ _LEG_WORDS = re.compile(
     r"|(?<![a-z])(?:[fhrbl][lrf]|[lr][fhmrb])(?![a-z])"
 )
 _ARM_WORDS = re.compile(
-    r"(?<!fore)(?:arm(?!\w*leg)|hand|wrist|gripper|finger|thumb|palm|head|neck|torso|waist|chest|eye|camera|lidar|wheel)"
+    r"(?<!fore)(?:arm(?!\w*leg)|hand|wrist|gripper|finger|thumb|palm|head|neck|torso|waist|chest|camera|lidar|wheel)"
 )
 _FOOT_WORDS = re.compile(r"sole|foot|toe|contact|tip|end(?![a-z])")
 _SENSOR_WORDS = re.compile(r"sensor|skin|imu|cam|dh_frame|optical|lidar|rotor|motor|marker")
