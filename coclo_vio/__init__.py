@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 _HOMES = {
+    "adoption.adoption": ("AdoptedField", "Adoption"),
+    "api.adopting": ("adopt",),
     "api.recording": ("Recording",),
     "api.run": ("Run", "load_ground_truth", "load_run", "run"),
     "api.comparison": ("ComparedRecording", "Comparison", "compare"),
@@ -84,6 +86,9 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from coclo_vio.adoption.adoption import AdoptedField as AdoptedField
+    from coclo_vio.adoption.adoption import Adoption as Adoption
+    from coclo_vio.api.adopting import adopt as adopt
     from coclo_vio.api.comparison import ComparedRecording as ComparedRecording
     from coclo_vio.api.comparison import Comparison as Comparison
     from coclo_vio.api.comparison import compare as compare

@@ -46,6 +46,7 @@ COMMANDS = {
     "inspect": _Entry(
         "showing", "List what a recording holds: streams, gaps, clock jumps, joints, calibrations, and what modes lack."
     ),
+    "adopt": _Entry("adopting", "Find the description of a robot in its URDF and a log, and write it as YAML."),
     "benchmark": _Entry("showing", "Time filter, front end and smoother on one core, beside filterpy if installed."),
     "config": _Entry("showing", "Print the resolved configuration as YAML; every key can be changed with --set."),
     "robots": _Entry("showing", "List the known robots."),

@@ -78,7 +78,7 @@ def find_legs(tree: UrdfTree) -> FoundLegs:
     lengths = Counter(len(chain) for end, chain in chains.items() if by_name[end] != "arm")
     legs = []
     for end, chain in chains.items():
-        evidence = f"names: {by_name[end]}"
+        evidence = "named as legs"
         if by_name[end] == "arm":
             ignored[end] = "its names are those of an arm, a head or a sensor"
             continue

@@ -87,13 +87,15 @@ class UrdfJoint:
 class UrdfTree:
     """Links and joints of a URDF by name, in the order of the file; one root."""
 
-    def __init__(self, path: Path, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> None:
+    def __init__(
+        self, path: Path, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], name: str = ""
+    ) -> None:
         """Order the joints.
 
         Raises:
             RobotModelError: a joint names a link that does not exist, or there is not one root.
         """
-        self.path, self.links, self.joints = path, links, joints
+        self.path, self.links, self.joints, self.name = path, links, joints, name
         self._above = {joint.child: joint for joint in joints.values()}
         self._below: dict[str, list[UrdfJoint]] = {name: [] for name in links}
         for joint in joints.values():
@@ -173,7 +175,7 @@ def read_urdf_tree(path: Path) -> UrdfTree:
         raise RobotModelError(f"{path} is not a URDF that can be read: {error}; correct the URDF") from error
     if not links:
         raise RobotModelError(f"{path} is not a URDF that can be read: it has no link; pass the robot's URDF file")
-    return UrdfTree(path, links, joints)
+    return UrdfTree(path, links, joints, str(root.get("name") or path.stem))
 
 
 def _link(element: ElementTree.Element) -> UrdfLink:
