@@ -6,16 +6,18 @@ turning.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.adoption.adoption import AdoptedField, Adoption
+from coclo_vio.adoption.adoption import SURE, AdoptedField, Adoption
 from coclo_vio.adoption.contact_choice import ContactFound, find_contact
+from coclo_vio.adoption.force_order import force_order
 from coclo_vio.adoption.imu_choice import find_imu
 from coclo_vio.adoption.joint_matching import MatchedJoints, match_joints
 from coclo_vio.adoption.joint_signs import JointUnits, joint_signs, joint_units
+from coclo_vio.adoption.read_log import ReadLog
 from coclo_vio.adoption.recorded_legs import RecordedLegs, read_legs
 from coclo_vio.adoption.stance_motion import feet_motion
 from coclo_vio.datasets.config import DatasetConfig
@@ -28,15 +30,6 @@ from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.units import NS_PER_S
 
 _NOISY_RADPS = 0.1  # an estimated velocity that errs by less needs no entry
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Read:
-    """The log in SI units, read with the matched joints."""
-
-    description: RobotDescription
-    recorded: RecordedLegs
-    units: JointUnits
 
 
 def adopt(urdf: Path, recording: Path, config: DatasetConfig | None = None) -> Adoption:
@@ -57,36 +50,23 @@ def adopt(urdf: Path, recording: Path, config: DatasetConfig | None = None) -> A
     if not found.legs:
         reasons = "; ".join(f"{end}: {reason}" for end, reason in found.ignored.items()) or "it has no chain of joints"
         raise RobotModelError(f"{urdf} has no legs that could be found ({reasons}); describe them in a YAML by hand")
-    bare = _description(tree, found, found.legs)
-    joints = match_joints(tree, found.legs, bare, recording, config)
+    joints = match_joints(tree, found.legs, _description(tree, found, found.legs), recording, config)
     read = _read(tree, found, joints, recording)
-    description, recorded = read.description, read.recorded
-    robot = RobotModel(description)
-    fields = [*_leg_fields(found, joints), *joints.fields]
-    notes = [*joints.notes, *_unit_notes(read.units)]
-    signs, confidence = joint_signs(robot, tree, recorded)
-    settings = [*joints.settings, *_sign_settings(description, signs, confidence, joints, fields, notes)]
-    recorded = replace(
-        recorded,
-        position=recorded.position * signs,
-        velocity=recorded.velocity * signs,
-        effort=recorded.effort * signs,
-    )
-    motion = feet_motion(robot, recorded)
-    contact = find_contact(robot, recorded)
-    imu, imu_fields, imu_notes = find_imu(tree, description, found.legs, recorded, motion, contact.is_stance)
-    noise = _velocity_noise(recorded)
+    contact = find_contact(read.robot, read.recorded)
+    imu, imu_fields, imu_notes = find_imu(tree, read, joints.legs, contact.is_stance)
     changes: dict[str, object] = {"contact": contact.config, "imu": imu, "joint_aliases": joints.aliases}
+    fields = [*_leg_fields(found, joints), *joints.fields, *read.fields, *_contact_fields(contact), *imu_fields]
+    noise = _velocity_noise(read.recorded)
     if noise is not None:
         changes["joint_velocity_noise_radps"] = noise
         reason = "the log has no velocities; those estimated from the angles err by this much"
         fields.append(AdoptedField("joint_velocity_noise_radps", f"{noise:g}", 0.8, reason))
-    values = description.model_dump(exclude_unset=True) | changes
+    values = read.robot.description.model_dump(exclude_unset=True) | changes
     return Adoption(
         description=RobotDescription.parse(values, "adoption"),
-        fields=(*fields, *_contact_fields(contact), *imu_fields),
-        settings=tuple(settings),
-        notes=(*notes, *contact.notes, *imu_notes),
+        fields=tuple(fields),
+        settings=(*joints.settings, *read.settings),
+        notes=(*read.notes, *contact.notes, *imu_notes),
         ignored=found.ignored,
         recording=recording,
     )
@@ -109,12 +89,29 @@ def _description(tree: UrdfTree, found: FoundLegs, legs: Sequence[FoundLeg]) -> 
     return RobotDescription.parse(values, str(tree.path))
 
 
-def _read(tree: UrdfTree, found: FoundLegs, joints: MatchedJoints, recording: Path) -> _Read:
-    """Read the log with the matched joints, and bring it to SI units."""
+def _read(tree: UrdfTree, found: FoundLegs, joints: MatchedJoints, recording: Path) -> ReadLog:
+    """Read the log with the matched joints; bring units, signs and the order of the feet to those of the URDF."""
     description = _description(tree, found, joints.legs).model_copy(update={"joint_aliases": joints.aliases})
+    robot = RobotModel(description)
     recorded = read_legs(recording, description, joints.config)
     units = joint_units(recorded)
-    return _Read(description, units.in_si(recorded), units)
+    recorded = units.in_si(recorded)
+    signs, confidence = joint_signs(robot, tree, recorded)
+    field, settings, note = _of_signs(description, signs, confidence, is_bag=joints.is_bag)
+    recorded = replace(
+        recorded,
+        position=recorded.position * signs,
+        velocity=recorded.velocity * signs,
+        effort=recorded.effort * signs,
+    )
+    motion, fields = feet_motion(robot, recorded), [field]
+    if joints.foot_entries:
+        order = force_order(robot, recorded, motion)
+        recorded = replace(recorded, force=recorded.force[:, list(order.places)])
+        placed = {leg: joints.foot_entries[place] for leg, place in zip(robot.leg_names, order.places, strict=True)}
+        fields.append(AdoptedField("contact.forces", _listed(placed), order.confidence, order.reason))
+        settings = (*settings, f"dataset.rosbag.foot_force_entries={{{_listed(placed)}}}")
+    return ReadLog(robot, recorded, motion, tuple(fields), settings, (*_unit_notes(units), *note))
 
 
 def _leg_fields(found: FoundLegs, joints: MatchedJoints) -> list[AdoptedField]:
@@ -148,28 +145,23 @@ def _unit_notes(units: JointUnits) -> list[str]:
     return notes
 
 
-def _sign_settings(
-    description: RobotDescription,
-    signs: Array,
-    confidence: float,
-    joints: MatchedJoints,
-    fields: list[AdoptedField],
-    notes: list[str],
-) -> list[str]:
-    reversed_joints = [name for name, sign in zip(description.joint_names, signs, strict=True) if sign < 0.0]
-    if not reversed_joints:
+def _of_signs(
+    description: RobotDescription, signs: Array, confidence: float, *, is_bag: bool
+) -> tuple[AdoptedField, tuple[str, ...], tuple[str, ...]]:
+    """The field of the signs, the settings that correct them in a bag, and what to do in another log."""
+    turned = [name for name, sign in zip(description.joint_names, signs, strict=True) if sign < 0.0]
+    if not turned:
         reason = "limits of the URDF, posture, and distances of standing feet fit as they are"
-        if confidence < 0.7:
+        if confidence < SURE:
             reason = "posture or limits fit no choice of signs well: compare the log with the URDF joint by joint"
-        fields.append(AdoptedField("joint_signs", "as in the log", confidence, reason))
-        return []
-    listed = ", ".join(reversed_joints)
+        return AdoptedField("joint_signs", "as in the log", confidence, reason), (), ()
+    listed = ", ".join(turned)
     reason = "limits of the URDF and the posture fit only with these signs reversed"
-    fields.append(AdoptedField("joint_signs", f"-1 for {listed}", confidence, reason))
-    if joints.is_bag:
-        return [f"dataset.rosbag.joint_signs={{{', '.join(f'{name}: -1' for name in reversed_joints)}}}"]
-    notes.append(f"reverse the sign of angle, velocity and torque of {listed} in the log, or their axes in the URDF")
-    return []
+    field = AdoptedField("joint_signs", f"-1 for {listed}", confidence, reason)
+    if is_bag:
+        return field, (f"dataset.rosbag.joint_signs={{{', '.join(f'{name}: -1' for name in turned)}}}",), ()
+    note = f"reverse the sign of angle, velocity and torque of {listed} in the log, or their axes in the URDF"
+    return field, (), (note,)
 
 
 def _contact_fields(contact: ContactFound) -> list[AdoptedField]:
@@ -183,6 +175,10 @@ def _contact_fields(contact: ContactFound) -> list[AdoptedField]:
             contact.level_reason,
         ),
     ]
+
+
+def _listed(placed: dict[str, int]) -> str:
+    return ", ".join(f'{leg}: "effort[{entry}]"' for leg, entry in placed.items())
 
 
 def _velocity_noise(recorded: RecordedLegs) -> float | None:

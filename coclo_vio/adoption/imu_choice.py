@@ -7,9 +7,9 @@ import numpy as np
 
 from coclo_vio.adoption.adoption import AdoptedField
 from coclo_vio.adoption.imu_mounting import ImuMounting, find_mounting, scale_of_force
+from coclo_vio.adoption.read_log import ReadLog
 from coclo_vio.adoption.recorded_legs import RecordedLegs
 from coclo_vio.adoption.stance_motion import FeetMotion, standing_pairs
-from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.imu_check import imu_links, roll_pitch_yaw
 from coclo_vio.robot.leg_search import FoundLeg
 from coclo_vio.robot.urdf_tree import UrdfTree
@@ -26,19 +26,13 @@ _SLOW_S = 0.25  # swaying at rest is slower than that, noise is faster
 Found = tuple[ImuCalibration, list[AdoptedField], list[str]]
 
 
-def find_imu(
-    tree: UrdfTree,
-    description: RobotDescription,
-    legs: Sequence[FoundLeg],
-    recorded: RecordedLegs,
-    motion: FeetMotion,
-    is_stance: BoolArray,
-) -> Found:
+def find_imu(tree: UrdfTree, read: ReadLog, legs: Sequence[FoundLeg], is_stance: BoolArray) -> Found:
     """Mounting and noise of the IMU; the URDF's where the data agree with it."""
+    recorded, motion = read.recorded, read.motion
     if not recorded.has_imu:
         reason = "the log has no IMU"
         return ImuCalibration(), [AdoptedField("imu", "none", 0.0, reason)], [f"imu: {reason}"]
-    body = description.body_frame or tree.root
+    body = read.robot.description.body_frame or tree.root
     links = imu_links(tree, body)
     pairs = standing_pairs(motion, is_stance, _UP)
     found = find_mounting(

@@ -34,6 +34,7 @@ class MatchedJoints:
         fields: with their confidence.
         notes: what to check.
         is_bag: whether the log is a rosbag.
+        foot_entries: places of unnamed foot forces among the efforts, in the order of the log; empty where none are.
     """
 
     legs: tuple[FoundLeg, ...]
@@ -43,6 +44,7 @@ class MatchedJoints:
     fields: tuple[AdoptedField, ...]
     notes: tuple[str, ...]
     is_bag: bool
+    foot_entries: tuple[int, ...] = ()
 
 
 def match_joints(
@@ -91,7 +93,9 @@ def _by_data(
         )
     by_name = {leg.name: leg for leg in legs}
     ordered = tuple(by_name[name] for name in order.legs)
-    aliases, settings = _named(description, order, names, raw, entries, len(legs))
+    aliases, settings = _named(description, order, names, entries)
+    feet = _foot_entries(raw, len(legs)) if entries.is_bag else ()
+    by_range = [f"dataset.rosbag.foot_force_entries=effort[{feet[0]}:{feet[-1] + 1}]"] if feet else []
     reason = {
         "names": "the log's names state the legs, their place in the leg is from limits and posture",
         "data": "limits, posture and distances of standing feet fit no other order",
@@ -100,37 +104,34 @@ def _by_data(
     value = f"entries {', '.join(map(str, order.entries))}"
     fields = (AdoptedField("joints", value, order.confidence, reason),)
     named = _named_after_forces(ordered, entries.force_names)
-    return MatchedJoints(named, aliases, _with(config, settings), tuple(settings), fields, (), entries.is_bag)
+    read_by = _with(config, [*settings, *by_range])
+    return MatchedJoints(named, aliases, read_by, tuple(settings), fields, (), entries.is_bag, feet)
 
 
 def _named(
     description: RobotDescription,
     order: EntryOrder,
     names: Sequence[str],
-    raw: RecordedLegs,
     entries: LogEntries,
-    legs: int,
 ) -> tuple[dict[str, str], list[str]]:
-    """Aliases of the log's names, or the settings that name the entries of a bag and its foot forces."""
+    """Aliases of the log's names, or the setting that names the entries of a bag."""
     joints = dict(zip(order.entries, description.joint_names, strict=True))
-    if not entries.is_bag:
-        return {names[entry]: joint for entry, joint in joints.items()}, []
     if entries.is_named:
-        return {names[entry]: joint for entry, joint in joints.items()}, _foot_settings(raw, legs)
+        return {names[entry]: joint for entry, joint in joints.items()}, []
     listed = [joints.get(entry, f"unused_{entry}") for entry in range(max(joints) + 1)]
-    return {}, [f"dataset.rosbag.joint_entries=[{', '.join(listed)}]", *_foot_settings(raw, legs)]
+    return {}, [f"dataset.rosbag.joint_entries=[{', '.join(listed)}]"]
 
 
-def _foot_settings(raw: RecordedLegs, legs: int) -> list[str]:
+def _foot_entries(raw: RecordedLegs, legs: int) -> tuple[int, ...]:
     """Foot forces among the efforts: the only entries that vary, one for each leg, never far below zero."""
     known = np.flatnonzero(np.isfinite(raw.effort).all(axis=0))
     varying = [int(entry) for entry in known if np.std(raw.effort[:, entry]) > 0.0]
     if len(varying) != legs or varying != list(range(varying[0], varying[0] + legs)):
-        return []
+        return ()
     values = raw.effort[:, varying]
     if float(np.percentile(values, 1.0)) < -0.1 * float(np.percentile(values, 99.0)):
-        return []
-    return [f"dataset.rosbag.foot_force_entries=effort[{varying[0]}:{varying[0] + legs}]"]
+        return ()
+    return tuple(varying)
 
 
 def _ordered(legs: tuple[FoundLeg, ...], first_names: Sequence[str], names: Sequence[str]) -> tuple[FoundLeg, ...]:
