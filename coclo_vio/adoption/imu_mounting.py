@@ -18,10 +18,11 @@ from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 
 _NEAR_RAD = 0.15  # a mounting of the URDF or along the axes this near to the measured one is taken to be the true one
-_HEADINGS = 720
+_HEADINGS = 360
 _KEPT = 0.8  # share of the pairs that is kept once those that slip are known
 _FLAT_SHARE = 0.1  # spread of the feet across the line of the two farthest, from which they span a plane
-_DISTINCT = 0.8  # residual of the best heading, as a share of that of a heading 90 degrees away
+_HEADING_RAD = 0.2  # standard deviation from which a heading is known: mountings differ by 90 degrees
+_INDEPENDENT_SHARE = 0.05  # of the pairs of feet: those that follow one another err alike
 _DELAYS_S = np.arange(-0.03, 0.0301, 0.001)
 
 
@@ -93,10 +94,11 @@ def find_mounting(
     length = float(np.linalg.norm(force))
     upright = _shortest(force / max(length, 1e-9), normal)
     turning = _turning(recorded, motion, is_stance, pairs, has_flat_feet=flat_normals is not None)
-    heading, is_heading_known, ratio = _heading(turning, upright, normal)
+    heading, sigma = _heading(turning, upright, normal)
+    is_heading_known = sigma < _HEADING_RAD
     measured = so3.exp(normal * heading) @ upright
     rotation, source, apart = _plausible(measured, normal, known, is_heading_known=is_heading_known)
-    confidence = 0.3 + 0.3 * is_tilt_known + 0.35 * is_heading_known * min(1.0, 1.5 * (1.0 - ratio))
+    confidence = 0.3 + 0.3 * is_tilt_known + 0.35 * is_heading_known * (1.0 - 0.5 * sigma / _HEADING_RAD)
     if source == "measured":
         confidence *= 0.7
     return ImuMounting(
@@ -159,10 +161,10 @@ def _turning(
     return _Turning(rate[pairs.sample], pairs.apart, -pairs.velocity)
 
 
-def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, bool, float]:
-    """Heading in rad about the normal, whether it is distinct, and its residual as a share of that beside it."""
+def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, float]:
+    """Heading about the normal by least squares, and its standard deviation, rad."""
     if len(turning.rate) < 50:
-        return 0.0, False, 1.0
+        return 0.0, float("inf")
     headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
     rows = np.random.default_rng(0).permutation(len(turning.rate))[:4000]
     kept = _rows(turning, rows)
@@ -171,9 +173,10 @@ def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, b
         best = int(np.argmin(costs))
         residuals = kept.residuals(so3.exp(normal * headings[best]) @ upright)
         kept = _rows(kept, np.flatnonzero(residuals <= np.quantile(residuals, _KEPT)))
-    beside = [costs[(best + turn * _HEADINGS // 4) % _HEADINGS] for turn in (1, 2, 3)]
-    ratio = float(np.sqrt(costs[best] / max(min(beside), 1e-12)))
-    return float(headings[best]), ratio < _DISTINCT, ratio
+    half_range = 0.5 * float(costs.max() - costs[best])  # the cost is a cosine of the heading
+    independent = len(kept.rate) * _INDEPENDENT_SHARE
+    variance = float(costs[best]) / max(independent * half_range, 1e-12)
+    return float(headings[best]), float(np.sqrt(variance))
 
 
 def _rows(turning: _Turning, rows: IntArray) -> _Turning:

@@ -20,6 +20,7 @@ _CLOSE = 0.2  # by which the slope of velocity over the derivative may differ fr
 _LEAST_CORRELATION = 0.7
 _BETTER = 0.7  # score of other signs, as a share of that of the log's own, from which they are taken
 _GOOD = 0.5  # a score of readings that nothing speaks against
+_PER_SIGN = 0.03
 _MOST_PATTERNS = 64
 
 
@@ -84,13 +85,16 @@ def joint_signs(robot: RobotModel, tree: UrdfTree, recorded: RecordedLegs) -> tu
     """
     posture = Posture(robot, tree, recorded)
     plain = np.ones(len(robot.joint_names))
-    best, lowest = plain, posture.score(recorded.position, recorded.velocity)
-    own = lowest
+    own = posture.score(recorded.position, recorded.velocity)
+    if own < _GOOD:
+        return plain, 0.9
+    best, lowest = plain, own
     for signs in _patterns(robot):
         score = posture.score(recorded.position * signs, recorded.velocity * signs)
+        score += _PER_SIGN * np.count_nonzero(signs < 0.0)  # of those that fit alike the fewest
         if score < lowest:
             best, lowest = signs, score
-    if own < _GOOD or lowest > _BETTER * own:
+    if lowest > _BETTER * own:
         return plain, 0.9 if own < 3.0 else 0.5
     return best, 0.8 if lowest < 3.0 else 0.4
 

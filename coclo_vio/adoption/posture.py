@@ -4,9 +4,6 @@
 Of several orders or signs of the joints the one with the lowest score is the right one.
 """
 
-from collections.abc import Sequence
-from itertools import combinations
-
 import numpy as np
 
 from coclo_vio.adoption.recorded_legs import RecordedLegs
@@ -40,7 +37,7 @@ class Posture:
         self._moving = _some(moving, _SAMPLES)
         legs = len(robot.leg_names)
         standing = max(legs // 2, 2)  # that many stand at any time
-        self._pairs = list(combinations(range(legs), 2))
+        self._pairs = np.triu_indices(legs, 1)
         self._standing_pairs = standing * (standing - 1) // 2
 
     def score(self, position: Array, velocity: Array) -> float:
@@ -70,21 +67,13 @@ class Posture:
 
     def _of_motion(self, position: Array, velocity: Array) -> float:
         """How much the distances change that change least: those of feet that stand."""
-        smallest = []
-        for row in self._moving:
-            feet = self._robot.feet(position[row], velocity[row])
-            changes = sorted(_stretch(feet.position_body, feet.velocity_body, self._pairs))
-            smallest.append(changes[self._standing_pairs - 1])
-        return float(np.median(smallest)) / _STRETCH_MPS
-
-
-def _stretch(position: Array, velocity: Array, pairs: Sequence[tuple[int, int]]) -> list[float]:
-    changes = []
-    for first, second in pairs:
-        apart = position[first] - position[second]
-        change = velocity[first] - velocity[second]
-        changes.append(abs(float(apart @ change)) / max(float(np.linalg.norm(apart)), 1e-6))
-    return changes
+        feet = [self._robot.feet(position[row], velocity[row]) for row in self._moving]
+        places = np.array([each.position_body for each in feet])
+        rates = np.array([each.velocity_body for each in feet])
+        first, second = self._pairs
+        apart, change = places[:, first] - places[:, second], rates[:, first] - rates[:, second]
+        stretch = np.abs((apart * change).sum(axis=2)) / np.maximum(np.linalg.norm(apart, axis=2), 1e-6)
+        return float(np.median(np.sort(stretch, axis=1)[:, self._standing_pairs - 1])) / _STRETCH_MPS
 
 
 def _some(rows: IntArray, count: int) -> IntArray:
