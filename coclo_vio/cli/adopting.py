@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from coclo_vio.api.adopting import adopt as adopt_robot
+from coclo_vio.api.robot_adoption import adopt as adopt_robot
 from coclo_vio.cli.options import SetOption
 from coclo_vio.cli.terminal import give, out, say
 

@@ -4,6 +4,7 @@
 A description is a YAML file beside a URDF. Those of this package (``robot_names``) serve as examples.
 """
 
+from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -16,6 +17,7 @@ from coclo_vio.values.config import StageConfig, read_yaml
 from coclo_vio.values.errors import ConfigError, RobotModelError, listing
 
 EXTRA_SCHEME = "example-robot-data:"
+_PRESETS = Path(str(resources.files("coclo_vio.robot") / "presets"))
 _EXTRA_DISTRIBUTION = "example-robot-data"
 _EXTRA_FOLDER = "/example-robot-data/robots/"
 
@@ -93,8 +95,7 @@ class RobotDescription(StageConfig):
 
 def robot_names() -> tuple[str, ...]:
     """The names of the robots that come with the package, in alphabetical order."""
-    presets = resources.files("coclo_vio.robot") / "presets"
-    return tuple(sorted(entry.name[: -len(".yaml")] for entry in presets.iterdir() if entry.name.endswith(".yaml")))
+    return tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
@@ -106,6 +107,18 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         ConfigError: no such robot or file, or a key or value that is wrong.
     """
     path = _yaml_path(str(name_or_path))
+    if path.parent == _PRESETS:
+        return _packaged(path)
+    return _read(path)
+
+
+@cache
+def _packaged(path: Path) -> RobotDescription:
+    """Read once: the robot of a recording is inferred from the joints of all of them."""
+    return _read(path)
+
+
+def _read(path: Path) -> RobotDescription:
     description = RobotDescription.parse(read_yaml(path), str(path))
     if description.urdf.startswith(EXTRA_SCHEME):
         return description
@@ -121,7 +134,7 @@ def _yaml_path(name_or_path: str) -> Path:
             f"no robot {name_or_path!r}; the known robots are: {listing(robot_names())}; "
             "for an own robot use the path of a file ending in .yaml"
         )
-    return Path(str(resources.files("coclo_vio.robot") / "presets" / f"{name_or_path}.yaml"))
+    return _PRESETS / f"{name_or_path}.yaml"
 
 
 def urdf_path(description: RobotDescription) -> Path:
