@@ -60,3 +60,9 @@ def write_walk(tmp_path: Path) -> Callable[..., tuple[Path, Path, RobotDescripti
         return urdf, log, robot
 
     return write
+
+
+@pytest.fixture
+def walk() -> Callable[..., tuple[RobotDescription, tuple[Measurement, ...]]]:
+    """The walk of a packaged robot, see ``walk_of``."""
+    return walk_of
