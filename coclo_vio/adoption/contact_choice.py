@@ -15,6 +15,7 @@ from coclo_vio.values.units import GRAVITY_MPS2
 
 _UP = np.array([0.0, 0.0, 1.0])
 _DWELL_SAMPLES, _LONGEST_DWELL_S = 2, 0.02
+_REVERSED = 0.2  # of an equal share of the weight, below zero
 _QUIETER = 0.95  # scatter of feet in the air with inertia, as a share of that without, from which it is compensated
 
 
@@ -55,10 +56,16 @@ def find_contact(robot: RobotModel, recorded: RecordedLegs) -> ContactFound:
         loads, levels = (inertial, of_inertial) if is_better else (plain, levels)
         base = ContactConfig(source="torque", compensation="inertia" if is_better else "gravity")
         return _found(robot, recorded, loads, levels, base, "the log has joint torques and no foot sensors")
-    share = robot.mass_kg * GRAVITY_MPS2 / len(robot.leg_names)
-    config = ContactConfig(source="torque", on_force=round(0.6 * share, 1), off_force=round(0.3 * share, 1))
-    still = np.repeat(np.isfinite(recorded.position.sum(axis=1))[:, None], len(robot.leg_names), axis=1)
     note = "the log has neither foot sensors nor joint torques: without them no contact is sensed; record one of them"
+    return _by_weight(robot, recorded, ContactConfig(source="torque"), note)
+
+
+def _by_weight(robot: RobotModel, recorded: RecordedLegs, base: ContactConfig, note: str) -> ContactFound:
+    """Thresholds as shares of the weight where the log's loads are none; all feet are taken to stand."""
+    share = robot.mass_kg * GRAVITY_MPS2 / len(robot.leg_names)
+    on, off = max(float(f"{0.6 * share:.2g}"), 0.02), max(float(f"{0.3 * share:.2g}"), 0.01)
+    config = ContactConfig.parse(base.model_dump(exclude_unset=True) | {"on_force": on, "off_force": off}, "adoption")
+    still = np.repeat(np.isfinite(recorded.position.sum(axis=1))[:, None], len(robot.leg_names), axis=1)
     return ContactFound(config, still, 0.1, note, 0.1, "shares of the weight by the URDF", (note,))
 
 
@@ -71,6 +78,13 @@ def _found(
     reason: str,
 ) -> ContactFound:
     share = robot.mass_kg * GRAVITY_MPS2 / len(robot.leg_names)
+    mean = float(np.nanmean(loads))
+    if levels.off <= 0.0 or mean < -_REVERSED * share:
+        note = (
+            f"the mean load of a foot is {mean:.3g}, below zero: the sign of the torques is opposite to that of a "
+            "motor's torque on its joint, or that of the foot sensors is wrong; reverse it in the log"
+        )
+        return _by_weight(robot, recorded, base, note)
     ratio = levels.stance / max(share, 1e-9)
     unit = "N" if base.source == "torque" or 0.5 < ratio < 2.5 else "raw counts"
     dwell = float(f"{min(_DWELL_SAMPLES / recorded.rate_hz, _LONGEST_DWELL_S):.2g}")

@@ -82,7 +82,14 @@ def _rotation_field(found: ImuMounting, angles: tuple[float, float, float]) -> A
 def _notes(found: ImuMounting) -> list[str]:
     notes = []
     unit = scale_of_force(found.force_mps2)
-    if unit is not None:
+    if found.is_gyroscope_in_degrees:
+        notes.append("the gyroscope reads deg/s: convert it to rad/s, in which it is read")
+    if unit == "without gravity":
+        notes.append(
+            f"the accelerometer reads {found.force_mps2:.3g} at rest, so gravity was removed from it: record the "
+            "specific force itself, by which attitude is known"
+        )
+    elif unit is not None:
         notes.append(
             f"the accelerometer reads {found.force_mps2:.3g} at rest, its unit is {unit}: convert it to m/s^2, with "
             "gravity in it"

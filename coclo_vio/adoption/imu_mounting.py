@@ -7,7 +7,7 @@ about n, is that for which the gyroscope explains how the vector between two sta
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from coclo_vio.values.units import GRAVITY_MPS2
 
 _NEAR_RAD = 0.15  # a mounting of the URDF or along the axes this near to the measured one is taken to be the true one
 _HEADINGS = 360
+_LEAST_FORCE_MPS2 = 0.5  # an accelerometer that reads less at rest has no gravity in it, in whatever unit
+_FAR_BETTER = 0.5  # share of the squared residual, from which the gyroscope reads degrees
 _KEPT = 0.8  # share of the pairs that is kept once those that slip are known
 _FLAT_SHARE = 0.1  # spread of the feet across the line of the two farthest, from which they span a plane
 _HEADING_RAD = 0.2  # standard deviation from which a heading is known: mountings differ by 90 degrees
@@ -38,6 +40,7 @@ class ImuMounting:
         measured: as measured, before the nearest plausible one was taken, (3, 3).
         apart_rad: angle between the two.
         delay_s: by which the gyroscope is late behind the joints, s; None where it was not observed.
+        is_gyroscope_in_degrees: whether its rates are deg/s.
         force_mps2: mean length of the specific force while standing, m/s^2.
         confidence: 0..1.
     """
@@ -49,6 +52,7 @@ class ImuMounting:
     measured: Array
     apart_rad: float
     delay_s: float | None
+    is_gyroscope_in_degrees: bool
     force_mps2: float
     confidence: float
 
@@ -92,9 +96,15 @@ def find_mounting(
     samples = is_rest if is_rest.any() else is_stance.any(axis=1)
     force = recorded.imu_at_joints()[1][samples].mean(axis=0)
     length = float(np.linalg.norm(force))
-    upright = _shortest(force / max(length, 1e-9), normal)
+    is_tilt_known = is_tilt_known and length > _LEAST_FORCE_MPS2
+    upright = _shortest(force / length, normal) if length > _LEAST_FORCE_MPS2 else np.eye(3)
     turning = _turning(recorded, motion, is_stance, pairs, has_flat_feet=flat_normals is not None)
-    heading, sigma = _heading(turning, upright, normal)
+    heading, sigma, cost = _heading(turning, upright, normal)
+    from_degrees = _heading(replace(turning, rate=np.radians(turning.rate)), upright, normal)
+    in_degrees = from_degrees[2] < _FAR_BETTER * cost
+    if in_degrees:
+        recorded = replace(recorded, angular_velocity=np.radians(recorded.angular_velocity))
+        heading, sigma, _ = from_degrees
     is_heading_known = sigma < _HEADING_RAD
     measured = so3.exp(normal * heading) @ upright
     rotation, source, apart = _plausible(measured, normal, known, is_heading_known=is_heading_known)
@@ -109,6 +119,7 @@ def find_mounting(
         measured=measured,
         apart_rad=apart,
         delay_s=_delay(recorded, motion, is_stance, pairs, rotation, flat_normals) if is_heading_known else None,
+        is_gyroscope_in_degrees=in_degrees,
         force_mps2=length,
         confidence=confidence,
     )
@@ -118,6 +129,8 @@ def scale_of_force(length_mps2: float) -> str | None:
     """The unit of an accelerometer that reads this at rest, where that is not m/s^2."""
     if abs(length_mps2 - GRAVITY_MPS2) < 1.5:
         return None
+    if length_mps2 < _LEAST_FORCE_MPS2:
+        return "without gravity"
     return {1: "g", 1000: "mg", 981: "cm/s^2"}.get(round(length_mps2), f"unknown, of {length_mps2:.3g} at rest")
 
 
@@ -133,7 +146,7 @@ def _floor(
     up = np.array([0.0, 0.0, 1.0])
     for _ in range(2):  # the contact point of a round foot depends on the normal a little
         points, _ = motion.contact_points(up)
-        standing = points[is_rest].mean(axis=0) if is_rest.any() else points[is_stance]
+        standing = np.nanmean(points[is_rest], axis=0) if is_rest.any() else points[is_stance]
         up, span = floor_normal(standing[np.isfinite(standing).all(axis=1)])
         if span < _FLAT_SHARE and is_rest.any():
             up, span = floor_normal(points[is_stance & np.isfinite(points).all(axis=2)])
@@ -161,10 +174,10 @@ def _turning(
     return _Turning(rate[pairs.sample], pairs.apart, -pairs.velocity)
 
 
-def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, float]:
-    """Heading about the normal by least squares, and its standard deviation, rad."""
+def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, float, float]:
+    """Heading about the normal by least squares and its standard deviation, rad; the mean squared residual."""
     if len(turning.rate) < 50:
-        return 0.0, float("inf")
+        return 0.0, float("inf"), 0.0
     headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
     rows = np.random.default_rng(0).permutation(len(turning.rate))[:4000]
     kept = _rows(turning, rows)
@@ -176,7 +189,7 @@ def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, f
     half_range = 0.5 * float(costs.max() - costs[best])  # the cost is a cosine of the heading
     independent = len(kept.rate) * _INDEPENDENT_SHARE
     variance = float(costs[best]) / max(independent * half_range, 1e-12)
-    return float(headings[best]), float(np.sqrt(variance))
+    return float(headings[best]), float(np.sqrt(variance)), float(costs[best])
 
 
 def _rows(turning: _Turning, rows: IntArray) -> _Turning:
