@@ -25,7 +25,7 @@ _KEPT = 0.8  # share of the pairs that is kept once those that slip are known
 _FLAT_SHARE = 0.1  # spread of the feet across the line of the two farthest, from which they span a plane
 _HEADING_RAD = 0.2  # standard deviation from which a heading is known: mountings differ by 90 degrees
 _INDEPENDENT_SHARE = 0.05  # of the pairs of feet: those that follow one another err alike
-_DELAYS_S = np.arange(-0.03, 0.0301, 0.001)
+_DELAYS_S = np.arange(-0.03, 0.0301, 0.002)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +68,24 @@ class _Turning:
     def residuals(self, rotation: Array) -> Array:
         turned = self.rate @ rotation.T
         predicted = turned if self.lever is None else np.cross(turned, self.lever)
-        scale = 1.0 if self.lever is None else np.linalg.norm(self.lever, axis=1, keepdims=True)
-        return np.asarray(np.linalg.norm((predicted - self.change) / scale, axis=1))
+        return np.asarray(np.linalg.norm((predicted - self.change) / self._length(), axis=1))
+
+    def gram(self, upright: Array, normal: Array) -> Array:
+        """Matrix (3, 3) whose form with [1, cos, sin] of a heading about ``normal`` is the mean squared residual."""
+        level = self.rate @ upright.T
+        along = np.outer(level @ normal, normal)
+        parts = [along, level - along, np.cross(normal, level)]
+        if self.lever is not None:
+            parts = [np.cross(part, self.lever) for part in parts]
+        parts[0] = parts[0] - self.change
+        stacked = np.stack([part / self._length() for part in parts])
+        return np.asarray(np.einsum("ink,jnk->ij", stacked, stacked) / len(self.rate))
+
+    def _length(self) -> Array:
+        """Of the levers, m, (n, 1); 1 where there are none."""
+        if self.lever is None:
+            return np.ones((1, 1))
+        return np.asarray(np.linalg.norm(self.lever, axis=1, keepdims=True))
 
 
 def find_mounting(
@@ -179,10 +195,11 @@ def _heading(turning: _Turning, upright: Array, normal: Array) -> tuple[float, f
     if len(turning.rate) < 50:
         return 0.0, float("inf"), 0.0
     headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
-    rows = np.random.default_rng(0).permutation(len(turning.rate))[:4000]
-    kept = _rows(turning, rows)
+    terms = np.column_stack((np.ones(_HEADINGS), np.cos(headings), np.sin(headings)))
+    kept = turning
     for _ in range(2):
-        costs = np.array([np.mean(kept.residuals(so3.exp(normal * angle) @ upright) ** 2) for angle in headings])
+        gram = kept.gram(upright, normal)
+        costs = np.einsum("hi,ij,hj->h", terms, gram, terms)
         best = int(np.argmin(costs))
         residuals = kept.residuals(so3.exp(normal * headings[best]) @ upright)
         kept = _rows(kept, np.flatnonzero(residuals <= np.quantile(residuals, _KEPT)))
