@@ -15,6 +15,7 @@ from coclo_vio.values.arrays import Array
 _FOOT_WORDS = re.compile(r"sole|foot|toe|tip|contact|end(?![a-z])")
 _NOT_FOOT_WORDS = re.compile(r"sensor|skin|imu|cam|dh_frame|optical|rotor|motor|marker|upper|back")
 _FARTHER_M = 0.02  # a link this much farther from the knee than the foot frame: the foot is there
+_WRONG_M = 0.08  # an ankle above a flat sole stands still with it; a knee above a foot does not
 _RADIUS_SHARE = 0.25  # of the sphere's radius, by which a measured radius may differ from it
 _CENTRE_M = 0.01
 _LARGEST_RADIUS_M = 0.1
@@ -27,7 +28,7 @@ def foot_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[DescriptionFi
         link, gap_m = farther
         yield DescriptionFinding(
             "foot_frame_above_foot",
-            True,
+            gap_m > _WRONG_M,
             f"leg {leg.name!r}: its foot frame {leg.foot_frame!r} is not at the end of the leg: the URDF goes on to "
             f"{link!r}, {gap_m:.3f} m farther; set foot_frame to {link!r}",
             (f"legs[{leg.name}].foot_frame: {link}",),

@@ -101,6 +101,13 @@ def test_a_foot_frame_above_the_foot_is_an_error(frame) -> None:
     assert finding.remedy == ("legs[FR].foot_frame: FR_foot",)
 
 
+def test_an_ankle_above_a_sole_is_worth_a_look(tmp_path) -> None:
+    sole = '<link name="FR_sole"/><joint name="FR_sole_fixed" type="fixed"><parent link="FR_foot"/>'
+    sole += '<child link="FR_sole"/><origin xyz="0 0 -0.05"/></joint>'
+    finding = only(with_urdf(tmp_path, ("</robot>", f"{sole}</robot>")), "foot_frame_above_foot")
+    assert (finding.is_error, finding.remedy) == (False, ("legs[FR].foot_frame: FR_sole",))
+
+
 def test_a_foot_that_two_legs_share_is_an_error() -> None:
     assert ("foot_frame_shared", True) in kinds(with_leg(foot_frame="FL_foot"))
 
