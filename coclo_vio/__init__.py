@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 _HOMES = {
+    "adoption.adoption": ("AdoptedField", "Adoption"),
+    "api.robot_adoption": ("adopt",),
     "api.recording": ("Recording",),
     "api.run": ("Run", "load_ground_truth", "load_run", "run"),
     "api.comparison": ("ComparedRecording", "Comparison", "compare"),
@@ -84,12 +86,15 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from coclo_vio.adoption.adoption import AdoptedField as AdoptedField
+    from coclo_vio.adoption.adoption import Adoption as Adoption
     from coclo_vio.api.comparison import ComparedRecording as ComparedRecording
     from coclo_vio.api.comparison import Comparison as Comparison
     from coclo_vio.api.comparison import compare as compare
     from coclo_vio.api.online import make_estimator as make_estimator
     from coclo_vio.api.recording import Recording as Recording
     from coclo_vio.api.recording import open_recording as open
+    from coclo_vio.api.robot_adoption import adopt as adopt
     from coclo_vio.api.run import Run as Run
     from coclo_vio.api.run import load_ground_truth as load_ground_truth
     from coclo_vio.api.run import load_run as load_run

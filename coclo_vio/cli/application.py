@@ -50,6 +50,7 @@ COMMANDS = {
         "examining",
         "Find what physics, the recording or the robot's description contradict: units, clocks, axes, joints, cameras.",
     ),
+    "adopt": _Entry("adopting", "Find the description of a robot in its URDF and a log, and write it as YAML."),
     "benchmark": _Entry("showing", "Time filter, front end and smoother on one core, beside filterpy if installed."),
     "config": _Entry("showing", "Print the resolved configuration as YAML; every key can be changed with --set."),
     "robots": _Entry("showing", "List the known robots."),

@@ -29,17 +29,22 @@ class RobotFit:
 
     @property
     def fitting(self) -> tuple[str, ...]:
-        """The robots all of whose joints are in the recording."""
-        return tuple(name for name, absent in self.absent.items() if not absent)
+        """The robots all of whose joints are in the recording, if no other robot has more of its joints there."""
+        most = max(map(self._present, self.absent), default=0)
+        return tuple(name for name, absent in self.absent.items() if not absent and self._present(name) == most)
 
     @property
     def nearest(self) -> str | None:
-        """The robot with the largest share of its joints present, at least half; None where one fits or two tie."""
+        """The robot with the most joints present, at least half of its own; None where one fits or two tie."""
         if self.fitting:
             return None
-        shares = {name: 1.0 - len(absent) / self.totals[name] for name, absent in self.absent.items()}
-        best = [name for name, share in shares.items() if share >= _LEAST_SHARE and share == max(shares.values())]
+        near = [name for name in self.absent if self._present(name) >= _LEAST_SHARE * self.totals[name]]
+        most = max(map(self._present, near), default=0)
+        best = _inferred_from_joints([name for name in near if self._present(name) == most])
         return best[0] if len(best) == 1 else None
+
+    def _present(self, name: str) -> int:
+        return self.totals[name] - len(self.absent[name])
 
     def matched(self, robot: RobotDescription) -> tuple[str, ...]:
         """The joints of a robot that the recording has under their own name or an alias."""
@@ -60,12 +65,11 @@ class RobotFit:
         """
         if not self.fitting:
             return self.nearest if takes_nearest else None
-        most = max(self.totals[name] for name in self.fitting)
-        best = [name for name in self.fitting if self.totals[name] == most]
-        if len(best) == 1:
-            return best[0]
-        named = [name for name in best if re.search(rf"(?<![a-z0-9]){re.escape(name)}(?![a-z0-9])", names.lower())]
-        return named[0] if len(named) == 1 else None
+        named = [
+            name for name in self.fitting if re.search(rf"(?<![a-z0-9]){re.escape(name)}(?![a-z0-9])", names.lower())
+        ]
+        best = named or _inferred_from_joints(self.fitting)
+        return best[0] if len(best) == 1 else None
 
     def unknown_robot_error(self, path: Path) -> CocloError:
         """The error to raise where no robot was named and none can be inferred."""
@@ -85,6 +89,10 @@ class RobotFit:
             f"which robot is it? Give --robot NAME or a YAML file; known robots are: {listing(robot_names())}; "
             f"the joints of {path} are {joints}"
         )
+
+
+def _inferred_from_joints(names: Sequence[str]) -> list[str]:
+    return [name for name in names if load_robot(name).inferred_from == "joints"]
 
 
 def fit_of(joints: Sequence[str]) -> RobotFit:

@@ -4,18 +4,20 @@
 A description is a YAML file beside a URDF. Those of this package (``robot_names``) serve as examples.
 """
 
+from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from coclo_vio.robot.contact import ContactConfig
-from coclo_vio.values.calibration import ImuCalibration
+from coclo_vio.values.calibration import ImuCalibration, Triple
 from coclo_vio.values.config import StageConfig, read_yaml
 from coclo_vio.values.errors import ConfigError, RobotModelError, listing, shortened
 
 EXTRA_SCHEME = "example-robot-data:"
+_PRESETS = Path(str(resources.files("coclo_vio.robot") / "presets"))
 _EXTRA_DISTRIBUTION = "example-robot-data"
 _EXTRA_FOLDER = "/example-robot-data/robots/"
 
@@ -28,6 +30,9 @@ class LegDescription(StageConfig):
         tuple[str, ...], Field(min_length=1, description="URDF joint names from the body to the foot, in log order")
     ]
     foot_frame: Annotated[str, Field(min_length=1, description="URDF link or frame at the centre of the foot")]
+    foot_centre_m: Annotated[
+        Triple, Field(description="centre of the foot in the axes of foot_frame, where that is not at the centre, m")
+    ] = (0.0, 0.0, 0.0)
     foot_radius_m: Annotated[float, Field(ge=0, lt=1, description="radius of a spherical foot, 0 for a point, m")] = 0.0
 
 
@@ -47,6 +52,13 @@ class RobotDescription(StageConfig):
     joint_aliases: dict[str, str] = Field(
         default_factory=dict, description="names that logs use for joints, each with its URDF joint name"
     )
+    inferred_from: Annotated[
+        Literal["joints", "path"],
+        Field(
+            description="what a known robot is inferred from where none is named: joints, its joint names in the "
+            "recording; path, its own name in the recording's path too, for a robot that shares its joint names"
+        ),
+    ] = "joints"
     filter: Annotated[
         dict[str, Any],
         Field(default_factory=dict, description="filter parameters that differ for this robot (see FilterConfig)"),
@@ -83,8 +95,7 @@ class RobotDescription(StageConfig):
 
 def robot_names() -> tuple[str, ...]:
     """The names of the robots that come with the package, in alphabetical order."""
-    presets = resources.files("coclo_vio.robot") / "presets"
-    return tuple(sorted(entry.name[: -len(".yaml")] for entry in presets.iterdir() if entry.name.endswith(".yaml")))
+    return tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
@@ -96,6 +107,18 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         ConfigError: no such robot or file, or a key or value that is wrong.
     """
     path = _yaml_path(str(name_or_path))
+    if path.parent == _PRESETS:
+        return _packaged(path)
+    return _read(path)
+
+
+@cache
+def _packaged(path: Path) -> RobotDescription:
+    """Read once: the robot of a recording is inferred from the joints of all of them."""
+    return _read(path)
+
+
+def _read(path: Path) -> RobotDescription:
     description = RobotDescription.parse(read_yaml(path), str(path))
     if description.urdf.startswith(EXTRA_SCHEME):
         return description
@@ -111,7 +134,7 @@ def _yaml_path(name_or_path: str) -> Path:
             f"no robot {shortened(name_or_path)!r}; the known robots are: {listing(robot_names())}; "
             "for an own robot use the path of a file ending in .yaml"
         )
-    return Path(str(resources.files("coclo_vio.robot") / "presets" / f"{name_or_path}.yaml"))
+    return _PRESETS / f"{name_or_path}.yaml"
 
 
 def urdf_path(description: RobotDescription) -> Path:

@@ -4,6 +4,7 @@
 The only importer of Pinocchio in this room.
 """
 
+import logging
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,9 +13,11 @@ import pinocchio as pin
 from coclo_vio.geometry import so3
 from coclo_vio.robot.description import LegDescription, RobotDescription, urdf_path
 from coclo_vio.robot.leg_kernels import LegChains
+from coclo_vio.robot.urdf_messages import caught_messages
 from coclo_vio.values.arrays import Array, BoolArray, has_nan
 from coclo_vio.values.errors import RobotModelError, listing
 
+_log = logging.getLogger(__name__)
 _BASE = 6  # the free base comes first in every Pinocchio vector, with six velocities
 _ROOT_JOINT = 1
 _STICTION_RADPS = 0.1  # dry friction grows to its full value over about this joint speed
@@ -31,8 +34,9 @@ class PinocchioLegs:
 
     def __init__(self, description: RobotDescription) -> None:
         self._description = description
-        self._model = _legs_only(_read_urdf(description), description)
+        self._model = _read_urdf(description)
         self._model.gravity.linear = np.zeros(3)  # gravity enters through the specific force of the base
+        self._frames = [_foot_frame(self._model, leg, description) for leg in description.legs]
         self._data = self._model.createData()
         self._T_body_root = _body_to_root(self._model, self._data, description)
         self._root_from_body: Array = self._T_body_root.inverse().action  # of [linear, angular] motions
@@ -43,7 +47,6 @@ class PinocchioLegs:
         self._dry_friction: Array = np.array(self._model.upperDryFrictionLimit)[self._v_index]
         self._q = pin.neutral(self._model)
         self._q[:7] = pin.SE3ToXYZQUAT(self._T_body_root)
-        self._frames = [_frame_id(self._model, leg.foot_frame, description) for leg in description.legs]
         self.is_own_joint: BoolArray = np.zeros((len(description.legs), len(joints)), dtype=np.bool_)
         for row, joints_of_leg in enumerate(joint_slices(description.legs)):
             self.is_own_joint[row, joints_of_leg] = True
@@ -179,30 +182,34 @@ def _matrix(placement: pin.SE3) -> Array:
 
 
 def _read_urdf(description: RobotDescription) -> pin.Model:
-    """The URDF on a free base, with continuous joints as unbounded revolute ones: one angle each, not two."""
+    """The URDF on a free base, with every joint that belongs to no leg fixed at zero.
+
+    Continuous joints become unbounded revolute ones: one angle each, not two.
+    """
     path = urdf_path(description)
     try:
         root = ElementTree.parse(path).getroot()
-        for joint in root.iter("joint"):
-            if joint.get("type") == "continuous":
-                joint.set("type", "revolute")
-                if joint.find("limit") is None:
-                    ElementTree.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
-        return pin.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"), pin.JointModelFreeFlyer())
-    except (ElementTree.ParseError, ValueError, RuntimeError) as error:
+    except (ElementTree.ParseError, OSError) as error:
         raise RobotModelError(f"robot {description.name!r}: {path} is not a URDF that can be read: {error}") from error
-
-
-def _legs_only(model: pin.Model, description: RobotDescription) -> pin.Model:
-    """The model with every joint that belongs to no leg locked at neutral."""
-    names = list(model.names)[_ROOT_JOINT + 1 :]
-    missing = [joint for joint in description.joint_names if joint not in names]
-    if missing:
+    moving = _fix_other_joints(root, description)
+    for joint in moving:
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            if joint.find("limit") is None:
+                ElementTree.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
+    with caught_messages() as messages:
+        try:
+            model = pin.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"), pin.JointModelFreeFlyer())
+            failure = None
+        except (ValueError, RuntimeError) as error:
+            failure = error
+    if failure is not None:
+        reasons = "; ".join(messages) if messages else failure
         raise RobotModelError(
-            f"robot {description.name!r}: the URDF has no moving joint {listing(missing)}; it has: {listing(names)}"
-        )
-    locked = [model.getJointId(name) for name in names if name not in description.joint_names]
-    model = pin.buildReducedModel(model, locked, pin.neutral(model))
+            f"robot {description.name!r}: {path} is not a URDF that can be read: {reasons}; correct the URDF"
+        ) from failure
+    if messages:
+        _log.warning("robot %r: parts of %s are ignored: %s", description.name, path, "; ".join(messages))
     for name in description.joint_names:
         if model.joints[model.getJointId(name)].nv != 1:
             raise RobotModelError(
@@ -212,13 +219,38 @@ def _legs_only(model: pin.Model, description: RobotDescription) -> pin.Model:
     return model
 
 
-def _frame_id(model: pin.Model, name: str, description: RobotDescription) -> int:
-    if not model.existFrame(name):
-        frames = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+def _fix_other_joints(root: ElementTree.Element, description: RobotDescription) -> list[ElementTree.Element]:
+    """Fix every joint that belongs to no leg; returns those that do."""
+    moving = {str(joint.get("name")): joint for joint in root.findall("joint") if joint.get("type") != "fixed"}
+    missing = [name for name in description.joint_names if name not in moving]
+    if missing and root.find("link") is not None:
         raise RobotModelError(
-            f"robot {description.name!r}: the URDF has no link or frame {name!r}; its links are: {listing(frames)}"
+            f"robot {description.name!r}: the URDF has no moving joint {listing(missing)}; it has: {listing(moving)}"
         )
-    return int(model.getFrameId(name))
+    for name in moving.keys() - set(description.joint_names):
+        moving[name].set("type", "fixed")
+    return [moving[name] for name in description.joint_names if name in moving]
+
+
+def _frame_id(model: pin.Model, name: str, description: RobotDescription) -> int:
+    """The frame of a link, or of a joint where no link has its name."""
+    for kind in (pin.FrameType.BODY, pin.FrameType.FIXED_JOINT, pin.FrameType.JOINT):
+        if model.existFrame(name, kind):
+            return int(model.getFrameId(name, kind))
+    frames = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    raise RobotModelError(
+        f"robot {description.name!r}: the URDF has no link or frame {name!r}; its links are: {listing(frames)}"
+    )
+
+
+def _foot_frame(model: pin.Model, leg: LegDescription, description: RobotDescription) -> int:
+    """The frame at the centre of a foot; one is added where no frame of the URDF is there."""
+    frame = _frame_id(model, leg.foot_frame, description)
+    if not any(leg.foot_centre_m):
+        return frame
+    link = model.frames[frame]
+    centre = link.placement * pin.SE3(np.eye(3), np.array(leg.foot_centre_m))
+    return int(model.addFrame(pin.Frame(f"{leg.name} foot centre", link.parentJoint, centre, pin.FrameType.OP_FRAME)))
 
 
 def _body_to_root(model: pin.Model, data: pin.Data, description: RobotDescription) -> pin.SE3:

@@ -24,12 +24,22 @@ from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSampl
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
-_STANDING_RAD: dict[str, tuple[tuple[float, float, float], ...]] = {
-    "a1": ((0.0, 0.8, -1.6),) * 4,
+_BENT_RAD = (0.0, 0.8, -1.6)  # of a Unitree leg
+STANDING_RAD: dict[str, tuple[tuple[float, ...], ...]] = {
+    "a1": (_BENT_RAD,) * 4,
     "anymal_b": ((0.0, 0.4, -0.8), (0.0, 0.4, -0.8), (0.0, -0.4, 0.8), (0.0, -0.4, 0.8)),
+    "anymal_c": ((-0.1, 0.7, -1.0), (0.1, 0.7, -1.0), (-0.1, -0.7, 1.0), (0.1, -0.7, 1.0)),
+    "b1": (_BENT_RAD,) * 4,
+    "bolt": ((0.3, 0.8, -1.6), (-0.3, 0.8, -1.6)),
     "daisy": ((0.0, 0.1, -1.3), (0.0, -0.1, 1.3)) * 3,
-    "go1": ((0.0, 0.8, -1.6),) * 4,
+    "g1": ((-0.3, 0.0, 0.0, 0.6, -0.3, 0.0),) * 2,
+    "go1": (_BENT_RAD,) * 4,
+    "go2": (_BENT_RAD,) * 4,
+    "hyq": ((-0.2, 0.75, -1.5), (-0.2, 0.75, -1.5), (-0.2, -0.75, 1.5), (-0.2, -0.75, 1.5)),
+    "laikago": (_BENT_RAD,) * 4,
+    "solo12": ((0.1, 0.8, -1.6), (-0.1, 0.8, -1.6), (0.1, -0.8, 1.6), (-0.1, -0.8, 1.6)),
 }
+"""Joint angles of a stand of the known robots, leg by leg, rad."""
 
 
 class SensorNoiseConfig(StageConfig):
@@ -152,12 +162,12 @@ def _standing(config: AnalyticTrialConfig, robot: RobotModel) -> Array:
     name, joints = robot.description.name, len(robot.joint_names)
     angles = config.standing_rad
     if angles is None:
-        if name not in _STANDING_RAD:
+        if name not in STANDING_RAD:
             raise ConfigError(
-                f"no stand is known for the robot {name!r}, only for: {listing(_STANDING_RAD)}; set standing_rad, "
+                f"no stand is known for the robot {name!r}, only for: {listing(STANDING_RAD)}; set standing_rad, "
                 f"{joints} joint angles"
             )
-        angles = tuple(angle for leg in _STANDING_RAD[name] for angle in leg)
+        angles = tuple(angle for leg in STANDING_RAD[name] for angle in leg)
     if len(angles) != joints:
         raise ConfigError(f"standing_rad has {len(angles)} angles, but {name!r} has {joints} joints; set all of them")
     return np.array(angles)

@@ -22,13 +22,35 @@ def test_all_joints_of_a_robot_and_some_more_fit_it():
 
 def test_of_robots_that_share_their_joints_the_name_decides():
     fit = fit_of(GO1)
-    assert set(fit.fitting) == {"a1", "go1"}
+    assert set(fit.fitting) == {"a1", "b1", "go1", "go2", "laikago"}
+    assert fit.guess("trot", takes_nearest=True) is None
+    assert fit.guess("go2_07", takes_nearest=False) == "go2"
     assert fit.guess("Trot_Go1_07", takes_nearest=False) == "go1"
     assert fit.guess("cargo100", takes_nearest=False) is None
     error = fit.unknown_robot_error(PATH)
     assert isinstance(error, ConfigError)
     assert "which robot is it?" in str(error)
-    assert "walk.bag are those of a1, go1" in str(error)
+    assert "walk.bag are those of a1, b1, go1, go2, laikago" in str(error)
+
+
+def test_a_robot_that_shares_its_joint_names_is_inferred_from_the_path_only():
+    anymal = load_robot("anymal_b").joint_names
+    assert fit_of(anymal).fitting == ("anymal_b", "anymal_c")
+    for names, robot in (("walk", "anymal_b"), ("anymal_c walk", "anymal_c"), ("anymal_b walk", "anymal_b")):
+        assert fit_of(anymal).guess(names, takes_nearest=False) == robot
+    short_names = fit_of([*load_robot("go1").joint_aliases])
+    assert short_names.fitting == ("b1", "go1", "go2", "laikago")
+    assert short_names.guess("walk", takes_nearest=False) == "go1"
+    assert fit_of(anymal[:-1]).nearest == "anymal_b"
+
+
+def test_a_robot_whose_joints_are_part_of_another_s_is_not_inferred_from_the_other_s_recording():
+    solo, bolt = (load_robot(name).joint_names for name in ("solo12", "bolt"))
+    assert set(bolt) < set(solo)
+    assert fit_of(bolt).guess("", takes_nearest=False) == "bolt"
+    damaged = fit_of(solo[:-1])
+    assert (damaged.fitting, damaged.nearest) == ((), "solo12")
+    assert damaged.guess("", takes_nearest=False) is None
 
 
 def test_an_alias_matches_its_joint():

@@ -136,6 +136,20 @@ def test_the_body_frame_can_be_another_link(two_links) -> None:
     np.testing.assert_allclose(trunk.rotation_body_foot[0], R_root_trunk.T @ root.rotation_body_foot[0], atol=1e-12)
 
 
+def test_the_centre_of_a_foot_may_be_beside_its_frame(two_links) -> None:
+    description = two_links()
+    leg = description.legs[0].model_copy(update={"foot_centre_m": (0.05, 0.01, 0.02)})
+    moved = RobotModel(description.model_copy(update={"legs": (leg,)}))
+    joints = np.array([0.4, 0.3]), np.array([1.0, -2.0])
+    frame, centre = RobotModel(description).feet(*joints), moved.feet(*joints)
+    offset = frame.rotation_body_foot[0] @ [0.05, 0.01, 0.02]
+    np.testing.assert_allclose(centre.position_body[0], frame.position_body[0] + offset, atol=1e-12)
+    by_rotation = np.cross(frame.angular_velocity_body[0], offset)
+    np.testing.assert_allclose(centre.velocity_body[0], frame.velocity_body[0] + by_rotation, atol=1e-12)
+    by_pinocchio = RobotModel(moved.description, is_compiled=False).feet(*joints)
+    np.testing.assert_allclose(centre.jacobian, by_pinocchio.jacobian, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

@@ -92,7 +92,7 @@ def test_a_body_twist_is_required_of_the_samples() -> None:
 
 
 def test_without_a_robot_the_known_ones_are_listed() -> None:
-    with pytest.raises(ConfigError, match=r"--robot\) by its name or a YAML file; known robots are: .*daisy, go1"):
+    with pytest.raises(ConfigError, match=r"--robot\) by its name or a YAML file; known robots are: .*daisy, .*go1"):
         Equipment().require_robot()
 
 

@@ -118,13 +118,13 @@ def test_without_a_robot_there_is_none(tmp_path: Path) -> None:
 
 def test_changes_to_a_robot_that_is_not_named_list_the_known_ones() -> None:
     with pytest.raises(
-        ConfigError, match=r"--set changes robot\.encoder_noise_rad, but no robot is named: give --robot .*daisy, go1"
+        ConfigError, match=r"--set changes robot\.encoder_noise_rad, but no robot is named: give --robot .*daisy, .*go1"
     ):
         resolve(settings=["robot.encoder_noise_rad=0.004"])
 
 
 def test_an_unknown_robot_lists_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"no robot 'spot'; .*daisy, go1"):
+    with pytest.raises(ConfigError, match=r"no robot 'spot'; .*daisy, .*go1"):
         resolve("spot")
 
 

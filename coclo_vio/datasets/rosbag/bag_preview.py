@@ -70,7 +70,7 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
     Args:
         bag: the bag.
         types: message type by topic, in place of the type that the bag names.
-        joint_entries: names of the entries of a JointState without names.
+        joint_entries: names of the entries of a JointState without names, or with another number of names than angles.
 
     Raises:
         DatasetError: no message at all, or one that does not fit its type.
@@ -167,6 +167,15 @@ class _Halves:
         return {topic: tally.halves() for topic, tally in self._tallies.items()}
 
 
+def entry_names(message: Any, joint_entries: Sequence[str]) -> Sequence[str]:
+    """The names of the entries of a JointState.
+
+    Its own names, or ``joint_entries`` where those are given and it has none, or not one for each angle.
+    """
+    is_named = bool(message.name) and len(message.name) == (len(message.position) or len(message.name))
+    return joint_entries if joint_entries and not is_named else tuple(message.name)
+
+
 @dataclass(slots=True)
 class _Entries:
     """The names in JointState messages, and those of them that came with a velocity."""
@@ -175,6 +184,6 @@ class _Entries:
     with_velocity: set[str] = field(default_factory=set)
 
     def add(self, message: Any, joint_entries: Sequence[str]) -> None:
-        names = message.name or joint_entries
+        names = entry_names(message, joint_entries)
         self.names.update(dict.fromkeys(names))
         self.with_velocity.update(names[: len(message.velocity)])

@@ -70,7 +70,10 @@ class RosbagConfig(StageConfig):
         default_factory=dict, description="URDF joint name: -1 where the bag has the opposite sign"
     )
     joint_entries: Annotated[
-        tuple[str, ...], Field(description="names of the entries of a JointState without names, in order")
+        tuple[str, ...],
+        Field(
+            description="names of the entries of a JointState, in order, where it has none or not one for each angle"
+        ),
     ] = ()
     foot_force_entries: Annotated[
         dict[str, str] | str | None,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.datasets.rosbag.bag_preview import BagPreview
+from coclo_vio.datasets.rosbag.bag_preview import BagPreview, entry_names
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array, BoolArray
@@ -72,7 +72,7 @@ class JointEntries:
 
         NaN where a joint is absent, has no such reading, or reads infinity.
         """
-        names = tuple(message.name) or self._unnamed
+        names = tuple(entry_names(message, self._unnamed))
         if names not in self._indices:
             index = {name: i for i, name in reversed(list(enumerate(names)))}
             found = [next((index[n] for n in self._spellings[j] if n in index), -1) for j in self.joint_names]
@@ -166,7 +166,7 @@ def foot_entries(robot: RobotDescription, config: RosbagConfig, names: Sequence[
 
 def read_feet(message: Any, entries: Mapping[str, FootEntry], legs: Sequence[str], unnamed: Sequence[str]) -> Array:
     """The force on each foot from the entries of a joint message, (legs,); NaN where it holds none."""
-    names = list(message.name) or list(unnamed)
+    names = list(entry_names(message, unnamed))
     force = np.full(len(legs), np.nan)
     for i, leg in enumerate(legs):
         entry = entries.get(leg)

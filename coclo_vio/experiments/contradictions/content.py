@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from coclo_vio.api.recording import open_recording
+from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.datasets.images import encoded
 from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.bag_writer import write_bag
@@ -105,7 +105,8 @@ def sample_content(start_s: float = 4.0, length_s: float = 12.0, *, has_frames: 
         length_s: its length, s.
         has_frames: whether images are decoded.
     """
-    recording = open_recording(sample_path(), "daisy")
+    robot = load_robot("daisy")
+    recording = open_dataset(sample_path(), robot)
     begin_ns = next(recording.measurements()).stamp_ns + round(start_s * NS_PER_S)
     end_ns = begin_ns + round(length_s * NS_PER_S)
 
@@ -114,14 +115,13 @@ def sample_content(start_s: float = 4.0, length_s: float = 12.0, *, has_frames: 
         return [sample for sample in early if sample.stamp_ns >= begin_ns]
 
     truth = recording.ground_truth()
-    calibration = recording.calibration
     return Content(
         part(ALL_SENSORS - {StereoFrame}),
         part(frozenset({StereoFrame}))[:_STEREO_FRAMES] if has_frames else (),
         None if truth is None else replace(truth, trajectory=truth.trajectory.between(begin_ns, end_ns)),
-        calibration.imu,
-        calibration.camera_imu,
-        calibration.stereo if has_frames else None,
+        recording.imu_calibration() or robot.imu,
+        recording.camera_imu_calibration(),
+        recording.stereo_calibration() if has_frames else None,
         ALL_JOINT_READINGS,
-        load_robot("daisy"),
+        robot,
     )

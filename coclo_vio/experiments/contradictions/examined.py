@@ -4,10 +4,14 @@
 from pathlib import Path
 from typing import Any
 
-from coclo_vio.api.recording import Recording, open_recording
-from coclo_vio.api.run import run
+from coclo_vio.datasets.dataset import open_dataset
 from coclo_vio.experiments.contradictions.content import sample_content
 from coclo_vio.experiments.contradictions.members import Member
+from coclo_vio.runs.examination import examine
+from coclo_vio.runs.inspection import resolve_if_known
+from coclo_vio.runs.preflight import preflight
+from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.running import run_modes
 from coclo_vio.values.errors import CocloError, ConfigError
 
 _OF_CAMERAS = frozenset({"stereo", "stereo_tracks", "camera_imu"})
@@ -28,9 +32,10 @@ def examined(member: Member, folder: Path) -> dict[str, Any]:
     path = member.write(content, folder / "recording")
     row: dict[str, Any] = {"kind": member.kind, "name": member.name, "form": member.form}
     try:
-        recording = open_recording(path, "daisy")
-        examination = recording.diagnose()
-        inspected = {finding.kind for finding in recording.inspect().findings}
+        config, _ = resolve_if_known(path, "daisy", None, ())
+        examination = examine(path, config)
+        dataset = open_dataset(path, config.robot, config.dataset)
+        inspected = {finding.kind for finding in preflight(dataset, config).findings}
     except CocloError as error:
         return {**row, "says": str(error), "is_named": True, "severity": "refused", "settings": [], **_REFUSED}
     named = [finding for finding in examination.findings if finding.kind == member.finding]
@@ -42,7 +47,7 @@ def examined(member: Member, folder: Path) -> dict[str, Any]:
         "severity": "" if finding is None else finding.severity.value,
         "settings": list(examination.settings),
         "inspect": "named" if member.finding in inspected else "only by doctor",
-        "run": _status(recording, folder, streams=frozenset() if finding is None else finding.streams),
+        "run": _status(path, config, folder, streams=frozenset() if finding is None else finding.streams),
         "doctor": int(bool(examination.diagnosis.errors)),
     }
 
@@ -50,14 +55,14 @@ def examined(member: Member, folder: Path) -> dict[str, Any]:
 _REFUSED = {"inspect": "refused", "run": 1, "doctor": 1}
 
 
-def _status(recording: Recording, folder: Path, streams: frozenset[str]) -> int:
+def _status(path: Path, config: RunConfig, folder: Path, streams: frozenset[str]) -> int:
     """The exit status of a run of the mode that the finding concerns."""
-    mode = "vins" if streams and streams <= _OF_CAMERAS and recording.calibration.stereo is not None else "coclo"
+    mode = "vins" if streams and streams <= _OF_CAMERAS else "coclo"
     try:
-        done = run(recording, mode, folder=folder / "out")
+        record = run_modes(path, (mode,), config, folder / "out")
     except ConfigError:
         return 2
     except CocloError:
         return 1
-    first = done.record.estimators[done.names[0]]
+    first = next(iter(record.estimators.values()))
     return int(bool(first.failure) or not first.estimates)
