@@ -10,15 +10,17 @@ from coclo_vio.diagnosis.checks import (
     truth_motion,
     truth_rotation,
 )
-from coclo_vio.diagnosis.checks.cameras import find_calibration, find_pairs
+from coclo_vio.diagnosis.checks.camera_pairs import find_calibration, find_pairs
 from coclo_vio.diagnosis.checks.clocks import find_apart, find_offset_of_camera_imu, find_offsets, find_units
 from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
 from coclo_vio.diagnosis.checks.imu_readings import find_readings
 from coclo_vio.diagnosis.checks.mountings import find_mountings
+from coclo_vio.diagnosis.checks.robot_description import find_description
 from coclo_vio.diagnosis.diagnose import Check, Cost
 from coclo_vio.diagnosis.finding import Stage
 
 CHECKS: tuple[Check, ...] = (
+    Check("description against its URDF", Stage.ROBOT, Cost.REPORT, find_description),
     Check("unit of stamps", Stage.CLOCKS, Cost.REPORT, find_units),
     Check("streams at the same time", Stage.CLOCKS, Cost.REPORT, find_apart),
     Check("offsets by angular velocities", Stage.CLOCKS, Cost.IMAGES, find_offsets),

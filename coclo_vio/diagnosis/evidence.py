@@ -15,6 +15,7 @@ from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.diagnosis.feet import FeetRecord, feet_of
 from coclo_vio.diagnosis.rates import by_cameras, by_gyroscope
 from coclo_vio.diagnosis.records import ForceRecord, InertialRecord, JointRecord
+from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import IntArray
 from coclo_vio.values.calibration import ImuCalibration, SensorCalibrations
@@ -42,7 +43,7 @@ class Evidence:
 
     Attributes:
         dataset: the recording.
-        robot: whose joints they are; None where it is not known, or its description does not fit its URDF.
+        description: of the robot; None where it is not known.
         robot_imu: the mounting and noise of the body's IMU that a run would use; None where nothing is known.
         seconds: how much of the recording is looked at, s.
         corrections: what is corrected in the recording already.
@@ -51,16 +52,22 @@ class Evidence:
     def __init__(
         self,
         dataset: Dataset,
-        robot: RobotModel | None,
+        description: RobotDescription | None,
         robot_imu: ImuCalibration | None,
         seconds: float = _MOST_S,
         corrections: Corrections | None = None,
     ) -> None:
         self.dataset = dataset
-        self.robot = robot
+        self.description = description
         self.robot_imu = robot_imu
         self.seconds = seconds
         self.corrections = corrections or Corrections()
+
+    @cached_property
+    def robot(self) -> RobotModel | None:
+        """The robot's kinematics; None where there is no robot, or its description does not fit its URDF."""
+        description = self.description
+        return None if description is None else _tried(lambda: RobotModel(description))
 
     @cached_property
     def report(self) -> ReadReport | None:

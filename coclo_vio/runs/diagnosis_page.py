@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from coclo_vio.diagnosis.diagnose import Diagnosis
-from coclo_vio.diagnosis.figures import figures
+from coclo_vio.diagnosis.diagnosis_figures import figures
 from coclo_vio.evaluation import html_page
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw, save_png
 from coclo_vio.runs.examination import Examination

@@ -196,9 +196,9 @@ def inspect_recording(
     problems: list[str] = []
     dataset = _opened(path, robot, config, problems)
     has_effort, broken = _read_through(dataset)
-    if broken is not None and not has_effort:
-        has_effort, _ = _read_through(_opened_in_part(path, robot, config), is_for_effort=True)
-    problems += [] if broken is None else [str(broken)]
+    if broken is not None:
+        problems.append(str(broken))
+        has_effort = has_effort or _read_through(_opened_in_part(path, robot, config), is_for_effort=True)[0]
     calibrations = _calibrations(dataset, problems)
     joints = _joints(robot_fit(path, config), robot, dataset, has_effort=has_effort)
     report = dataset.report()  # what was assumed of a calibration is part of it

@@ -9,7 +9,6 @@ from coclo_vio.diagnosis.all_checks import CHECKS
 from coclo_vio.diagnosis.diagnose import Cost, Diagnosis, diagnose
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding
-from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import CocloError, DatasetError
 
@@ -30,14 +29,8 @@ def evidence_of(dataset: Dataset, config: RunConfig, seconds: float = _SECONDS) 
     except CocloError:  # a run reports it
         imu = None
     description = config.on_recording(imu).robot
-    robot = None
-    if description is not None:
-        try:
-            robot = RobotModel(description)
-        except CocloError:  # a run reports it
-            robot = None
     return Evidence(
-        dataset, robot, imu if description is None else description.imu, seconds, config.dataset.corrections
+        dataset, description, imu if description is None else description.imu, seconds, config.dataset.corrections
     )
 
 

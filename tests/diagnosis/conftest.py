@@ -73,7 +73,7 @@ class Walk:
         """What the checks of joints, contacts and ground truth find in the recording at a path."""
         values = parse_settings(list(settings)).get("dataset", {})
         dataset = open_dataset(path, self.robot, DatasetConfig.parse(values, "test"))
-        evidence = Evidence(dataset, RobotModel(self.robot), self.robot.imu)
+        evidence = Evidence(dataset, self.robot, self.robot.imu)
         checks: list[Check] = [check for check in CHECKS if check.stage in _STAGES]
         return diagnose(evidence, checks).findings
 

@@ -11,7 +11,6 @@ from coclo_vio.diagnosis.diagnose import diagnose
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Stage
 from coclo_vio.robot.description import load_robot
-from coclo_vio.robot.model import RobotModel
 
 _STAGES = {Stage.JOINTS, Stage.CONTACT, Stage.GROUND_TRUTH}
 
@@ -25,7 +24,6 @@ def test_sound_recordings_have_no_findings(shared_data: Path, name: str, robot_n
     if robot_name is not None:
         robot = load_robot(shared_data / robot_name if "/" in robot_name else robot_name)
     dataset = open_dataset(shared_data / name, robot)
-    model = None if robot is None else RobotModel(robot)
     imu = dataset.imu_calibration() if robot is None else robot.imu
     checks = [check for check in CHECKS if check.stage in _STAGES]
-    assert diagnose(Evidence(dataset, model, imu), checks).findings == ()
+    assert diagnose(Evidence(dataset, robot, imu), checks).findings == ()
