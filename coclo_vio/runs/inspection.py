@@ -225,16 +225,20 @@ def inspect_recording(
         calibrations=_calibration_sentences(calibrations),
         ground_truth=truth,
         problems=tuple(dict.fromkeys(problems)),
-        missing={
-            mode.name: (
-                *((_NOT_READ_THROUGH,) if stopped else ()),
-                *missing_needs(mode, holdings),
-                *_contradicted(mode, findings, config),
-            )
-            for mode in modes().values()
-        },
+        missing=_missing(holdings, findings, config, stopped=stopped),
         findings=findings,
     )
+
+
+def _missing(
+    holdings: Holdings, findings: Sequence[Finding], config: DatasetConfig, *, stopped: bool
+) -> dict[str, tuple[str, ...]]:
+    """By mode, what it lacks."""
+    first = (_NOT_READ_THROUGH,) if stopped else ()
+    return {
+        mode.name: (*first, *missing_needs(mode, holdings), *_contradicted(mode, findings, config))
+        for mode in modes().values()
+    }
 
 
 def _contradicted(mode: Mode, findings: Sequence[Finding], config: DatasetConfig) -> tuple[str, ...]:
