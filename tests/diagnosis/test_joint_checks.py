@@ -175,6 +175,17 @@ def test_angles_beyond_the_limits_name_the_joint_and_its_limits(walk: Walk, tmp_
     assert "-1.57 and 1.57" in found.sentence
 
 
+def test_a_wrong_zero_of_an_encoder_is_not_taken_for_a_wrong_order(walk: Walk, tmp_path: Path) -> None:
+    def shifted(position, velocity, effort):
+        return position + np.eye(18)[3] * 1.0, velocity, effort
+
+    altered = walk.with_joints(shifted)
+    found = {finding.kind: finding for finding in altered.findings(altered.written(tmp_path))}
+    assert "joint_order" not in found
+    assert not found["joint_leg"].is_error
+    assert "leg2" in found["joint_leg"].sentence
+
+
 def test_whole_turns_are_no_defect(walk: Walk, tmp_path: Path) -> None:
     altered = walk.with_joints(lambda p, v, t: (p + 2.0 * np.pi, v, t))
     assert altered.findings(altered.written(tmp_path)) == ()

@@ -30,7 +30,10 @@ _UNEVEN = 2.0  # times the least residual of a leg
 _COARSE = 3  # every so many samples are used for the first choice among all alternatives
 _REFINED = 6  # of them are compared by all samples
 _UNKNOWN = 0.01  # for legs of which nothing is known
-_GOOD = 0.25
+_GOOD = 0.25  # of all legs, after a change that explains them
+_GOOD_ALONE = 0.1  # of some legs
+_LIKE_OTHERS = 2.0  # ... or as good as that of the others
+_ODD = 3.0  # times the others' residual: a leg that no change explains
 _GAIN = 1.8
 _HINTING_GAIN = 1.4  # sound walks stay below 1.1
 _GAIN_ALONE = 3.0  # without a gyroscope
@@ -72,8 +75,26 @@ def find(evidence: Evidence) -> Iterator[Finding]:
             break
         found, now, rival = step
     if found.is_as_recorded:
-        return
-    yield _finding(robot, found, start, now, rival)
+        yield from _odd_legs(robot, start)
+    else:
+        yield _finding(robot, found, start, now, rival)
+
+
+def _odd_legs(robot: RobotModel, start: _Residuals) -> Iterator[Finding]:
+    usual = float(np.median(start.chief))
+    odd = np.flatnonzero((start.chief > _ODD * usual) & (start.chief > _SUSPICIOUS[0]))
+    if len(odd) and len(odd) < 0.5 * len(start.chief):
+        yield warning(
+            "joint_leg",
+            Stage.JOINTS,
+            "joints",
+            "standing feet move relative to each other: the residual at "
+            f"{listing(robot.leg_names[leg] for leg in odd)} is "
+            f"{start.chief[odd].max():.2f} of the feet's speed, at the other legs {usual:.2f}: an encoder's zero, a "
+            "link of "
+            "the URDF or the order of this leg's joints is wrong; correct it, or leave its joints out "
+            "(dataset.corrections.joints.left_out)",
+        )
 
 
 def keeps_distances(evidence: Evidence) -> bool:
@@ -134,7 +155,11 @@ def _best_step(
     refined = [(change, _of(robot, motion, base.followed_by(change))) for change in changes[:_REFINED]]
     (change, residuals), (second, its_residuals), *_ = sorted(refined, key=lambda each: _level(each[1]))
     legs = change.changed_legs(robot)
-    if _gain(now.chief[legs], residuals.chief[legs]) < least_gain or np.median(residuals.chief[legs]) > _GOOD:
+    if _gain(now.chief[legs], residuals.chief[legs]) < least_gain:
+        return None
+    others = np.delete(residuals.chief, legs)
+    good = max(_GOOD_ALONE, _LIKE_OTHERS * float(np.median(others))) if len(others) else _GOOD
+    if np.median(residuals.chief[legs]) > good:
         return None
     if _gain(now.by_distance[legs], residuals.by_distance[legs]) < 0.85:
         return None  # the gyroscope fits better, but the feet do not keep their distances: it is the gyroscope
@@ -202,7 +227,7 @@ def _finding(
         "joint_order",
         Stage.JOINTS,
         "joints",
-        "standing feet move relative to each other: the residual of legs "
+        "standing feet move relative to each other: the residual at "
         f"{listing(robot.leg_names[leg] for leg in legs)} "
         f"is {before:.2f} of the feet's speed and falls to {after:.2f} with {found.described(robot)}; set "
         f"{' and '.join(settings)}{doubt}{other}",

@@ -175,5 +175,6 @@ def _beyond_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
             "joints",
             f"the torque of {robot.joint_names[worst]} reaches {largest[worst]:.3g} Nm, {ratio[worst]:.2g} times its "
             "limit "
-            f"in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR} to the motor's constant",
+            f"in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR[:-1]} to the motor's "
+            "constant",
         )
