@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import JointChange, Walk
+from altered_walks import JointChange, Walk
 
 _POSITION = "dataset.corrections.joints.position_unit="
 _VELOCITY = "dataset.corrections.joints.velocity_unit="
