@@ -16,12 +16,13 @@ from coclo_vio.datasets.corrections import (
     ImuCorrections,
     upright,
 )
-from coclo_vio.datasets.joint_arrangement import JointArrangement
+from coclo_vio.datasets.joint_arrangement import ForceArrangement, JointArrangement
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig, fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, StreamReport
 from coclo_vio.datasets.sequencer import merge_streams
 from coclo_vio.datasets.truth_defects import jumping_poses
 from coclo_vio.geometry import se3, so3
+from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import TimestampError
 from coclo_vio.values.measurements import (
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from coclo_vio.datasets.dataset import Dataset
 
 _LATEST_NS = 2**62
+_JUMPS = "ground truth: pose that jumps"
 _Change = Callable[[Any], Measurement]
 
 
@@ -54,7 +56,7 @@ class CorrectedDataset:
         self,
         dataset: "Dataset",
         corrections: Corrections,
-        joint_names: tuple[str, ...] = (),
+        robot: RobotDescription | None = None,
         joint_velocity: JointVelocityConfig | None = None,
     ) -> None:
         """Set what is changed.
@@ -62,23 +64,24 @@ class CorrectedDataset:
         Args:
             dataset: as recorded.
             corrections: what is changed.
-            joint_names: of the robot, in the order of joint samples.
+            robot: whose joints and legs they are.
             joint_velocity: how velocities are estimated from angles; by default as for logs without velocities.
 
         Raises:
-            DatasetError: a correction of a joint that the robot does not have.
+            DatasetError: a correction of a joint or leg that the robot does not have.
         """
         self._dataset = dataset
         self._corrections = corrections
-        self._joint_names = joint_names
+        self._joint_names = () if robot is None else robot.joint_names
         self._joint_velocity = joint_velocity or JointVelocityConfig()
+        self._jumps = 0
         self._unit_ns = STAMP_UNITS_NS[corrections.stamp_unit]
         self._delays_ns = {kind: round(delay_s * NS_PER_S) for kind, delay_s in _delays_s(corrections).items()}
         self._changes: Mapping[type, _Change] = {
             ImuSample: _imu_change(corrections.imu),
             CameraImuSample: _imu_change(corrections.camera_imu),
-            JointSample: JointArrangement(corrections.joints, joint_names),
-            FootForceSample: self._forces,
+            JointSample: JointArrangement(corrections.joints, self._joint_names),
+            FootForceSample: ForceArrangement(corrections.foot_force, () if robot is None else robot.leg_names),
             StereoFrame: self._frame,
         }
 
@@ -133,7 +136,9 @@ class CorrectedDataset:
             None if velocity is None else velocity * LENGTH_UNITS[how.length_unit],
         )
         if how.drops_jumps and given.has_stamps:
-            corrected = corrected.select(~jumping_poses(corrected.stamps_ns, corrected.positions))
+            is_jumping = jumping_poses(corrected.stamps_ns, corrected.positions)
+            self._jumps = int(is_jumping.sum())
+            corrected = corrected.select(~is_jumping)
         return replace(given, trajectory=corrected)
 
     def report(self) -> ReadReport:
@@ -145,7 +150,10 @@ class CorrectedDataset:
         report = self._dataset.report()
         note = f"corrected as configured: {_described(self._corrections)}"
         streams = tuple(map(self._stream, report.streams))
-        return ReadReport(report.format, streams, report.dropped, (*report.notes, note))
+        dropped = dict(report.dropped)
+        if self._corrections.ground_truth.drops_jumps and self.ground_truth() is not None and self._jumps:
+            dropped[_JUMPS] = self._jumps
+        return ReadReport(report.format, streams, dropped, (*report.notes, note))
 
     def _stream(self, stream: StreamReport) -> StreamReport:
         kind = next(kind for kind, name in STREAM_NAMES.items() if name == stream.name)
@@ -167,9 +175,6 @@ class CorrectedDataset:
 
     def _stamp_ns(self, kind: type, stamp_ns: int) -> int:
         return _in_ns(stamp_ns, self._corrections.stamp_unit) - self._delays_ns.get(kind, 0)
-
-    def _forces(self, sample: FootForceSample) -> FootForceSample:
-        return FootForceSample(sample.stamp_ns, sample.force * self._corrections.foot_force.factor)
 
     def _frame(self, frame: StereoFrame) -> StereoFrame:
         if not self._corrections.stereo.is_swapped:

@@ -97,7 +97,11 @@ class JointCorrections(StageConfig):
 
 
 class ForceCorrections(StageConfig):
-    """Sign or unit, and delay of the foot forces."""
+    """Order, sign or unit, and delay of the foot forces."""
+
+    order: dict[str, str] = Field(
+        default_factory=dict, description="leg: the leg under whose name the recording has the force of its foot"
+    )
 
     factor: Annotated[float, Field(description="is multiplied with the forces: -1 where a load is negative")] = 1.0
     delay_s: _Delay = 0.0

@@ -182,8 +182,7 @@ def open_dataset(path: Path, robot: RobotDescription | None, config: DatasetConf
     dataset = _format_of(path).open(path, robot, config)
     if config.corrections.is_none:
         return dataset
-    joints = () if robot is None else robot.joint_names
-    return CorrectedDataset(dataset, config.corrections, joints, config.joint_velocity)
+    return CorrectedDataset(dataset, config.corrections, robot, config.joint_velocity)
 
 
 def guess_robot(path: Path, config: DatasetConfig | None = None) -> str | None:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Order, signs and units of the joints in a recording, as corrections set them."""
+"""Order, signs and units of joints and foot forces in a recording, as corrections set them."""
 
 import numpy as np
 
-from coclo_vio.datasets.corrections import ANGLE_UNITS, JointCorrections
+from coclo_vio.datasets.corrections import ANGLE_UNITS, ForceCorrections, JointCorrections
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import DatasetError, listing
-from coclo_vio.values.measurements import JointSample
+from coclo_vio.values.measurements import FootForceSample, JointSample
 
 
 class JointArrangement:
@@ -43,3 +43,28 @@ class JointArrangement:
             velocity * how.velocity_factor,
             effort * how.effort_factor,
         )
+
+
+class ForceArrangement:
+    """Changes samples of foot forces as configured: their order, then their sign or unit."""
+
+    def __init__(self, how: ForceCorrections, leg_names: tuple[str, ...]) -> None:
+        """Take the names of all legs, in the order of every sample.
+
+        Raises:
+            DatasetError: a name that is no leg of the robot.
+        """
+        unknown = {*how.order, *how.order.values()} - set(leg_names)
+        if unknown and leg_names:
+            raise DatasetError(
+                f"dataset.corrections.foot_force.order names {listing(unknown)}, no leg of the robot; "
+                f"its legs are {listing(leg_names)}"
+            )
+        self._source: IntArray = np.array([leg_names.index(how.order.get(name, name)) for name in leg_names], int)
+        self._factor = how.factor
+        self._is_ordered = bool(how.order) and bool(leg_names)
+
+    def __call__(self, sample: FootForceSample) -> FootForceSample:
+        """The sample as it should have been recorded."""
+        force = sample.force[self._source] if self._is_ordered else sample.force
+        return FootForceSample(sample.stamp_ns, self._factor * force)

@@ -2,6 +2,7 @@
 """The checks there are: a further one is one function in ``checks`` and one row here."""
 
 from coclo_vio.diagnosis.checks import (
+    contact_order,
     contacts,
     joint_order,
     joint_positions,
@@ -36,6 +37,7 @@ CHECKS: tuple[Check, ...] = (
     Check("order and signs of joints", Stage.JOINTS, Cost.SAMPLES, joint_order.find),
     Check("joint torques", Stage.JOINTS, Cost.SAMPLES, joint_torques.find),
     Check("contacts", Stage.CONTACT, Cost.SAMPLES, contacts.find),
+    Check("order of foot loads", Stage.CONTACT, Cost.SAMPLES, contact_order.find),
     Check("motion of the ground truth", Stage.GROUND_TRUTH, Cost.SAMPLES, truth_motion.find),
     Check("rotation of the ground truth", Stage.GROUND_TRUTH, Cost.SAMPLES, truth_rotation.find),
 )

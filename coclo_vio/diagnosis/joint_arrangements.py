@@ -87,7 +87,7 @@ class Arrangement:
 
 
 def alternatives(robot: RobotModel) -> Iterator[Arrangement]:
-    """Single mistakes: signs of a joint, of a kind of joint, of a side; legs exchanged; joints of legs exchanged."""
+    """Single mistakes: signs of a joint, of a kind, of a side; legs exchanged; joints in or between legs exchanged."""
     base = Arrangement.as_recorded(robot)
     yield from _signs(robot, base)
     slices = robot.leg_joint_slices
@@ -95,7 +95,7 @@ def alternatives(robot: RobotModel) -> Iterator[Arrangement]:
     if len(sizes) != 1:
         return
     size = sizes.pop()
-    for legs in _leg_orders(robot):
+    for legs in leg_orders(robot):
         yield Arrangement(np.concatenate([base.source[slices[leg]] for leg in legs]), base.sign)
     inner = list(permutations(range(size))) if size <= _ALL_ORDERS_UP_TO else [tuple(range(size))[::-1]]
     for order in inner:
@@ -105,6 +105,11 @@ def alternatives(robot: RobotModel) -> Iterator[Arrangement]:
         for inside in slices:
             source = base.source.copy()
             source[inside] = inside.start + np.array(order)
+            yield Arrangement(source, base.sign)
+    for place in range(size):
+        for one, other in combinations(slices, 2):
+            source = base.source.copy()
+            source[[one.start + place, other.start + place]] = other.start + place, one.start + place
             yield Arrangement(source, base.sign)
     by_kind = base.source.reshape(len(slices), size).T.ravel()  # all first joints, then all second ones
     yield Arrangement(by_kind, base.sign)
@@ -130,7 +135,7 @@ def _signs(robot: RobotModel, base: Arrangement) -> Iterator[Arrangement]:
             yield Arrangement(base.source, sign)
 
 
-def _leg_orders(robot: RobotModel) -> Iterator[tuple[int, ...]]:
+def leg_orders(robot: RobotModel) -> Iterator[tuple[int, ...]]:
     """Orders of the legs: all of up to four, otherwise exchanges of two, mirrors, and order by side."""
     legs = tuple(range(len(robot.leg_names)))
     if len(legs) <= _ALL_ORDERS_UP_TO:

@@ -22,11 +22,13 @@ class LegMotion:
     """Legs in motion at N times.
 
     Attributes:
+        stamps_ns: of the joints' samples, (N,).
         position: rad, (N, J).
         rate: differences of the angles over 0.1 s, rad/s, (N, J).
         body_rate: mean of the gyroscope over the same 0.1 s, body frame, rad/s, (N, 3); None without an IMU.
     """
 
+    stamps_ns: IntArray
     position: Array
     rate: Array
     body_rate: Array | None
@@ -34,7 +36,7 @@ class LegMotion:
     def every(self, n: int) -> "LegMotion":
         """Every n-th of the times."""
         body_rate = None if self.body_rate is None else self.body_rate[::n]
-        return LegMotion(self.position[::n], self.rate[::n], body_rate)
+        return LegMotion(self.stamps_ns[::n], self.position[::n], self.rate[::n], body_rate)
 
 
 def seconds_of(stamps_ns: IntArray, first_ns: int) -> Array:
@@ -76,7 +78,7 @@ def leg_motion(evidence: Evidence, most: int) -> LegMotion | None:
         if is_covered.mean() > 0.5:
             rows, rates = rows[is_covered], rates[is_covered]
             body_rate = _mean_rate(evidence, imu, start_ns[is_covered], end_ns[is_covered])
-    return LegMotion(joints.position[rows], rates, body_rate)
+    return LegMotion(joints.stamps_ns[rows], joints.position[rows], rates, body_rate)
 
 
 def feet_of(robot: RobotModel, position: Array, rate: Array) -> tuple[Array, Array]:

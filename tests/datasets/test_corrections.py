@@ -145,11 +145,14 @@ def test_velocities_can_be_estimated_from_the_angles_instead(tmp_path: Path) -> 
     assert read[-1].effort == pytest.approx(angles[-1])
 
 
-def test_forces_are_multiplied(tmp_path: Path) -> None:
+def test_forces_are_put_in_order_and_multiplied(tmp_path: Path) -> None:
     force = np.arange(1.0, 1.0 + len(_ROBOT.leg_names))
     log = write_leg_log(tmp_path, _ROBOT, [*_samples()[:2], FootForceSample(_STAMPS_NS[1], force)])
-    read = next(s for s in _read(log, {"foot_force": {"factor": -2.0}}) if isinstance(s, FootForceSample))
-    assert read.force == pytest.approx(-2.0 * force)
+    how = {"foot_force": {"factor": -2.0, "order": {"FL": "FR", "FR": "FL"}}}
+    read = next(s for s in _read(log, how) if isinstance(s, FootForceSample))
+    assert read.force == pytest.approx(-2.0 * force[[1, 0, 2, 3]])
+    with pytest.raises(DatasetError, match="no leg of the robot; its legs are"):
+        _read(log, {"foot_force": {"order": {"FL": "front"}}})
 
 
 @pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
@@ -172,6 +175,8 @@ def test_stamps_of_the_ground_truth_are_scaled_and_jumps_left_out(tmp_path: Path
     slow = Trajectory(1000 * truth.stamps_ns, se3.transform(truth.rotations, places))
     log = write_leg_log(tmp_path, _ROBOT, _samples(), GroundTruth(slow, has_stamps=True, source="truth"))
     how = {"ground_truth": {"stamp_factor": 0.001, "drops_jumps": True}}
-    read = open_dataset(log, _ROBOT, _config(how)).ground_truth()
+    dataset = open_dataset(log, _ROBOT, _config(how))
+    assert dataset.report().dropped["ground truth: pose that jumps"] == 1
+    read = dataset.ground_truth()
     assert read is not None
     assert read.trajectory.stamps_ns.tolist() == np.delete(truth.stamps_ns, 2).tolist()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Walk
+from altered_walks import Walk
 
 from coclo_vio.datasets.corrections import upright
 from coclo_vio.diagnosis.finding import Stage

@@ -20,7 +20,7 @@ from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.joint_arrangements import Arrangement, alternatives
 from coclo_vio.diagnosis.joint_series import LegMotion, feet_of, leg_motion
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.values.arrays import Array
+from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import listing
 
 _SAMPLES = 400
@@ -30,7 +30,10 @@ _UNEVEN = 2.0  # times the least residual of a leg
 _COARSE = 3  # every so many samples are used for the first choice among all alternatives
 _REFINED = 6  # of them are compared by all samples
 _UNKNOWN = 0.01  # for legs of which nothing is known
-_GOOD = 0.25
+_GOOD = 0.25  # of all legs, after a change that explains them
+_GOOD_ALONE = 0.1  # of some legs
+_LIKE_OTHERS = 2.0  # ... or as good as that of the others
+_ODD = 3.0  # times the others' residual: a leg that no change explains
 _GAIN = 1.8
 _HINTING_GAIN = 1.4  # sound walks stay below 1.1
 _GAIN_ALONE = 3.0  # without a gyroscope
@@ -57,7 +60,7 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     robot, joints = evidence.robot, evidence.joints
     if robot is None or joints is None or len(robot.leg_names) < 2 or is_in_degrees(joints, robot):
         return
-    motion = _known_motion(evidence, robot, _SAMPLES)
+    motion = known_motion(evidence, robot, _SAMPLES)
     if motion is None:
         return
     start = _residuals(robot, motion)
@@ -72,8 +75,26 @@ def find(evidence: Evidence) -> Iterator[Finding]:
             break
         found, now, rival = step
     if found.is_as_recorded:
-        return
-    yield _finding(robot, found, start, now, rival)
+        yield from _odd_legs(robot, start)
+    else:
+        yield _finding(robot, found, start, now, rival)
+
+
+def _odd_legs(robot: RobotModel, start: _Residuals) -> Iterator[Finding]:
+    usual = float(np.median(start.chief))
+    odd = np.flatnonzero((start.chief > _ODD * usual) & (start.chief > _SUSPICIOUS[0]))
+    if len(odd) and len(odd) < 0.5 * len(start.chief):
+        yield warning(
+            "joint_leg",
+            Stage.JOINTS,
+            "joints",
+            "standing feet move relative to each other: the residual at "
+            f"{listing(robot.leg_names[leg] for leg in odd)} is "
+            f"{start.chief[odd].max():.2f} of the feet's speed, at the other legs {usual:.2f}: an encoder's zero, a "
+            "link of "
+            "the URDF or the order of this leg's joints is wrong; correct it, or leave its joints out "
+            "(dataset.corrections.joints.left_out)",
+        )
 
 
 def keeps_distances(evidence: Evidence) -> bool:
@@ -81,7 +102,7 @@ def keeps_distances(evidence: Evidence) -> bool:
     robot, joints = evidence.robot, evidence.joints
     if robot is None or joints is None or len(robot.leg_names) < 2:
         return True
-    motion = _known_motion(evidence, robot, _SAMPLES // _COARSE)
+    motion = known_motion(evidence, robot, _SAMPLES // _COARSE)
     if motion is None:
         return True
     return bool(_residuals(robot, motion).by_distance.max() < 2.0 * _SUSPICIOUS[1])
@@ -90,15 +111,15 @@ def keeps_distances(evidence: Evidence) -> bool:
 def gyroscope_fits(evidence: Evidence) -> bool | None:
     """Whether standing feet agree with the gyroscope better than with its opposite; None where that is not known."""
     robot = evidence.robot
-    motion = None if robot is None else _known_motion(evidence, robot, _SAMPLES // _COARSE)
+    motion = None if robot is None else known_motion(evidence, robot, _SAMPLES // _COARSE)
     if robot is None or motion is None or motion.body_rate is None:
         return None
-    opposite = LegMotion(motion.position, motion.rate, -motion.body_rate)
+    opposite = LegMotion(motion.stamps_ns, motion.position, motion.rate, -motion.body_rate)
     ours, theirs = (float(np.log(_residuals(robot, each).chief).mean()) for each in (motion, opposite))
     return bool(ours < theirs + np.log(_BETTER))
 
 
-def _known_motion(evidence: Evidence, robot: RobotModel, most: int) -> LegMotion | None:
+def known_motion(evidence: Evidence, robot: RobotModel, most: int) -> LegMotion | None:
     """The legs in motion, those with an unknown joint all NaN; None where fewer than two are known."""
     motion = leg_motion(evidence, most)
     if motion is None:
@@ -111,7 +132,8 @@ def _known_motion(evidence: Evidence, robot: RobotModel, most: int) -> LegMotion
     rows = np.isfinite(motion.rate[:, whole]).all(axis=1)
     masked = np.full((2, int(rows.sum()), motion.rate.shape[1]), np.nan)
     masked[:, :, whole] = motion.position[rows][:, whole], motion.rate[rows][:, whole]
-    return LegMotion(masked[0], masked[1], None if motion.body_rate is None else motion.body_rate[rows])
+    body_rate = None if motion.body_rate is None else motion.body_rate[rows]
+    return LegMotion(motion.stamps_ns[rows], masked[0], masked[1], body_rate)
 
 
 def _best_step(
@@ -133,7 +155,11 @@ def _best_step(
     refined = [(change, _of(robot, motion, base.followed_by(change))) for change in changes[:_REFINED]]
     (change, residuals), (second, its_residuals), *_ = sorted(refined, key=lambda each: _level(each[1]))
     legs = change.changed_legs(robot)
-    if _gain(now.chief[legs], residuals.chief[legs]) < least_gain or np.median(residuals.chief[legs]) > _GOOD:
+    if _gain(now.chief[legs], residuals.chief[legs]) < least_gain:
+        return None
+    others = np.delete(residuals.chief, legs)
+    good = max(_GOOD_ALONE, _LIKE_OTHERS * float(np.median(others))) if len(others) else _GOOD
+    if np.median(residuals.chief[legs]) > good:
         return None
     if _gain(now.by_distance[legs], residuals.by_distance[legs]) < 0.85:
         return None  # the gyroscope fits better, but the feet do not keep their distances: it is the gyroscope
@@ -151,21 +177,27 @@ def _level(residuals: _Residuals) -> float:
 
 def _of(robot: RobotModel, motion: LegMotion, arrangement: Arrangement) -> _Residuals:
     position, rate = (each[:, arrangement.source] * arrangement.sign for each in (motion.position, motion.rate))
-    return _residuals(robot, LegMotion(position, rate, motion.body_rate))
+    return _residuals(robot, LegMotion(motion.stamps_ns, position, rate, motion.body_rate))
 
 
-def _residuals(robot: RobotModel, motion: LegMotion) -> _Residuals:
+def pair_residuals(robot: RobotModel, motion: LegMotion) -> tuple[IntArray, Array | None, Array]:
+    """Pairs of legs (M, 2), and their residuals over the feet's speeds, with the gyroscope and of distances, (N, M)."""
     places, velocities = feet_of(robot, motion.position, motion.rate)
-    legs = range(len(robot.leg_names))
-    pairs = np.array(list(combinations(legs, 2)))
+    pairs = np.array(list(combinations(range(len(robot.leg_names)), 2)))
     apart, change = (each[:, pairs[:, 0]] - each[:, pairs[:, 1]] for each in (places, velocities))
     speeds = np.linalg.norm(velocities, axis=2)
     speed = np.maximum(speeds[:, pairs[:, 0]] + speeds[:, pairs[:, 1]], 1e-3)
     distance_m = np.maximum(np.linalg.norm(apart, axis=2), 1e-3)
     by_distance = np.abs((apart * change).sum(axis=2)) / distance_m / speed
-    by_gyroscope = None
-    if motion.body_rate is not None:
-        by_gyroscope = np.linalg.norm(change + np.cross(motion.body_rate[:, None], apart), axis=2) / speed
+    if motion.body_rate is None:
+        return pairs, None, by_distance
+    turned = change + np.cross(motion.body_rate[:, None], apart)
+    return pairs, np.linalg.norm(turned, axis=2) / speed, by_distance
+
+
+def _residuals(robot: RobotModel, motion: LegMotion) -> _Residuals:
+    pairs, by_gyroscope, by_distance = pair_residuals(robot, motion)
+    legs = range(len(robot.leg_names))
 
     def of_legs(residual: Array) -> Array:
         known = np.isfinite(residual).all(axis=0)
@@ -195,7 +227,7 @@ def _finding(
         "joint_order",
         Stage.JOINTS,
         "joints",
-        "standing feet move relative to each other: the residual of legs "
+        "standing feet move relative to each other: the residual at "
         f"{listing(robot.leg_names[leg] for leg in legs)} "
         f"is {before:.2f} of the feet's speed and falls to {after:.2f} with {found.described(robot)}; set "
         f"{' and '.join(settings)}{doubt}{other}",

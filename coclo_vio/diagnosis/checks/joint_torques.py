@@ -17,13 +17,13 @@ from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.joint_series import thinned, up_body_at
 from coclo_vio.diagnosis.records import JointRecord
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.values.arrays import Array
+from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import listing
 from coclo_vio.values.units import GRAVITY_MPS2
 
 _FACTOR = "dataset.corrections.joints.effort_factor="
 _RATE_HZ = 10.0
-_SAMPLES = 400
+_SAMPLES = 200
 _SURE = (0.33, 3.0)  # the factor: loads on the back, friction and rough motor constants stay within
 _USUAL = (0.6, 1.7)
 _BEYOND_LIMIT = 3.0
@@ -70,9 +70,16 @@ def are_usual(factor: float | None) -> bool:
     return factor is None or _USUAL[0] < factor < _USUAL[1]
 
 
-def vertical_loads(evidence: Evidence, joints: JointRecord, robot: RobotModel, *, with_torques: bool = True) -> Array:
-    """Vertical forces on the feet by the torques, without inertia, N, (N, n); NaN where unknown."""
-    rows = thinned(joints.stamps_ns, _RATE_HZ, _SAMPLES)
+def vertical_loads(
+    evidence: Evidence,
+    joints: JointRecord,
+    robot: RobotModel,
+    rows: IntArray | None = None,
+    *,
+    with_torques: bool = True,
+) -> Array:
+    """Vertical forces on the feet by the torques, without inertia, N, (N, n), at some samples; NaN where unknown."""
+    rows = thinned(joints.stamps_ns, _RATE_HZ, _SAMPLES) if rows is None else rows
     ups = up_body_at(evidence, joints, rows)
     found = []
     for row, up in zip(rows, ups, strict=True):
@@ -169,5 +176,6 @@ def _beyond_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
             "joints",
             f"the torque of {robot.joint_names[worst]} reaches {largest[worst]:.3g} Nm, {ratio[worst]:.2g} times its "
             "limit "
-            f"in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR} to the motor's constant",
+            f"in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR[:-1]} to the motor's "
+            "constant",
         )

@@ -185,6 +185,9 @@ def _wrong_factor(factor: float, correlation: float, *, in_degrees: bool) -> Fin
     said = f"the joint angles change at {factor:.3g} times the recorded velocities (correlation {correlation:.2f}"
     units = {**_FACTORS, "rad/s": 1.0}
     unit = next((name for name, known in units.items() if abs(factor / known - 1.0) < _FACTOR_TOLERANCE), None)
+    if unit == "rad/s":
+        text = f"the joint velocities are rad/s although the angles are degrees: set {_UNIT}{unit}"
+        return error("joint_velocity_unit", Stage.JOINTS, "joints", text, _UNIT + unit, is_certain=True)
     if unit is not None:
         text = f"{said}), as velocities in {unit} do: set {_UNIT}{unit}"
         return error("joint_velocity_unit", Stage.JOINTS, "joints", text, _UNIT + unit, is_certain=True)

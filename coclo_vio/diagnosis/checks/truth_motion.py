@@ -146,7 +146,8 @@ def _jumps(trajectory: Trajectory) -> Iterator[Finding]:
         "truth_jumps",
         Stage.GROUND_TRUTH,
         "ground_truth",
-        f"the ground truth jumps {len(jumps)} times, by {steps_m[worst]:.3g} m at {at_s:.2f} s: a body on legs stays "
+        f"the ground truth jumps at {len(jumps)} of {len(trajectory):,} poses, by up to {steps_m[worst]:.3g} m at "
+        f"{at_s:.2f} s: a body on legs stays "
         "below "
         f"{FASTEST_MPS:g} m/s; leave these poses out by {setting}",
         setting,
