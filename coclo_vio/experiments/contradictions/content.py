@@ -46,6 +46,7 @@ class Content:
         stereo: of the cameras.
         joints: which readings of the joints are written.
         robot: the robot.
+        description: what a user has of the robot, where it is another.
     """
 
     measurements: Sequence[Measurement]
@@ -56,6 +57,7 @@ class Content:
     stereo: StereoCalibration | None
     joints: RecordedJoints
     robot: RobotDescription
+    description: RobotDescription | None = None
 
     def changed(self, kind: type, change: Callable[[Any], Measurement | None]) -> Self:
         """The same with all samples of a kind changed; None leaves one out. In time order again."""

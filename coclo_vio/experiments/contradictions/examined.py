@@ -32,7 +32,7 @@ def examined(member: Member, folder: Path) -> dict[str, Any]:
     path = member.write(content, folder / "recording")
     row: dict[str, Any] = {"kind": member.kind, "name": member.name, "form": member.form}
     try:
-        config, _ = resolve_if_known(path, "daisy", None, ())
+        config, _ = resolve_if_known(path, content.description or content.robot, None, ())
         examination = examine(path, config)
         dataset = open_dataset(path, config.robot, config.dataset)
         inspected = {finding.kind for finding in preflight(dataset, config).findings}

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from coclo_vio.experiments.contradictions import changes
+from coclo_vio.experiments.contradictions import joint_changes as of
 from coclo_vio.experiments.contradictions.changes import Change
 from coclo_vio.experiments.contradictions.content import Content, Form
+from coclo_vio.values.arrays import Array
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, StereoFrame
 
 
@@ -25,6 +27,7 @@ class Member:
         needs_images: whether images are needed for it.
         is_error: whether a run has to be refused.
         in_full: whether only the full diagnosis of ``doctor`` finds it.
+        is_truth: whether it is the ground truth, without which a run goes on.
     """
 
     kind: str
@@ -35,6 +38,7 @@ class Member:
     needs_images: bool = False
     is_error: bool = True
     in_full: bool = False
+    is_truth: bool = False
 
     def write(self, content: Content, folder: Path) -> Path:
         """Write the changed content in the member's form; returns the path to open."""
@@ -45,6 +49,15 @@ _IMU = "IMU against physics"
 _CAMERAS = "stereo pairs that are none"
 _CALIBRATION = "calibrations that cannot be"
 _CLOCKS = "clocks"
+_JOINTS = "joint readings that cannot be"
+_ROBOT = "description against its URDF"
+_TRUTH = "ground truth that cannot be meant so"
+_LEFT_RIGHT = (1, 0, 3, 2, 5, 4)
+
+
+def _in_degrees_a_second(position: Array, velocity: Array, effort: Array) -> tuple[Array, Array, Array]:
+    return position, np.asarray(np.rad2deg(velocity)), effort
+
 
 MEMBERS: tuple[Member, ...] = (
     Member(_IMU, "body accelerations in g", "bag", changes.imu(ImuSample, force=changes.in_g), "imu_acceleration_unit"),
@@ -125,4 +138,38 @@ MEMBERS: tuple[Member, ...] = (
         "camera_imu_delay",
         in_full=True,
     ),
+    Member(_JOINTS, "torques zero", "bag", of.joints(lambda p, v, t: (p, v, 0.0 * t)), "torque_zero"),
+    Member(_JOINTS, "torques absent", "leg log", of.joints(lambda p, v, t: (p, v, np.nan * t)), "torque_absent"),
+    Member(_JOINTS, "torques negated", "leg log", of.joints(lambda p, v, t: (p, v, -t)), "torque_sign"),
+    Member(_JOINTS, "velocities zero", "bag", of.joints(lambda p, v, t: (p, 0.0 * v, t)), "joint_velocity_zero"),
+    Member(
+        _JOINTS,
+        "velocities in deg/s",
+        "folder",
+        of.joints(lambda p, v, t: (p, np.rad2deg(v), t)),
+        "joint_velocity_unit",
+    ),
+    Member(
+        _JOINTS,
+        "angles and velocities in degrees",
+        "leg log",
+        of.joints(lambda p, v, t: (np.rad2deg(p), np.rad2deg(v), t)),
+        "joint_position_unit",
+    ),
+    Member(_JOINTS, "angles never move", "bag", of.still, "joints_still"),
+    Member(_JOINTS, "sign of one joint", "bag", of.negated(3), "joint_order"),
+    Member(_JOINTS, "left and right legs interchanged", "leg log", of.ordered(*_LEFT_RIGHT), "joint_order"),
+    Member(_ROBOT, "no such URDF", "bag", of.described(urdf="no_such.urdf"), "robot_urdf_missing"),
+    Member(_ROBOT, "a joint of each leg left out", "leg log", of.without_last_joints, "robot_joint_in_no_leg"),
+    Member(
+        _TRUTH,
+        "quaternions w x y z",
+        "bag",
+        of.truth(of.scalar_first),
+        "truth_quaternion_order",
+        is_truth=True,
+    ),
+    Member(_TRUTH, "millimetres", "leg log", of.truth(lambda R, p: (R, 1e3 * p)), "truth_length_unit", is_truth=True),
+    Member(_TRUTH, "single poses far away", "folder", of.truth(of.jumping), "truth_jumps", is_truth=True),
+    Member(_TRUTH, "lost to the origin", "bag", of.truth(of.lost), "truth_lost", is_error=False, is_truth=True),
 )

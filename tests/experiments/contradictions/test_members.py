@@ -15,13 +15,13 @@ _IDS = [f"{member.name}, {member.form}".replace(" ", "_").replace("/", "_") for 
 @pytest.mark.parametrize("member", MEMBERS, ids=_IDS)
 def test_a_contradiction_is_named_and_its_run_refused(member: Member, tmp_path: Path) -> None:
     content = sample_content(has_frames=member.needs_images)
-    path = member.change(content).write(tmp_path / "recording", member.form)
-    recording = cv.open(path, robot="daisy")
+    changed = member.change(content)
+    recording = cv.open(changed.write(tmp_path / "recording", member.form), robot=changed.description or changed.robot)
     findings = recording.diagnose().findings if member.in_full else recording.inspect().findings
     named = [finding for finding in findings if finding.kind == member.finding]
-    assert len(named) == 1, [finding.sentence for finding in findings]
+    assert named, [finding.sentence for finding in findings]
     assert named[0].is_error == member.is_error
-    if member.is_error and not member.in_full:
+    if member.is_error and not member.in_full and not member.is_truth:
         mode = "vins" if named[0].streams <= {"stereo", "stereo_tracks"} else "coclo"
         with pytest.raises(cv.CocloError, match=r"allow-partial|doctor|rectif|calibrat"):
             cv.run(recording, mode, folder=tmp_path / "out")
