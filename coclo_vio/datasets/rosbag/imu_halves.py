@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Imu topics that have only rates or only accelerations, as a RealSense publishes its IMU, and their union.
 
-A reading is absent where its covariance begins with -1 (REP 145), where all first messages have exactly zero or NaN, or by
-the name of the topic. Accelerations are interpolated linearly to the stamps of the rates.
+A reading is absent where its covariance begins with -1 (REP 145), where all first messages have exactly zero or NaN,
+or by the name of the topic. Accelerations are interpolated linearly to the stamps of the rates.
 """
 
 import re
