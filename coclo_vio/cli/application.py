@@ -4,6 +4,7 @@
 A command's module is imported when the command runs, so that ``--help`` and ``--version`` load no stage.
 """
 
+import errno
 import os
 import sys
 from importlib import import_module
@@ -16,7 +17,7 @@ from typer.main import get_command
 from coclo_vio import __version__
 from coclo_vio.cli.mode_help import ModeCommand
 from coclo_vio.cli.terminal import err, out
-from coclo_vio.values.errors import CocloError, ConfigError
+from coclo_vio.values.errors import CocloError, ConfigError, DatasetError, shortened
 
 _THREAD_COUNTS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # read as NumPy is loaded
 
@@ -107,6 +108,10 @@ def main() -> None:
         _fail(error, 2)
     except CocloError as error:
         _fail(error, 1)
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        _fail(DatasetError(f"a path is longer than this system allows: {shortened(error.filename)}"), 1)
 
 
 def _fail(error: CocloError, status: int) -> None:

@@ -9,6 +9,7 @@ import sys
 from importlib import import_module
 
 import pytest
+from console import Coclo, is_one_sentence
 
 from coclo_vio import __version__
 from coclo_vio.cli.application import COMMANDS
@@ -80,3 +81,10 @@ def test_one_thread_computes_unless_the_environment_says_otherwise() -> None:
             [sys.executable, "-c", script], env={**plain, **given}, capture_output=True, text=True, check=True
         )
         assert done.stdout.splitlines()[-1] == expected
+
+
+@pytest.mark.parametrize("command", ["inspect", "run", "evaluate"])
+def test_a_path_that_no_file_can_have_is_one_sentence(coclo: Coclo, command: str) -> None:
+    answer = coclo(command, "x" * 300)
+    assert answer.status == 1
+    assert is_one_sentence(answer)

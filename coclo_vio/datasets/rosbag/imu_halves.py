@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Imu topics that have only rates or only accelerations, as a RealSense publishes its IMU, and their union.
 
-A reading is absent where its covariance begins with -1 (REP 145), where all first messages have exactly zero, or by
-the name of the topic. Accelerations are interpolated linearly to the stamps of the rates.
+A reading is absent where its covariance begins with -1 (REP 145), where all first messages have exactly zero or NaN,
+or by the name of the topic. Accelerations are interpolated linearly to the stamps of the rates.
 """
 
 import re
@@ -72,8 +72,8 @@ class HalfTally:
     def add(self, rate: Array, force: Array, rate_variance: float, force_variance: float) -> None:
         """Take a message: its readings (3,) each, and the first element of each covariance."""
         self.messages += 1
-        self.is_turning |= bool(np.any(rate))
-        self.is_accelerated |= bool(np.any(force))
+        self.is_turning |= bool(np.nan_to_num(rate).any())
+        self.is_accelerated |= bool(np.nan_to_num(force).any())
         self.says_no_rate &= rate_variance == -1.0
         self.says_no_acceleration &= force_variance == -1.0
 
@@ -102,7 +102,7 @@ class HalfTally:
             return ImuHalves(not self.says_no_rate, not self.says_no_acceleration, why)
         if self.messages < _LEAST_ZEROS or (self.is_turning and self.is_accelerated):
             return BOTH
-        return ImuHalves(self.is_turning, self.is_accelerated, f"zero in the first {self.messages} messages")
+        return ImuHalves(self.is_turning, self.is_accelerated, f"zero or NaN in the first {self.messages} messages")
 
 
 def nearest_by_name(topic: str, candidates: Sequence[str]) -> str | None:

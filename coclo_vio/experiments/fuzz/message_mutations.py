@@ -58,14 +58,14 @@ def write_odd_bag(rng: Generator, path: Path) -> None:
 
 
 def walk_messages(make: BagMessages) -> Iterator[tuple[str, int, Any]]:
-    """A seventh of a second of a Go1: topic, stamp and message, in time order."""
+    """Some messages of every sensor of a Go1: topic, stamp and message, in time order."""
     legs, joints = _names()
     rng = np.random.default_rng(1)
     camera = CameraCalibration(width_px=8, height_px=6, focal_px=(8.0, 8.0), principal_point_px=(4.0, 3.0))
     picture = encoded(np.arange(48, dtype=np.uint8).reshape(6, 8), "png")
     frames = [make.transform(START_NS, "base_link", child, np.eye(4)) for child in ("imu", "left", "right", "cam")]
     yield "/tf_static", START_NS, make.tf(frames)
-    for i in range(15):
+    for i in range(12):
         at_ns = START_NS + i * 10_000_000
         for topic, frame in (("/imu", "imu"), ("/camera/imu", "cam")):
             reading = ImuSample(at_ns, 0.1 * rng.normal(size=3), np.array([0.0, 0.0, 9.81]) + 0.1 * rng.normal(size=3))

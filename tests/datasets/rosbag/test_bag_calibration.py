@@ -331,3 +331,12 @@ def test_a_calibration_of_a_bag_whose_first_messages_cannot_be_decoded_is_none(t
     dataset = open_dataset(path, biped, DatasetConfig(allow_partial=True))
     assert dataset.imu_calibration() is None
     assert dataset.stereo_calibration() is None
+
+
+@pytest.mark.parametrize("quat_xyzw", [(0.0, 0.0, 0.0, 0.0), (1e308, 0.0, 0.0, 1e308), (np.nan, 0.0, 0.0, 1.0)])
+def test_a_transform_without_a_rotation_is_left_out(bag, biped, quat_xyzw):
+    bag.add_imu(START_NS, topic="/camera/imu", header__frame_id="camera_imu")
+    bag.add_tf(bag.transform("base_link", "camera_imu", (0.1, 0.0, 0.0), quat_xyzw))
+    dataset = open_dataset(bag.write(), biped)
+    assert dataset.camera_imu_calibration() is None
+    assert any("no static transform from base_link to the frame camera_imu" in note for note in dataset.report().notes)

@@ -94,6 +94,9 @@ def test_a_bag_of_lowstate_alone_is_refused_with_the_setting_that_reads_it(unitr
     np.testing.assert_array_equal(joints[3].velocity, 0.25 * np.arange(12))
     np.testing.assert_array_equal(joints[3].effort, -np.arange(12.0))
     np.testing.assert_array_equal(feet[0].force, [10.0, 20.0, 30.0, 40.0])
+    assert {choice.reason for choice in dataset.topics() if choice.topics} == {"fields named in dataset.rosbag.fields"}
+    with pytest.raises(TopicNotFound, match=r"no JointState among .*dataset\.rosbag\.fields='{imu"):
+        list(open_dataset(unitree, go1).measurements())
     report = dataset.report()
     assert report.dropped == {}
     assert any("/lowstate have no header: they are stamped with the time at which" in note for note in report.notes)

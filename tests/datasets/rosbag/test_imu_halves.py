@@ -69,12 +69,13 @@ def test_half_an_imu_named_by_hand_gets_its_other_half(bag, named):
     [
         ({"linear_acceleration_covariance": NO_READING}, {"angular_velocity_covariance": NO_READING}),
         ({}, {}),
+        ({"linear_acceleration__z": float("nan")}, {"angular_velocity__x": float("nan")}),
         (
             {"linear_acceleration_covariance": NO_READING, "linear_acceleration__z": 5.0},
             {"angular_velocity_covariance": NO_READING, "angular_velocity__x": 7.0},
         ),
     ],
-    ids=["covariance", "zeros", "covariance against a reading"],
+    ids=["covariance", "zeros", "NaN", "covariance against a reading"],
 )
 def test_halves_under_any_name_are_found_by_what_they_hold(bag, rate_fields, force_fields):
     add_rates(bag, "/trunk/turning", **rate_fields)
@@ -111,7 +112,7 @@ def test_half_an_imu_alone_is_refused_by_name_and_not_called_none(bag):
 def test_an_imu_without_accelerations_is_noted_with_the_reason(bag):
     add_rates(bag, "/imu")
     dataset = open_dataset(bag.write(), None)
-    with pytest.raises(DatasetError, match=r"/imu has no accelerations .zero in the first 120 messages"):
+    with pytest.raises(DatasetError, match=r"/imu has no accelerations .zero or NaN in the first 120 messages"):
         dataset.report()
 
 

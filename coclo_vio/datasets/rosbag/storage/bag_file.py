@@ -67,6 +67,7 @@ class BagFile:
         """
         self.path = files.bag_in(path)
         self.is_ros1 = files.is_ros1(self.path)
+        self._metadata = files.metadata_of(self.path)
         self.damage: str | None = None
         self.notes: list[str] = []
         self._is_cut = False
@@ -169,7 +170,7 @@ class BagFile:
         """The connections of all files; determines whether the bag is sound."""
         try:
             files.check_lengths(self.path)
-            return self._connections(files.sound_readers(self.path))
+            return self._connections(files.sound_readers(self.path, self._metadata.compression))
         except Exception as error:
             reason = files.reason_of(error)
             if files.is_foreign(reason):
@@ -179,7 +180,7 @@ class BagFile:
                 raise self._damaged() from error
         self._is_cut = True
         try:
-            return self._connections(files.partial_readers(self.path))
+            return self._connections(files.partial_readers(self.path, self._metadata.compression))
         except Exception as error:
             reason = files.reason_of(error)
             if files.is_foreign(reason):
@@ -202,7 +203,7 @@ class BagFile:
             )
         if others:
             self.notes.append(f"topics serialized as {', '.join(map(shortened, others))} are not read, only cdr")
-        metadata = files.metadata_of(self.path)
+        metadata = self._metadata
         count = sum(each.msgcount for each in connections)
         self.notes += metadata.notes
         if metadata.messages is not None and count and metadata.messages != count:
@@ -225,7 +226,11 @@ class BagFile:
         return found
 
     def _storages(self) -> list[Storage]:
-        return files.partial_readers(self.path) if self._is_cut else files.sound_readers(self.path)
+        return (
+            files.partial_readers(self.path, self._metadata.compression)
+            if self._is_cut
+            else files.sound_readers(self.path, self._metadata.compression)
+        )
 
     def _messages_of(self, storage: Storage, names: Collection[str]) -> Iterator[RawMessage]:
         connections = [each for each in storage.connections if each.topic in names and self._is_read(each)]

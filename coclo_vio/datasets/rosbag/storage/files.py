@@ -2,12 +2,13 @@
 """Which files form a bag, and their readers: of ``rosbags`` for sound files, of this package for damaged ones."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from coclo_vio.datasets.rosbag.storage.chunks import ChunkReader, CutChunkReader
-from coclo_vio.datasets.rosbag.storage.folder_metadata import METADATA, FolderMetadata, read_metadata
+from coclo_vio.datasets.rosbag.storage.folder_metadata import METADATA, Compression, FolderMetadata, read_metadata
 from coclo_vio.datasets.rosbag.storage.mcap import CutMcapReader, has_profile_of_ros2
 from coclo_vio.datasets.rosbag.storage.packed import PackedFile, PackedMessages
 from coclo_vio.datasets.rosbag.storage.sized_file import SizedPath
@@ -67,34 +68,24 @@ def metadata_of(path: Path) -> FolderMetadata:
     return read_metadata(path, [file.name for file in ros2_files(path)]) if path.is_dir() else FolderMetadata()
 
 
-def sound_readers(path: Path) -> list[Storage]:
-    """Readers of a sound bag, file by file."""
-    if is_ros1(path):
-        return [ChunkReader(path)]
-    if not path.is_dir():
-        return [_sound_reader(path)]
-    files = ros2_files(path)
-    match metadata_of(path).compression:
-        case "file":
-            return [PackedFile(file, _sound_reader) for file in files]
-        case "message":
-            return [PackedMessages(_sound_reader(file)) for file in files]
-    return [_sound_reader(file) for file in files]
+def sound_readers(path: Path, compression: Compression) -> list[Storage]:
+    """Readers of a sound bag, file by file; ``compression`` is that of its metadata."""
+    return [ChunkReader(path)] if is_ros1(path) else _readers(path, compression, _sound_reader)
 
 
-def partial_readers(path: Path) -> list[Storage]:
+def partial_readers(path: Path, compression: Compression) -> list[Storage]:
     """Readers of the readable part of a bag, file by file: sound files by the readers of ``rosbags``."""
-    if is_ros1(path):
-        return [CutChunkReader(path)]
-    if not path.is_dir():
-        return [_reader_of(path)]
-    files = ros2_files(path)
-    match metadata_of(path).compression:
+    return [CutChunkReader(path)] if is_ros1(path) else _readers(path, compression, _reader_of)
+
+
+def _readers(path: Path, compression: Compression, reader: Callable[[Path], Storage]) -> list[Storage]:
+    files = ros2_files(path) if path.is_dir() else [path]
+    match compression:
         case "file":
-            return [PackedFile(file, _reader_of) for file in files]
+            return [PackedFile(file, reader) for file in files]
         case "message":
-            return [PackedMessages(_reader_of(file)) for file in files]
-    return [_reader_of(file) for file in files]
+            return [PackedMessages(reader(file)) for file in files]
+    return [reader(file) for file in files]
 
 
 def check_lengths(path: Path) -> None:

@@ -13,6 +13,7 @@ from coclo_vio.values.config import read_yaml
 from coclo_vio.values.errors import ConfigError, listing
 
 METADATA = "metadata.yaml"
+Compression = Literal["none", "file", "message"]
 _KEY = "rosbag2_bagfile_information"
 
 
@@ -26,7 +27,7 @@ class FolderMetadata:
         notes: sentences on what is wrong with it.
     """
 
-    compression: Literal["none", "file", "message"] = "none"
+    compression: Compression = "none"
     messages: int | None = None
     notes: tuple[str, ...] = ()
 
