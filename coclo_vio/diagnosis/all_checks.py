@@ -17,6 +17,7 @@ from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_
 from coclo_vio.diagnosis.checks.imu_readings import find_readings
 from coclo_vio.diagnosis.checks.mountings import find_mountings
 from coclo_vio.diagnosis.checks.robot_description import find_description
+from coclo_vio.diagnosis.checks.two_sources import find_conflicts
 from coclo_vio.diagnosis.diagnose import Check, Cost
 from coclo_vio.diagnosis.finding import Stage
 
@@ -30,6 +31,7 @@ CHECKS: tuple[Check, ...] = (
     Check("body IMU against the legs", Stage.IMU, Cost.SAMPLES, find_body_axes),
     Check("camera IMU against body IMU", Stage.IMU, Cost.SAMPLES, find_camera_imu_axes),
     Check("calibration of the cameras", Stage.CAMERAS, Cost.REPORT, find_calibration),
+    Check("one number from two sources", Stage.CAMERAS, Cost.REPORT, find_conflicts),
     Check("images as a pair", Stage.CAMERAS, Cost.SAMPLES, find_pairs),
     Check("mountings by angular velocities", Stage.MOUNTING, Cost.IMAGES, find_mountings),
     Check("joint angles", Stage.JOINTS, Cost.SAMPLES, joint_positions.find),

@@ -47,6 +47,7 @@ class Evidence:
         robot_imu: the mounting and noise of the body's IMU that a run would use; None where nothing is known.
         seconds: how much of the recording is looked at, s.
         corrections: what is corrected in the recording already.
+        unused_imu: the mounting and noise of the body's IMU by another source, which a run does not use; None: none.
     """
 
     def __init__(
@@ -56,12 +57,14 @@ class Evidence:
         robot_imu: ImuCalibration | None,
         seconds: float = _MOST_S,
         corrections: Corrections | None = None,
+        unused_imu: ImuCalibration | None = None,
     ) -> None:
         self.dataset = dataset
         self.description = description
         self.robot_imu = robot_imu
         self.seconds = seconds
         self.corrections = corrections or Corrections()
+        self.unused_imu = unused_imu
 
     @cached_property
     def robot(self) -> RobotModel | None:

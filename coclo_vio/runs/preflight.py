@@ -29,9 +29,10 @@ def evidence_of(dataset: Dataset, config: RunConfig, seconds: float = _SECONDS) 
     except CocloError:  # a run reports it
         imu = None
     description = config.on_recording(imu).robot
-    return Evidence(
-        dataset, description, imu if description is None else description.imu, seconds, config.dataset.corrections
-    )
+    used = imu if description is None else description.imu
+    described = None if config.robot is None else config.robot.imu
+    unused = imu if config.imu_calibration == "robot" else described
+    return Evidence(dataset, description, used, seconds, config.dataset.corrections, unused)
 
 
 def preflight(dataset: Dataset, config: RunConfig) -> Diagnosis:

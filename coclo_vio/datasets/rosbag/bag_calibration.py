@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from coclo_vio.datasets.kalibr import KalibrCamera, KalibrImu, read_camchain, read_imu
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.bag_preview import BagPreview
+from coclo_vio.datasets.rosbag.calibration_conflicts import baseline_conflict, stereo_conflicts
 from coclo_vio.datasets.rosbag.camera_info import T_camera_rectified, baseline_m, intrinsics_of
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.poses import FrameTree
@@ -22,6 +23,7 @@ from coclo_vio.values.calibration import CameraCalibration, ImuCalibration, Ster
 from coclo_vio.values.errors import CalibrationMissing, ConfigError
 
 _PLAUSIBLE_DENSITY = {"gyroscope": (1e-6, 0.1), "accelerometer": (1e-5, 1.0)}  # noise densities, per sqrt(Hz)
+_SAME_BASELINE = 0.03  # relative
 _IMU_ROLES = {"imu": "the body's IMU", "camera_imu": "the camera's IMU"}
 
 
@@ -93,6 +95,30 @@ class BagCalibration:
         if self._topics["left_image"] is None or self._topics["right_image"] is None:
             return None
         return self._stereo_of_camchain() if self._camchain else self._stereo_of_bag()
+
+    def conflicts(self) -> tuple[str, ...]:
+        """Where two sources have different numbers for the cameras, a sentence each.
+
+        Raises:
+            CalibrationMissing: a calibration is malformed.
+        """
+        used = self.stereo()
+        if used is None:
+            return ()
+        found: list[str] = []
+        if self._camchain:
+            tally, self._tally = self._tally, ReadTally("", 1.0)  # what the bag lacks is no matter then
+            try:
+                of_bag = self._stereo_of_bag()
+            finally:
+                self._tally = tally
+            if of_bag is not None:
+                found += stereo_conflicts(used, str(self._config.kalibr.camchain), of_bag, "CameraInfo and /tf_static")
+        right = self._first("right_info")
+        by_p = None if right is None or self._camchain else baseline_m(right)
+        if by_p is not None and abs(used.baseline_m / max(abs(by_p), 1e-9) - 1.0) > _SAME_BASELINE:
+            found.append(baseline_conflict(used.baseline_m, "the static transforms", by_p, "P of the CameraInfo"))
+        return tuple(found)
 
     def _stereo_of_camchain(self) -> StereoCalibration:
         left, right = self._sides()

@@ -148,6 +148,14 @@ class RosBag:
         """
         return self._calibrated().stereo()
 
+    def calibration_conflicts(self) -> tuple[str, ...]:
+        """Where two sources have different numbers for the cameras, a sentence each.
+
+        Raises:
+            CalibrationMissing: a calibration is malformed.
+        """
+        return self._calibrated().conflicts()
+
     def report(self) -> ReadReport:
         """What the bag holds; reads the sensors that no finished ``measurements`` has read yet, decoding no image.
 
