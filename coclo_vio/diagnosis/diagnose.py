@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """All checks of a recording in the order of their stages."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -31,12 +31,19 @@ class Check:
         stage: what it is about.
         cost: what it needs.
         find: what is not as it should be, in a recording; nothing where the recording does not allow the check.
+        needs: streams without which there is nothing to check, ``ground_truth`` or ``robot``, separated by blanks, and
+            alternatives by ``|``.
     """
 
     name: str
     stage: Stage
     cost: Cost
     find: Callable[[Evidence], Iterable[Finding]]
+    needs: str = ""
+
+    def is_possible(self, there: Set[str]) -> bool:
+        """Whether a recording with these contents has what the check needs."""
+        return all(there & set(need.split("|")) for need in self.needs.split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +51,7 @@ class Diagnosis:
     """What the checks found.
 
     Attributes:
-        checked: names of the checks by stage, in order.
+        checked: names of the checks by stage, in order; those for which the recording has nothing are left out.
         findings: what is not as it should be, in the order of their stages, errors first.
         notes: figures that were measured and are as they should be.
     """
@@ -92,7 +99,8 @@ def diagnose(evidence: Evidence, checks: Iterable[Check], most: Cost = Cost.IMAG
         checks: which.
         most: those that need more are left out.
     """
-    affordable = [check for check in checks if check.cost <= most]
+    there = _contents(evidence)
+    affordable = [check for check in checks if check.cost <= most and check.is_possible(there)]
     stages = [stage for stage in Stage if any(check.stage is stage for check in affordable)]
     checked = {stage: tuple(check.name for check in affordable if check.stage is stage) for stage in stages}
     found = [finding for check in affordable for finding in _found(check, evidence)]
@@ -101,6 +109,13 @@ def diagnose(evidence: Evidence, checks: Iterable[Check], most: Cost = Cost.IMAG
     once = dict.fromkeys(found)
     notes = tuple(each for each in once if each.severity is Severity.NOTE)
     return Diagnosis(checked, tuple(each for each in once if each.severity is not Severity.NOTE), notes)
+
+
+def _contents(evidence: Evidence) -> set[str]:
+    """What a recording has, by the names that checks need."""
+    streams = {stream.name for stream in (() if evidence.report is None else evidence.report.streams)}
+    has_truth, has_robot = evidence.truth is not None, evidence.description is not None
+    return streams | ({"ground_truth"} if has_truth else set()) | ({"robot"} if has_robot else set())
 
 
 def _found(check: Check, evidence: Evidence) -> Iterator[Finding]:

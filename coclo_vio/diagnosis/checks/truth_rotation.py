@@ -151,7 +151,9 @@ def _rolled_turns(turns: _Turns, rolled: Array) -> Array:
 def _by_gravity(
     evidence: Evidence, trajectory: Trajectory, turns: _Turns | None, *, is_synchronous: bool
 ) -> Finding | None:
-    """What makes the body upright as the accelerometer says; None where it is."""
+    """What makes the body as upright as it is by the accelerometer; None where it is."""
+    if evidence.robot_imu is None and evidence.description is None:  # the IMU's mounting is not known
+        return None
     rotations, up_body = _with_gravity(evidence, trajectory) if turns is None else (turns.rotations, turns.up_body)
     tilts = {
         (order, axis): _tilt(each, axis, up_body) for order, each in _readings(rotations).items() for axis in _AXES
@@ -160,7 +162,8 @@ def _by_gravity(
     if as_read < _LYING_RAD:
         return None
     said = (
-        f"by its ground truth the robot lies {np.rad2deg(as_read):.0f} deg from upright, unlike the accelerometer says"
+        f"by its ground truth the robot lies {np.rad2deg(as_read):.0f} deg from upright, by its accelerometer it "
+        "does not"
     )
     fitting = [key for key, tilt in tilts.items() if tilt < _UPRIGHT_RAD]
     is_turned_right = is_synchronous and turns is not None and _agreement(turns.world[:, 2], turns.vertical) > _CLEAR
