@@ -129,7 +129,7 @@ class CorrectedDataset:
             velocity = None if velocity is None else velocity @ turn.T
         stamps = given.trajectory.stamps_ns.tolist()
         if given.has_stamps:
-            stamps = [round(_in_ns(stamp, how.stamp_unit) * how.stamp_factor) for stamp in stamps]
+            stamps = [round(stamp * how.stamp_factor) for stamp in stamps]
         corrected = Trajectory(
             np.array(stamps),
             se3.transform(rotations, positions),

@@ -119,9 +119,6 @@ class TruthCorrections(StageConfig):
 
     length_unit: Annotated[Literal["m", "cm", "mm"], Field(description="unit of the positions")] = "m"
     quaternion: Annotated[Literal["xyzw", "wxyz"], Field(description="order of a quaternion's four columns")] = "xyzw"
-    stamp_unit: Annotated[
-        Literal["ns", "us", "ms", "s"], Field(description="unit of stamps that were read as nanoseconds")
-    ] = "ns"
     up: Annotated[
         Literal["x", "-x", "y", "-y", "z", "-z"], Field(description="the axis of its world that points up")
     ] = "z"
