@@ -150,5 +150,5 @@ def test_accelerations_that_are_left_out_leave_a_whole_imu_as_it_is(bag):
     path = bag.write()
     dataset = open_dataset(path, None, config_of("imu=/imu", "imu_acceleration=''"))
     assert next(choice for choice in dataset.topics() if choice.role == "imu").topics == ("/imu",)
-    with pytest.raises(TopicNotFound, match="no message on /acc.*as imu_acceleration"):
+    with pytest.raises(TopicNotFound, match=r"no message on /acc.*as imu_acceleration"):
         open_dataset(path, None, config_of("imu=/imu", "imu_acceleration=/acc"))
