@@ -121,11 +121,10 @@ class TopicChooser:
             TopicNotFound: there is no such topic.
         """
         role, topic = choice.role, choice.topic
-        configured = self._from_config(
-            f"{role}_acceleration", getattr(self._configured, f"{role}_acceleration"), (message_types.IMU,)
-        )
+        explicit = getattr(self._configured, f"{role}_acceleration")
+        self._from_config(f"{role}_acceleration", explicit, (message_types.IMU,))
         halves = BOTH if topic is None else self._preview.halves[topic]
-        if topic is None or (halves.is_complete and configured is None):
+        if topic is None or (halves.is_complete and not explicit):
             return choice
         available = self._preview.of_type(message_types.IMU)
         pair: tuple[str | None, str | None]

@@ -143,3 +143,12 @@ def test_accelerations_are_not_interpolated_over_a_gap():
     assert list(union.add_acceleration(1_000_000_000, np.ones(3))) == []
     assert tally.dropped == {"/gyro: no acceleration before and after this rate": 1}
     assert [stamp_ns for stamp_ns, _, _ in union.add_rate(1_000_000_000, np.ones(3))] == [1_000_000_000]
+
+
+def test_accelerations_that_are_left_out_leave_a_whole_imu_as_it_is(bag):
+    bag.add_imu(START_NS)
+    path = bag.write()
+    dataset = open_dataset(path, None, config_of("imu=/imu", "imu_acceleration=''"))
+    assert next(choice for choice in dataset.topics() if choice.role == "imu").topics == ("/imu",)
+    with pytest.raises(TopicNotFound, match=r"no message on /acc.*as imu_acceleration"):
+        open_dataset(path, None, config_of("imu=/imu", "imu_acceleration=/acc"))

@@ -128,7 +128,9 @@ def test_chunks_are_unpacked_to_their_recorded_size_and_no_further(compression):
             unpacked(compression, compress(data), size)
     with pytest.raises(ValueError, match="larger than the 128 MB"):
         unpacked(compression, compress(data), 2**40)
-    assert len(unpacked_prefix(compression, compress(bytes(40 * 2**20)))) <= 33 * 2**20
+    assert len(unpacked_prefix(compression, compress(bytes(40 * 2**20)))) <= 41 * 2**20
+    with pytest.raises(ValueError, match=r"expands to 100 MB, more than 200 times|does not unpack"):
+        unpacked(compression, compress(data)[:1000], 100 * 2**20)
 
 
 def test_a_length_of_gigabytes_in_a_damaged_bag_reserves_no_memory(tmp_path):

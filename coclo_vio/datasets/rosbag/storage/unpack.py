@@ -17,7 +17,8 @@ __all__ = ["MOST_UNPACKED", "check_size", "unpacked", "unpacked_prefix", "zstd"]
 MOST_UNPACKED = 128 * 2**20
 """Bytes of one chunk; recorders close a chunk of a few megabytes, and 48 kB can expand to gigabytes."""
 
-_MOST_OF_PREFIX = 32 * 2**20
+_UNSUSPICIOUS = 16 * 2**20  # bytes of a chunk that may expand any number of times
+_MOST_TIMES = 200  # a larger one; images of one colour expand so, joint names a hundred times
 _PIECE = 1024  # bytes; at most this much is lost before the damage
 
 
@@ -47,7 +48,11 @@ def unpacked(compression: str, data: bytes, size: int | None) -> bytes:
     check_size(max(len(data), size or 0))
     if compression in {"", "none"}:
         return data
-    most = MOST_UNPACKED if size is None else size
+    most = _limit(data) if size is None else size
+    if most > _limit(data):
+        raise ValueError(
+            f"a chunk of {len(data)} bytes expands to {most / 2**20:.0f} MB, more than {_MOST_TIMES} times"
+        )
     parts, length = [], 0
     while data and length <= most:
         frame = _decompressor(compression)
@@ -63,7 +68,7 @@ def unpacked(compression: str, data: bytes, size: int | None) -> bytes:
 
 
 def unpacked_prefix(compression: str, data: bytes) -> bytes:
-    """The unpacked data up to the end, the damage, or 32 MB.
+    """The unpacked data up to the end, the damage, or the limit.
 
     Args:
         compression: ``none`` or empty, ``bz2``, ``lz4`` (ROS 1), ``zstd`` (MCAP).
@@ -75,15 +80,20 @@ def unpacked_prefix(compression: str, data: bytes) -> bytes:
     if compression in {"", "none"}:
         return data
     frame = _decompressor(compression)
-    unpacked = bytearray()
+    unpacked, most = bytearray(), _limit(data)
     for start in range(0, len(data), _PIECE):
         try:
-            unpacked += frame.decompress(data[start : start + _PIECE], _MOST_OF_PREFIX + 1 - len(unpacked))
+            unpacked += frame.decompress(data[start : start + _PIECE], most + 1 - len(unpacked))
         except Exception:  # each library has its own error for damaged data
             break
-        if len(unpacked) > _MOST_OF_PREFIX:
+        if len(unpacked) > most:
             break
     return bytes(unpacked)
+
+
+def _limit(data: bytes) -> int:
+    """How many bytes packed data may expand to."""
+    return min(MOST_UNPACKED, max(_UNSUSPICIOUS, _MOST_TIMES * len(data)))
 
 
 def _of_frame(frame: Any, data: bytes, most: int) -> bytes:
