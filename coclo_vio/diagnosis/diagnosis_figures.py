@@ -48,8 +48,7 @@ def figures(evidence: Evidence) -> Iterator[tuple[str, str, "Figure"]]:
         (
             "standing_feet",
             "Distance of two feet while both stand, less its mean in that time: constant where kinematics, joint "
-            "order, "
-            "signs and contact are right.",
+            "order, signs and contact are right.",
             standing_feet(evidence.feet),
         ),
         (

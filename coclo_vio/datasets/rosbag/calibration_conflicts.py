@@ -46,9 +46,8 @@ def stereo_conflicts(used: StereoCalibration, source: str, other: StereoCalibrat
 def baseline_conflict(used_m: float, source: str, other_m: float, rival: str) -> str:
     """The sentence on two baselines."""
     return (
-        f"the baseline of the cameras is {used_m:.4g} m by {source} and {other_m:.4g} m by {rival}: {source} is "
-        "used, and "
-        "every distance scales with it; correct the one that is wrong"
+        f"the baseline of the cameras is {used_m:.4g} m by {source} and {other_m:.4g} m by {rival}: {source} is used, "
+        "and every distance scales with it; correct the one that is wrong"
     )
 
 

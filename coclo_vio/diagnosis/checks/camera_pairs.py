@@ -48,15 +48,13 @@ def _baseline(stereo: StereoCalibration) -> Iterator[Finding]:
         yield error(
             *kind,
             f"the baseline of the cameras is {length_m:.4g} m, at least {_SHORTEST_M:g} is expected: both cameras "
-            "have the "
-            "same mounting; correct the transform from the left to the right camera in the calibration",
+            "have the same mounting; correct the transform from the left to the right camera in the calibration",
         )
     elif length_m > _LONGEST_M:
         yield error(
             *kind,
             f"the baseline of the cameras is {length_m:.4g} m, at most {_LONGEST_M:g} is expected on a robot: its "
-            "unit may "
-            "be millimetres; correct the transform from the left to the right camera in the calibration",
+            "unit may be millimetres; correct the transform from the left to the right camera in the calibration",
         )
     elif x_m < -0.5 * length_m:
         yield error(
@@ -86,8 +84,7 @@ def _lens(side: str, lens: CameraCalibration) -> Iterator[Finding]:
             Stage.CAMERAS,
             _STREAMS,
             f"the principal point of the {side} camera is ({x:.4g}, {y:.4g}) px in images of {size[0]} x {size[1]} "
-            "px: the "
-            "calibration may be of another resolution; scale it to that of the images",
+            "px: the calibration may be of another resolution; scale it to that of the images",
         )
 
 
@@ -151,8 +148,7 @@ def _no_pair(as_is: PairMatch, swapped: PairMatch, frames: int, setting: str) ->
             Stage.CAMERAS,
             "stereo",
             f"the rows of the rectified images differ by about {abs(as_is.rows_px)} px: {found}, and {as_is.shifted} "
-            "that "
-            "many rows away; calibrate the cameras again, and check whether the images are rectified already "
+            "that many rows away; calibrate the cameras again, and check whether the images are rectified already "
             "(dataset.rosbag.is_rectified)",
         )
     elif as_is.matched < _BY_CHANCE * as_is.by_chance or as_is.matched < _FEW * as_is.corners:
@@ -161,6 +157,5 @@ def _no_pair(as_is: PairMatch, swapped: PairMatch, frames: int, setting: str) ->
             Stage.CAMERAS,
             "stereo",
             f"the images are no stereo pair by their calibration: {found}, and {as_is.by_chance} half an image away, "
-            "by "
-            "chance; check that both topics are of these two cameras, and that the calibration is theirs",
+            "by chance; check that both topics are of these two cameras, and that the calibration is theirs",
         )

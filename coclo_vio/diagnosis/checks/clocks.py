@@ -40,8 +40,7 @@ def find_units(evidence: Evidence) -> Iterator[Finding]:
             Stage.CLOCKS,
             " ".join(each.name for each in streams),
             f"{stream.name} come at {stream.rate_hz:.3g} Hz by their stamps, at most {_PLAUSIBLE_HZ[1]:g} is "
-            "expected: the "
-            f"stamps are not nanoseconds but {units[0] if units else 'another unit'}; {cure}",
+            f"expected: the stamps are not nanoseconds but {units[0] if units else 'another unit'}; {cure}",
             *([f"dataset.corrections.stamp_unit={units[0]}"] if units else []),
             is_certain=bool(units) and all_fast,
         )

@@ -71,9 +71,8 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             "contact_force_absent",
             Stage.CONTACT,
             "foot_force",
-            "there are no foot forces, but contact.source is force_sensor: no foot is ever in stance; record them, or "
-            "where "
-            "joints have torques set robot.contact.source=torque with its thresholds",
+            "there are no foot forces, but contact.source is force_sensor: no foot is ever in stance; record them, "
+            "or where joints have torques set robot.contact.source=torque with its thresholds",
         )
         return
     if len(record.force) < _LEAST_SAMPLES or not _is_stepping(evidence, robot):
@@ -85,8 +84,7 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             Stage.CONTACT,
             "foot_force",
             f"the forces of all {len(legs)} feet never change in {len(record.force):,} samples while the legs step: "
-            "they are "
-            "not measured; record them, or set robot.contact.source=torque with its thresholds",
+            "they are not measured; record them, or set robot.contact.source=torque with its thresholds",
         )
     elif is_constant.any():
         names = np.array(legs)[is_constant].tolist()
@@ -96,8 +94,7 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             Stage.CONTACT,
             "foot_force",
             f"the force of foot {listing(names)} is {value:.4g} in all {len(record.force):,} samples while its leg "
-            "steps: a "
-            "dead sensor; repair it, or leave the leg out (dataset.corrections.joints.left_out)",
+            "steps: a dead sensor; repair it, or leave the leg out (dataset.corrections.joints.left_out)",
         )
 
 
@@ -213,6 +210,6 @@ def _single_feet(loads: _Loads, config: ContactConfig, robot: RobotModel, share:
                 Stage.CONTACT,
                 loads.streams,
                 f"foot {robot.leg_names[leg]} is {what} in stance while the others step: its load is {low:.3g} to "
-                f"{high:.3g} "
-                f"(5 to 95 %), stance {limit}; check its sensor, its leg's joints and the thresholds (robot.contact)",
+                f"{high:.3g} (5 to 95 %), stance {limit}; check its sensor, its leg's joints and the thresholds "
+                "(robot.contact)",
             )

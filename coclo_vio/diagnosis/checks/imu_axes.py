@@ -18,7 +18,7 @@ from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.units import NS_PER_S
 
 _EXPLAINS = 0.85  # with other axes or another unit
-_BETTER = 1.4  # times less is left
+_BETTER, _FAR_BETTER = 1.4, 2.0  # times less is left, where gravity agrees and where it does not
 _TILT_DEG, _OTHER_AXES_DEG = 40.0, 60.0  # between gravity and the legs' up: slopes and stairs stay below 40
 _SAME_AXES_DEG = 12.0  # from a rotation that turns axes into axes
 _LEAST_CORRELATION = 0.8  # of two gyroscopes, so that their difference is one of axes
@@ -46,8 +46,8 @@ def find_body_axes(evidence: Evidence) -> Iterator[Finding]:
             is_certain=True,
         )
     axes = "x y z" if turned is None else turned.best_axes
-    if axes != "x y z":
-        yield _turned_axes(axes, mounting, imu, feet, evidence.corrections.imu)
+    if turned is not None and axes != "x y z":
+        yield _turned_axes(turned, mounting, imu, feet, evidence.corrections.imu)
     else:
         yield from _gravity(evidence, imu, feet, mounting, is_seen_by_feet=_is_good(fit))
 
@@ -64,22 +64,24 @@ def _is_good(fit: AxesFit | None) -> bool:
 
 
 def _turned_axes(
-    axes: str, mounting: ImuCalibration, imu: InertialRecord, feet: FeetRecord, before: ImuCorrections
+    fit: AxesFit, mounting: ImuCalibration, imu: InertialRecord, feet: FeetRecord, before: ImuCorrections
 ) -> Finding:
     """The gyroscope fits the feet with other axes: those of the recording, or another mounting."""
+    axes = fit.best_axes
     R_body_imu = mounting.T_body_imu[:3, :3]
     own = R_body_imu.T @ axes_matrix(axes) @ R_body_imu
     up = feet.up_body
     force = axes_matrix(axes) @ R_body_imu @ np.median(imu.force, axis=0)
     agrees = up is not None and _angle_deg(force, up) < _TILT_DEG
+    make = error if agrees or fit.residual > _FAR_BETTER * fit.best_residual else warning
     said = "and so gravity points up" if agrees else "though gravity then does not point up"
     start = f"the body's gyroscope contradicts the standing feet; with its body axes taken as '{axes}' it fits, {said}"
     if _angle_to_axes_deg(own) < _SAME_AXES_DEG:
         setting = f"dataset.corrections.imu.axes={axes_name(own @ before.rotation)}"
-        return error("imu_axes", Stage.IMU, "imu", f"{start}; set {setting}", setting, is_certain=agrees)
+        return make("imu_axes", Stage.IMU, "imu", f"{start}; set {setting}", setting, is_certain=agrees)
     rpy = ", ".join(f"{value:.4f}" for value in _rpy(axes_matrix(axes) @ R_body_imu))
     setting = f"robot.imu.rotation_body_imu_rpy_rad=[{rpy}]"
-    return error("imu_axes", Stage.IMU, "imu", f"{start}; set {setting}", setting)
+    return make("imu_axes", Stage.IMU, "imu", f"{start}; set {setting}", setting)
 
 
 def _gravity(
@@ -158,8 +160,7 @@ def find_camera_imu_axes(evidence: Evidence) -> Iterator[Finding]:
             Stage.IMU,
             "camera_imu imu",
             f"gravity by the two IMUs is {_angle_deg(force, up):.0f} deg apart in body axes while their gyroscopes "
-            "agree; "
-            "calibrate both accelerometers, one has a large bias or other axes",
+            "agree; calibrate both accelerometers, one has a large bias or other axes",
         )
 
 
@@ -216,7 +217,8 @@ def _camera_mounting(
     if _angle_to_axes_deg(own) < _SAME_AXES_DEG and axes_name(own) != "x y z":
         setting = f"dataset.corrections.camera_imu.axes={axes_name(own @ before.rotation)}"
         return error("camera_imu_axes", Stage.IMU, "camera_imu", f"{start}; set {setting}", setting, is_certain=agrees)
-    return error(
+    make = error if fit.angle_deg > _SMALL_TURN_DEG else warning  # a fusion estimates a small turn
+    return make(
         "camera_imu_mounting",
         Stage.MOUNTING,
         "camera_imu",

@@ -89,11 +89,9 @@ def _odd_legs(robot: RobotModel, start: _Residuals) -> Iterator[Finding]:
             Stage.JOINTS,
             "joints",
             "standing feet move relative to each other: the residual at "
-            f"{listing(robot.leg_names[leg] for leg in odd)} is "
-            f"{start.chief[odd].max():.2f} of the feet's speed, at the other legs {usual:.2f}: an encoder's zero, a "
-            "link of "
-            "the URDF or the order of this leg's joints is wrong; correct it, or leave its joints out "
-            "(dataset.corrections.joints.left_out)",
+            f"{listing(robot.leg_names[leg] for leg in odd)} is {start.chief[odd].max():.2f} of the feet's speed, at "
+            f"the other legs {usual:.2f}: an encoder's zero, a link of the URDF or the order of this leg's joints is "
+            "wrong; correct it, or leave its joints out (dataset.corrections.joints.left_out)",
         )
 
 

@@ -67,8 +67,7 @@ def _units_and_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Findin
             Stage.JOINTS,
             "joints",
             f"the joint angles reach {largest:.4g}, which is beyond the limits of the URDF as radians and within them "
-            "as "
-            "degrees: set dataset.corrections.joints.position_unit=deg",
+            "as degrees: set dataset.corrections.joints.position_unit=deg",
             "dataset.corrections.joints.position_unit=deg",
             is_certain=True,
         )
@@ -119,9 +118,8 @@ def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterat
                 Stage.JOINTS,
                 "joints",
                 f"the angles of all {int(has_reading.sum())} joints are the same in all {samples:,} samples "
-                f"({duration_s:.0f} s) although the robot moves: they are not measured; "
-                "record the "
-                "joints, or run a mode without legs (--mode)",
+                f"({duration_s:.0f} s) although the robot moves: they are not measured; record the joints, or run a "
+                "mode without legs (--mode)",
             )
         return
     for leg, inside in zip(robot.leg_names, robot.leg_joint_slices, strict=True):
@@ -138,8 +136,7 @@ def _still(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> Iterat
             Stage.JOINTS,
             "joints",
             f"the angle of {listing(names)} is {joints.position[0, stuck[0]]:.4g} rad in all {samples:,} samples "
-            "while "
-            f"{'the rest of the leg' if others else 'other legs'} moves by up to "
+            f"while {'the rest of the leg' if others else 'other legs'} moves by up to "
             f"{max(others, default=np.nanmax(span)):.2g} rad: a dead encoder; leave leg {leg} out by {setting}",
             setting,
             is_certain=True,

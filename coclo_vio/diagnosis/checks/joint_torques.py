@@ -124,8 +124,7 @@ def _dead(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
             Stage.JOINTS,
             "joints",
             f"the torque of {names} is {effort[0, is_dead][0]:.3g} Nm in all {len(effort):,} samples while those of "
-            "other "
-            "joints change: the load on this leg is wrong; repair the sensor, or leave the leg out by "
+            "other joints change: the load on this leg is wrong; repair the sensor, or leave the leg out by "
             f"dataset.corrections.joints.left_out=[{names}]",
         )
 
@@ -134,8 +133,7 @@ def _wrong_factor(factor: float, robot: RobotModel, *, is_certain: bool) -> Find
     setting = f"{_FACTOR}{factor:.3g}"
     said = (
         f"the joint torques carry the robot's weight of {robot.mass_kg * GRAVITY_MPS2:.0f} N in the mean only if they "
-        "are "
-        f"multiplied by {factor:.3g}"
+        f"are multiplied by {factor:.3g}"
     )
     if -_SURE[1] < factor < -_SURE[0]:
         text = f"{said}: they have the opposite sign of the motors' torques on the joints; set {_FACTOR}-1"
@@ -160,8 +158,7 @@ def _pulling_legs(mean: Array, robot: RobotModel) -> Finding | None:
         Stage.JOINTS,
         "joints",
         f"by the joint torques leg {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean while "
-        "the "
-        "others push: the sign or the order of torques of this leg is wrong; correct it where they are recorded",
+        "the others push: the sign or the order of torques of this leg is wrong; correct it where they are recorded",
     )
 
 
@@ -175,7 +172,6 @@ def _beyond_limits(joints: JointRecord, robot: RobotModel) -> Iterator[Finding]:
             Stage.JOINTS,
             "joints",
             f"the torque of {robot.joint_names[worst]} reaches {largest[worst]:.3g} Nm, {ratio[worst]:.2g} times its "
-            "limit "
-            f"in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR[:-1]} to the motor's "
-            "constant",
+            f"limit in the URDF ({robot.effort_limits[worst]:.3g} Nm): another unit; set {_FACTOR[:-1]} to the "
+            "motor's constant",
         )

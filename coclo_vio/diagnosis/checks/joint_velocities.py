@@ -161,8 +161,7 @@ def _zero(names: list[str], is_zero: BoolArray, joints: JointRecord, compared: _
         Stage.JOINTS,
         "joints",
         f"the velocities of {which} are zero in all {len(joints.stamps_ns):,} samples while their angles change by up "
-        "to "
-        f"{moved:.2g} rad in 0.2 s: set {_FROM_POSITION}, which estimates them from the angles",
+        f"to {moved:.2g} rad in 0.2 s: set {_FROM_POSITION}, which estimates them from the angles",
         _FROM_POSITION,
         is_certain=True,
     )
@@ -198,8 +197,7 @@ def _wrong_factor(factor: float, correlation: float, *, in_degrees: bool) -> Fin
     if abs(factor + 1.0) < _FACTOR_TOLERANCE:
         text = (
             f"{said}): the velocities have the opposite sign of the angles; set {_FROM_POSITION}, which estimates "
-            "them from "
-            "the angles"
+            "them from the angles"
         )
         return error("joint_velocity_sign", Stage.JOINTS, "joints", text, _FROM_POSITION, is_certain=True)
     is_far = factor < 0.67 or factor > 1.5
@@ -237,8 +235,7 @@ def _late(lag_s: float) -> Finding:
         Stage.JOINTS,
         "joints",
         f"the velocities of the joints are {abs(lag_s):.2f} s {'late' if lag_s > 0 else 'early'} against their angles "
-        "(0 "
-        f"expected): a filter or another clock; set {_FROM_POSITION}, which estimates them from the angles",
+        f"(0 expected): a filter or another clock; set {_FROM_POSITION}, which estimates them from the angles",
         _FROM_POSITION,
         is_certain=True,
     )

@@ -73,8 +73,7 @@ def _judged(
             kind,
             Stage.MOUNTING,
             stream,
-            f"{whose} about axes that are {measured} (rotation vector in the body) from those of {reference}, "
-            "at most "
+            f"{whose} about axes that are {measured} (rotation vector in the body) from those of {reference}, at most "
             f"{limit_deg:g} deg is expected: correct the rotation of its mounting by that, from the left",
         )
     elif sigma_deg < limit_deg:

@@ -41,8 +41,7 @@ def find(evidence: Evidence) -> Iterator[Finding]:
             Stage.GROUND_TRUTH,
             "ground_truth",
             f"{lost:,} poses of the ground truth are exactly at the origin, where the tracker lost the body: they "
-            "were left "
-            "out; nothing needs to be set",
+            "were left out; nothing needs to be set",
         )
     truth = evidence.truth
     if truth is None or len(truth.trajectory) < 3:
@@ -76,8 +75,7 @@ def stamp_unit(evidence: Evidence) -> Finding | None:
                 Stage.GROUND_TRUTH,
                 "ground_truth",
                 f"the ground truth lasts {truth.trajectory.duration_s:.4g} s, the recording {recorded_s:.4g} s: its "
-                "stamps "
-                f"are in another unit; set {setting}",
+                f"stamps are in another unit; set {setting}",
                 setting,
                 is_certain=True,
             )
@@ -100,8 +98,7 @@ def _length(walked: tuple[float, int, int], trajectory: Trajectory, *, has_stamp
         return None
     said = (
         f"the ground truth moves {_way_m(during):.4g} m, about {ratio:.2g} times as far as the feet of the robot do "
-        "relative "
-        "to its body"
+        "relative to its body"
     )
     off = {unit: abs(float(np.log(ratio / (_USUAL_RATIO * factor)))) for unit, factor in _LENGTHS.items()}
     unit = min(off, key=lambda each: off[each])
@@ -147,9 +144,7 @@ def _jumps(trajectory: Trajectory) -> Iterator[Finding]:
         Stage.GROUND_TRUTH,
         "ground_truth",
         f"the ground truth jumps at {len(jumps)} of {len(trajectory):,} poses, by up to {steps_m[worst]:.3g} m at "
-        f"{at_s:.2f} s: a body on legs stays "
-        "below "
-        f"{FASTEST_MPS:g} m/s; leave these poses out by {setting}",
+        f"{at_s:.2f} s: a body on legs stays below {FASTEST_MPS:g} m/s; leave these poses out by {setting}",
         setting,
         is_certain=True,
     )
@@ -163,8 +158,7 @@ def _frozen(legs_m: float, trajectory: Trajectory, *, has_stamps: bool) -> Itera
             Stage.GROUND_TRUTH,
             "ground_truth",
             f"the ground truth is the same pose {len(trajectory):,} times while the feet move {legs_m:.3g} m: it is "
-            "not "
-            f"this robot's; leave it out by {_NOT_READ}",
+            f"not this robot's; leave it out by {_NOT_READ}",
             _NOT_READ,
             is_certain=True,
         )
@@ -176,8 +170,7 @@ def _frozen(legs_m: float, trajectory: Trajectory, *, has_stamps: bool) -> Itera
             Stage.GROUND_TRUTH,
             "ground_truth",
             f"the ground truth repeats a pose exactly for {frozen_s:.1f} s in all (stretches of over {_FROZEN_S} s): "
-            "the "
-            "tracker does not see the body then; scores of this time are wrong",
+            "the tracker does not see the body then; scores of this time are wrong",
         )
 
 

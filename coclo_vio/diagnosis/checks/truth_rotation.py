@@ -96,8 +96,7 @@ def _constant(poses: int) -> Finding:
         Stage.GROUND_TRUTH,
         "ground_truth",
         f"the ground truth has one orientation in all {poses:,} poses while the gyroscope turns: it holds positions "
-        "only; "
-        "scores of rotation and yaw mean nothing",
+        "only; scores of rotation and yaw mean nothing",
     )
 
 
