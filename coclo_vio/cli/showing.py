@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 import yaml
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from coclo_vio.api.recording import open_recording
@@ -72,7 +73,8 @@ def config(
 
 def robots() -> None:
     """List the known robots."""
-    table = Table("robot", "legs", "joints", "contact from", "URDF")
+    table = Table("robot", "legs", "joints", "contact from", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("URDF", overflow="fold")
     for name in robot_names():
         known = load_robot(name)
         urdf = known.urdf if known.urdf.startswith("example-robot-data:") else Path(known.urdf).name

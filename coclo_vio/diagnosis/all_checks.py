@@ -12,7 +12,13 @@ from coclo_vio.diagnosis.checks import (
     truth_rotation,
 )
 from coclo_vio.diagnosis.checks.camera_pairs import find_calibration, find_pairs
-from coclo_vio.diagnosis.checks.clocks import find_apart, find_offset_of_camera_imu, find_offsets, find_units
+from coclo_vio.diagnosis.checks.clocks import (
+    find_apart,
+    find_offset_of_camera_imu,
+    find_offset_of_truth,
+    find_offsets,
+    find_units,
+)
 from coclo_vio.diagnosis.checks.imu_axes import find_body_axes, find_camera_imu_axes
 from coclo_vio.diagnosis.checks.imu_readings import find_readings
 from coclo_vio.diagnosis.checks.mountings import find_mountings
@@ -44,4 +50,5 @@ CHECKS: tuple[Check, ...] = (
     Check("order of foot loads", Stage.CONTACT, Cost.SAMPLES, contact_order.find, "joints robot"),
     Check("motion of the ground truth", Stage.GROUND_TRUTH, Cost.SAMPLES, truth_motion.find, "ground_truth"),
     Check("rotation of the ground truth", Stage.GROUND_TRUTH, Cost.SAMPLES, truth_rotation.find, "ground_truth"),
+    Check("clock of the ground truth", Stage.GROUND_TRUTH, Cost.IMAGES, find_offset_of_truth, "ground_truth"),
 )

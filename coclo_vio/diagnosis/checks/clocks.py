@@ -91,6 +91,21 @@ def find_offsets(evidence: Evidence) -> Iterator[Finding]:
         yield from _of_clock(evidence, "stereo", clock_offset(reference, evidence.attitudes_by_cameras))
 
 
+def find_offset_of_truth(evidence: Evidence) -> Iterator[Finding]:
+    """The offset of the ground truth's clock, which an evaluation estimates and corrects: a note."""
+    reference, truth = evidence.attitudes_by_imu or evidence.attitudes_by_camera_imu, evidence.truth
+    if reference is None or truth is None or not truth.has_stamps:
+        return
+    offset = clock_offset(reference, truth.trajectory)
+    if offset is not None:
+        yield note(
+            "ground_truth_delay",
+            Stage.GROUND_TRUTH,
+            "ground_truth",
+            f"clock {offset.seconds:+.4f} +- {offset.sigma_s:.4f} s behind the IMU's, estimated anew in an evaluation",
+        )
+
+
 def find_offset_of_camera_imu(evidence: Evidence) -> Iterator[Finding]:
     """The offset of images against the cameras' own IMU, where there is no body IMU."""
     reference, seen = evidence.attitudes_by_camera_imu, evidence.attitudes_by_cameras
