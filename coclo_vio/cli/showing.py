@@ -77,7 +77,8 @@ def robots() -> None:
     table.add_column("URDF", overflow="fold")
     for name in robot_names():
         known = load_robot(name)
-        urdf = known.urdf if known.urdf.startswith("example-robot-data:") else Path(known.urdf).name
+        extra = " (extra robots)" if known.urdf.startswith("example-robot-data:") else ""
+        urdf = f"{Path(known.urdf).name}{extra}"
         table.add_row(name, ", ".join(known.leg_names), str(len(known.joint_names)), known.contact.source, urdf)
     out.print(table)
     out.print("Your own robot: a URDF and a few lines of YAML, given with --robot my_robot.yaml; see the README.")
