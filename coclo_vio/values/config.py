@@ -37,7 +37,7 @@ class StageConfig(BaseModel):
 def first_problem(model: type[BaseModel], error: ValidationError) -> str:
     """The first thing wrong with the values of a model, in a sentence: key, value, and the limit or the choices."""
     problem = error.errors()[0]
-    where = ".".join(str(part) for part in problem["loc"])
+    where = shortened(".".join(str(part) for part in problem["loc"]))
     if problem["type"] == "extra_forbidden":
         choices = listing(_model_at(model, problem["loc"][:-1]).model_fields)
         return f"there is no {where}; the keys there are: {choices}"

@@ -94,6 +94,8 @@ def _check(node: yaml.Node, counted: dict[int, int], above: frozenset[int]) -> i
         what = "holds an alias of what it is in" if id(node) in above else f"is nested more than {DEEPEST} levels deep"
         raise ConfigError(f"{what} (line {node.start_mark.line + 1})")
     count, inside = 1, above | {id(node)}
+    if isinstance(node, yaml.ScalarNode):
+        _check_text(node)
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
             _make_text(key)
@@ -109,8 +111,17 @@ def _check(node: yaml.Node, counted: dict[int, int], above: frozenset[int]) -> i
 def _make_text(key: yaml.Node) -> None:
     if not isinstance(key, yaml.ScalarNode):
         raise ConfigError(f"has a key that is a list or a mapping (line {key.start_mark.line + 1}); keys must be text")
+    _check_text(key)
     if key.tag != _MERGE:
         key.tag = _TEXT
+
+
+def _check_text(scalar: yaml.ScalarNode) -> None:
+    """See that a text has no half of a surrogate pair, which no other text can hold."""
+    try:
+        scalar.value.encode()
+    except UnicodeEncodeError as error:
+        raise ConfigError(f"holds a character that is none (line {scalar.start_mark.line + 1})") from error
 
 
 def _place(error: yaml.MarkedYAMLError) -> str:

@@ -44,6 +44,7 @@ def test_keys_and_dates_are_text_and_the_lines_of_opencv_are_accepted(text, valu
         ("a: !!int x", "a value that cannot be read"),
         ("a: \x01", "is not YAML"),
         ("a: *missing", "undefined alias"),
+        ('a: "\\ud800"', "a character that is none"),
         ("a" * (MOST_CHARACTERS + 1), "more than the 200000 that are read"),
     ],
 )

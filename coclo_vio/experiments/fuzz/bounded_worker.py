@@ -11,6 +11,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import BinaryIO, NamedTuple
@@ -58,7 +59,7 @@ def _of_one_process(numbers: range, make: _Maker, folder: Path, kept: Path) -> I
     pid = os.fork()
     if pid == 0:
         os.close(reading)
-        with os.fdopen(writing, "wb") as pipe:
+        with suppress(BrokenPipeError), os.fdopen(writing, "wb") as pipe:  # the time is over
             _work(numbers, make, folder, kept, pipe)
         os._exit(0)
     os.close(writing)

@@ -178,3 +178,15 @@ def test_a_path_that_no_file_can_have_is_one_sentence(tmp_path, name):
         with pytest.raises(DatasetError) as error:
             read(tmp_path / name)
         assert len(str(error.value)) < 700
+
+
+def test_a_topic_without_a_name_is_left_out(tmp_path):
+    bag = TinyBag(tmp_path / "walk.db3")
+    bag.add_joints(START_NS)
+    path = fill(bag)
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE other AS SELECT * FROM topics")
+        database.execute("DROP TABLE topics")
+        database.execute("ALTER TABLE other RENAME TO topics")
+        database.execute("UPDATE topics SET name = NULL WHERE name = '/joint_states'")
+    assert len(stamps_of(path)) == 30

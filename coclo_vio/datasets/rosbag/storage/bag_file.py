@@ -193,6 +193,7 @@ class BagFile:
         Raises:
             DatasetError: there is none.
         """
+        connections = [each for each in connections if isinstance(each.topic, str) and isinstance(each.msgtype, str)]
         formats = [getattr(each.ext, "serialization_format", "") or "cdr" for each in connections]
         known = [each for each, form in zip(connections, formats, strict=True) if form in _SERIALIZATIONS]
         others = sorted(set(formats) - set(_SERIALIZATIONS))
