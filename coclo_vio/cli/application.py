@@ -49,7 +49,7 @@ COMMANDS = {
     ),
     "doctor": _Entry(
         "examining",
-        "Find what physics, the recording or the robot's description contradict: units, clocks, axes, joints, cameras.",
+        "Find what physics, the recording itself or the robot's description contradict, and what corrects it.",
     ),
     "adopt": _Entry("adopting", "Find the description of a robot in its URDF and a log, and write it as YAML."),
     "benchmark": _Entry("showing", "Time filter, front end and smoother on one core, beside filterpy if installed."),

@@ -12,7 +12,7 @@ from coclo_vio.diagnosis.records import InertialRecord
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
 
-_FEWEST = 20
+_FEWEST, _FEWEST_CONSTANT = 20, 200  # samples: of any check, and of one that finds no change at all
 _UNIT_TOLERANCE = 0.25  # of gravity, in another unit
 _REMOVED_MPS2 = 3.0  # a walking robot's mean reading without gravity is below
 _DOUBTFUL = 0.05  # of gravity: more than any accelerometer's bias and scale
@@ -29,7 +29,7 @@ def find_readings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _accelerometer(stream: str, record: InertialRecord) -> Iterator[Finding]:
-    if not record.force.any() or not np.ptp(record.force, axis=0).any():
+    if len(record.force) >= _FEWEST_CONSTANT and not np.ptp(record.force, axis=0).any():
         yield error(
             f"{stream}_acceleration_constant",
             Stage.IMU,
@@ -79,8 +79,7 @@ def _accelerometer(stream: str, record: InertialRecord) -> Iterator[Finding]:
 
 
 def _gyroscope(stream: str, record: InertialRecord) -> Iterator[Finding]:
-    is_still = not np.ptp(record.rate, axis=0).any()
-    if is_still:
+    if len(record.rate) >= _FEWEST_CONSTANT and not np.ptp(record.rate, axis=0).any():
         yield error(
             f"{stream}_rate_constant",
             Stage.IMU,
