@@ -16,7 +16,7 @@ from coclo_vio.values.measurements import StereoFrame
 
 _STREAMS = "stereo stereo_tracks"
 _SHORTEST_M, _LONGEST_M = 0.005, 2.0  # of a baseline on a robot
-_FRAMES, _EVERY = 4, 10
+_FRAMES, _EVERY = 4, 2
 _FEWEST_CORNERS = 100  # over all frames
 _SWAPPED = 2.0  # times as many matches with left and right interchanged
 _SURE_PAIR = 0.45  # of the corners are matched: nothing else is searched
