@@ -10,7 +10,12 @@ RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known ro
 ConfigOption = Annotated[Path | None, typer.Option("--config", "-c", help="YAML configuration.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="One value, such as filter.profile=paper.")]
 OutOption = Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")]
-PartialOption = Annotated[bool, typer.Option("--allow-partial", help="Use what can be read of a damaged recording.")]
+PartialOption = Annotated[
+    bool,
+    typer.Option(
+        "--allow-partial", help="Use what can be read of a damaged recording, and readings that contradict physics."
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 

@@ -30,7 +30,8 @@ class DatasetConfig(StageConfig):
         bool,
         Field(
             description="read a damaged recording as far as possible and leave out the rest: data after the damage, "
-            "missing joints, samples whose stamps go back; the report counts them"
+            "missing joints, samples whose stamps go back; the report counts them. Readings that physics contradicts "
+            "are used as they are"
         ),
     ] = False
     frame_rate_hz: Annotated[
