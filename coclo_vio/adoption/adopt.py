@@ -29,6 +29,9 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.units import NS_PER_S
 
+_CORRECTIONS = "dataset.corrections.joints."
+_JOINTS_WITHOUT_ANKLE = 4
+_USUAL_RADIUS_M = 0.02
 _NOISY_RADPS = 0.1  # an estimated velocity that errs by less needs no entry
 
 
@@ -66,7 +69,7 @@ def adopt(urdf: Path, recording: Path, config: DatasetConfig | None = None) -> A
         description=RobotDescription.parse(values, "adoption"),
         fields=tuple(fields),
         settings=(*joints.settings, *read.settings),
-        notes=(*read.notes, *contact.notes, *imu_notes),
+        notes=(*contact.notes, *imu_notes),
         ignored=found.ignored,
         recording=recording,
     )
@@ -79,7 +82,7 @@ def _description(tree: UrdfTree, found: FoundLegs, legs: Sequence[FoundLeg]) -> 
             "name": leg.name,
             "joints": leg.joints,
             "foot_frame": leg.foot_frame,
-            "foot_radius_m": leg.foot_radius_m,
+            "foot_radius_m": leg.foot_radius_m or _supposed_radius_m(leg),
         }
         if float(np.linalg.norm(leg.foot_centre_m)) > 1e-3:
             values["foot_centre_m"] = leg.foot_centre_m
@@ -87,6 +90,12 @@ def _description(tree: UrdfTree, found: FoundLegs, legs: Sequence[FoundLeg]) -> 
     frame = {} if found.body_frame is None else {"body_frame": found.body_frame}
     values = {"name": tree.name, "urdf": str(tree.path.resolve()), "legs": tuple(described), **frame}
     return RobotDescription.parse(values, str(tree.path))
+
+
+def _supposed_radius_m(leg: FoundLeg) -> float:
+    """Of a foot of unknown shape on a leg without an ankle: a ball, as on most small quadrupeds."""
+    is_ball = leg.foot_kind in {"mesh", "none"} and len(leg.joints) <= _JOINTS_WITHOUT_ANKLE
+    return _USUAL_RADIUS_M if is_ball else 0.0
 
 
 def _read(tree: UrdfTree, found: FoundLegs, joints: MatchedJoints, recording: Path) -> ReadLog:
@@ -97,7 +106,7 @@ def _read(tree: UrdfTree, found: FoundLegs, joints: MatchedJoints, recording: Pa
     units = joint_units(recorded)
     recorded = units.in_si(recorded)
     signs, confidence = joint_signs(robot, tree, recorded)
-    field, settings, note = _of_signs(description, signs, confidence, is_bag=joints.is_bag)
+    field, settings = _of_signs(description, signs, confidence, is_bag=joints.is_bag)
     recorded = replace(
         recorded,
         position=recorded.position * signs,
@@ -111,7 +120,7 @@ def _read(tree: UrdfTree, found: FoundLegs, joints: MatchedJoints, recording: Pa
         placed = {leg: joints.foot_entries[place] for leg, place in zip(robot.leg_names, order.places, strict=True)}
         fields.append(AdoptedField("contact.forces", _listed(placed), order.confidence, order.reason))
         settings = (*settings, f"dataset.rosbag.foot_force_entries={{{_listed(placed)}}}")
-    return ReadLog(robot, recorded, motion, tuple(fields), settings, (*_unit_notes(units), *note))
+    return ReadLog(robot, recorded, motion, tuple(fields), (*_unit_settings(units), *settings))
 
 
 def _leg_fields(found: FoundLegs, joints: MatchedJoints) -> list[AdoptedField]:
@@ -123,45 +132,45 @@ def _leg_fields(found: FoundLegs, joints: MatchedJoints) -> list[AdoptedField]:
         reason = "the first link with mass; x has to point forward, y left, z up"
         fields.append(AdoptedField("body_frame", found.body_frame, 0.8, reason))
     kinds = {leg.foot_kind for leg in joints.legs}
-    radii = ", ".join(f"{radius:g}" for radius in dict.fromkeys(leg.foot_radius_m for leg in joints.legs))
+    known = dict.fromkeys(leg.foot_radius_m or _supposed_radius_m(leg) for leg in joints.legs)
+    radii = ", ".join(f"{radius:g}" for radius in known)
     if kinds == {"sphere"}:
         fields.append(AdoptedField("foot_radius_m", radii, 0.9, "the collision sphere of the foot; measure it"))
     elif kinds == {"flat"}:
         fields.append(AdoptedField("foot_radius_m", radii, 0.9, "flat feet"))
     else:
-        reason = "the URDF has no collision sphere at the foot: measure its radius, or leave 0 for a flat foot"
+        reason = "the URDF has no collision sphere at the foot: measure its radius; 0 for a flat foot"
         fields.append(AdoptedField("foot_radius_m", radii, 0.3, reason))
     return fields
 
 
-def _unit_notes(units: JointUnits) -> list[str]:
-    notes = []
+def _unit_settings(units: JointUnits) -> tuple[str, ...]:
+    """The settings with which the readings of joints come in rad and rad/s."""
+    settings = []
     if units.position != "rad":
-        notes.append("joint angles are in degrees: convert the log to radians, in which it is read")
-    if units.velocity != "rad/s":
-        notes.append(f"joint velocities are in {units.velocity}: convert the log to rad/s, in which it is read")
+        settings.append(f"{_CORRECTIONS}position_unit={units.position}")
     if units.is_velocity_reversed:
-        notes.append("joint velocities have the opposite sign to the derivative of the angles: correct the log")
-    return notes
+        settings.append(f"{_CORRECTIONS}velocity=from_position")
+    elif units.position != "rad" or units.velocity != "rad/s":
+        settings.append(f"{_CORRECTIONS}velocity_unit={units.velocity}")
+    return tuple(settings)
 
 
 def _of_signs(
     description: RobotDescription, signs: Array, confidence: float, *, is_bag: bool
-) -> tuple[AdoptedField, tuple[str, ...], tuple[str, ...]]:
-    """The field of the signs, the settings that correct them in a bag, and what to do in another log."""
+) -> tuple[AdoptedField, tuple[str, ...]]:
+    """The field of the signs, and the settings that correct them."""
     turned = [name for name, sign in zip(description.joint_names, signs, strict=True) if sign < 0.0]
     if not turned:
         reason = "limits of the URDF, posture, and distances of standing feet fit as they are"
         if confidence < SURE:
             reason = "posture or limits fit no choice of signs well: compare the log with the URDF joint by joint"
-        return AdoptedField("joint_signs", "as in the log", confidence, reason), (), ()
+        return AdoptedField("joint_signs", "as in the log", confidence, reason), ()
     listed = ", ".join(turned)
     reason = "limits of the URDF and the posture fit only with these signs reversed"
     field = AdoptedField("joint_signs", f"-1 for {listed}", confidence, reason)
-    if is_bag:
-        return field, (f"dataset.rosbag.joint_signs={{{', '.join(f'{name}: -1' for name in turned)}}}",), ()
-    note = f"reverse the sign of angle, velocity and torque of {listed} in the log, or their axes in the URDF"
-    return field, (), (note,)
+    key = "dataset.rosbag.joint_signs" if is_bag else f"{_CORRECTIONS}signs"
+    return field, (f"{key}={{{', '.join(f'{name}: -1' for name in turned)}}}",)
 
 
 def _contact_fields(contact: ContactFound) -> list[AdoptedField]:

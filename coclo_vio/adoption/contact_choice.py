@@ -82,7 +82,9 @@ def _found(
     if levels.off <= 0.0 or mean < -_REVERSED * share:
         note = (
             f"the mean load of a foot is {mean:.3g}, below zero: the sign of the torques is opposite to that of a "
-            "motor's torque on its joint, or that of the foot sensors is wrong; reverse it in the log"
+            "motor's torque on its joint, or that of the foot sensors is wrong: set "
+            "dataset.corrections.joints.effort_factor=-1 "
+            "or foot_force.factor=-1"
         )
         return _by_weight(robot, recorded, base, note)
     ratio = levels.stance / max(share, 1e-9)

@@ -10,6 +10,7 @@ from coclo_vio.adoption.imu_mounting import ImuMounting, find_mounting, scale_of
 from coclo_vio.adoption.read_log import ReadLog
 from coclo_vio.adoption.recorded_legs import RecordedLegs
 from coclo_vio.adoption.stance_motion import FeetMotion, standing_pairs
+from coclo_vio.datasets.corrections import ACCELERATION_UNITS
 from coclo_vio.robot.imu_check import imu_links, roll_pitch_yaw
 from coclo_vio.robot.leg_search import FoundLeg
 from coclo_vio.robot.urdf_tree import UrdfTree
@@ -83,17 +84,16 @@ def _notes(found: ImuMounting) -> list[str]:
     notes = []
     unit = scale_of_force(found.force_mps2)
     if found.is_gyroscope_in_degrees:
-        notes.append("the gyroscope reads deg/s: convert it to rad/s, in which it is read")
+        notes.append("the gyroscope reads deg/s: set dataset.corrections.imu.rate_unit=deg/s")
     if unit == "without gravity":
         notes.append(
             f"the accelerometer reads {found.force_mps2:.3g} at rest, so gravity was removed from it: record the "
             "specific force itself, by which attitude is known"
         )
     elif unit is not None:
-        notes.append(
-            f"the accelerometer reads {found.force_mps2:.3g} at rest, its unit is {unit}: convert it to m/s^2, with "
-            "gravity in it"
-        )
+        setting = f"set dataset.corrections.imu.acceleration_unit={unit}"
+        cure = setting if unit in ACCELERATION_UNITS else "convert it to m/s^2"
+        notes.append(f"the accelerometer reads {found.force_mps2:.3g} at rest, its unit is {unit}: {cure}")
     if found.delay_s is not None and found.delay_s > _LATE_S:
         notes.append(
             f"the gyroscope is {1e3 * found.delay_s:.0f} ms behind the joints: filter.robust.imu_delay_s may be set to "

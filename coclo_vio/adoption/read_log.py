@@ -19,7 +19,6 @@ class ReadLog:
         motion: of the feet.
         fields: found while it was read.
         settings: with which it has to be read, beside those of the joints.
-        notes: what to check or to convert.
     """
 
     robot: RobotModel
@@ -27,4 +26,3 @@ class ReadLog:
     motion: FeetMotion
     fields: tuple[AdoptedField, ...]
     settings: tuple[str, ...]
-    notes: tuple[str, ...]

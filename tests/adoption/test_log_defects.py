@@ -24,7 +24,9 @@ def test_joints_of_the_opposite_sign_are_named(write_walk) -> None:
     adoption = adopt(urdf, log)
     field = next(field for field in adoption.fields if field.key == "joint_signs")
     assert set(re.findall(r"\w+_joint", field.value)) == {f"{leg}_calf_joint" for leg in robot.leg_names}
-    assert any("reverse the sign" in note for note in adoption.notes)
+    (setting,) = adoption.settings
+    assert setting.startswith("dataset.corrections.joints.signs={")
+    assert set(re.findall(r"(\w+_joint): -1", setting)) == {f"{leg}_calf_joint" for leg in robot.leg_names}
 
 
 def test_degrees_and_revolutions_are_recognised(write_walk) -> None:
@@ -41,8 +43,8 @@ def test_degrees_and_revolutions_are_recognised(write_walk) -> None:
     urdf, log, robot = write_walk("a1", edit=in_degrees_and_rpm)
     adoption = adopt(urdf, log)
     assert adoption.description.joint_names == robot.joint_names
-    assert any("in degrees" in note for note in adoption.notes)
-    assert any("in rpm" in note for note in adoption.notes)
+    key = "dataset.corrections.joints."
+    assert adoption.settings == (f"{key}position_unit=deg", f"{key}velocity_unit=rpm")
 
 
 def test_a_log_without_velocities_gives_the_error_of_estimated_ones(write_walk) -> None:
@@ -73,7 +75,6 @@ def scaled(pattern: str, scale: float, offset: float = 0.0):
         (r"accel_z_mps2", 1.0, -9.81, "gravity was removed"),
         (r".+\.effort", -1.0, 0.0, "the sign of the torques is opposite"),
         (r".+\.effort", 0.0, 0.0, "neither foot sensors nor joint torques"),
-        (r".+\.velocity", -1.0, 0.0, "velocities have the opposite sign"),
     ],
 )
 def test_a_log_with_a_unit_or_sign_of_its_own_is_adopted_with_a_sentence_on_it(
@@ -86,6 +87,11 @@ def test_a_log_with_a_unit_or_sign_of_its_own_is_adopted_with_a_sentence_on_it(
     assert adoption.description.joint_names == robot.joint_names
     is_tilt_from_nothing = "gravity" in words
     assert is_tilt_from_nothing == any(f.key.startswith("imu.rotation") for f in adoption.questions)
+
+
+def test_velocities_of_the_opposite_sign_are_estimated_from_the_angles(write_walk) -> None:
+    urdf, log, _ = write_walk("daisy", edit=scaled(r".+\.velocity", -1.0))
+    assert adopt(urdf, log).settings == ("dataset.corrections.joints.velocity=from_position",)
 
 
 def test_a_log_without_imu_and_a_massless_world_root(write_walk, tmp_path) -> None:
