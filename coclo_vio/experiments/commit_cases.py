@@ -23,10 +23,17 @@ FEEDBACK_KEYS = ("bridge.feedback", "fusion.feedback", "fusion.bridge.feedback")
 SAMPLE, SIMULATED, EARLY, LATE = "sample", "simulated", "euroc_clock_early", "euroc_clock_late"
 _EUROC, _TRACKS = "euroc_v1_01_start", "stereo_tracks"
 _CLOCK_SHIFTS_S = {EARLY: 0.2, LATE: -0.2}  # stamp of a frame plus this is the IMU's clock
-SAMPLE_IN_CHECKOUT = Path("coclo_vio/sample_data/daisy_stairs.mcap")
+SAMPLE_IN_CHECKOUT = Path("coclo_vio/datasets/sample_data/daisy_stairs.mcap")
+_SAMPLE_BEFORE = Path("coclo_vio/sample_data/daisy_stairs.mcap")  # before the readers had it
 _SIMULATE = ("simulate", "stairs", "--seed", "4", "--workers", "1")
 _COMMAND_LINE = "from coclo_vio.cli import main; main()"
 _CONFIG_ERROR = 2  # status of the command line where it does not know a setting
+
+
+def sample_of(checkout: Path) -> Path:
+    """The bundled recording of a checkout, where it was at its time."""
+    before = checkout / _SAMPLE_BEFORE
+    return before if before.is_file() else checkout / SAMPLE_IN_CHECKOUT
 
 
 @dataclass(frozen=True, slots=True)

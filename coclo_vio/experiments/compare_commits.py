@@ -35,6 +35,7 @@ from coclo_vio.experiments.commit_cases import (
     chosen_cases,
     read_record,
     record,
+    sample_of,
     trajectories,
 )
 
@@ -295,7 +296,7 @@ def _record_commits(
             _git("worktree", "add", "--detach", str(checkout), name)
             try:
                 if number == 0:  # both commits run over the sample of the first
-                    shutil.copyfile(checkout / SAMPLE_IN_CHECKOUT, sample)
+                    shutil.copyfile(sample_of(checkout), sample)
                 folders.append(output / name)
                 record(checkout, folders[-1], Recordings(sample, output / "recordings", shared), only, jobs)
             finally:
@@ -315,7 +316,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = _parser().parse_args(arguments)
     if asked.command == "record":
         checkout, output = asked.checkout.resolve(), asked.output.resolve()
-        sample = (asked.sample or checkout / SAMPLE_IN_CHECKOUT).resolve()
+        sample = (asked.sample or sample_of(checkout)).resolve()
         recordings = Recordings(sample, (asked.recordings or output / "recordings").resolve(), asked.shared)
         return 0 if record(checkout, output, recordings, asked.only, asked.jobs) else 1
     if asked.command == "compare":
