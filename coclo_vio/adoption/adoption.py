@@ -69,11 +69,11 @@ class Adoption:
         lines = [
             f"# {robot.name}: found by coclo-vio adopt in {Path(robot.urdf).name} and {self.recording.name}.",
             '# Numbers in comments are confidences, 0 to 1. A line with "?" is not sure: check it.',
-            f"name: {robot.name}",
+            f"name: {_quoted(robot.name)}",
             f"urdf: {_urdf_for(robot.urdf, folder)}",
         ]
         if robot.body_frame is not None:
-            lines += [*self._comments("body_frame"), f"body_frame: {robot.body_frame}"]
+            lines += [*self._comments("body_frame"), f"body_frame: {_quoted(robot.body_frame)}"]
         lines += [*self._comments("legs", "joints", "foot_radius_m", "joint_signs"), "legs:"]
         for leg in robot.legs:
             lines += _leg_lines(leg)
@@ -89,7 +89,7 @@ class Adoption:
             lines.append(f"joint_velocity_noise_radps: {robot.joint_velocity_noise_radps:g}")
         if robot.joint_aliases:
             lines += [*self._comments("joint_aliases"), "joint_aliases:"]
-            lines += [f"  {_quoted(alias)}: {joint}" for alias, joint in robot.joint_aliases.items()]
+            lines += [f"  {_quoted(alias)}: {_quoted(joint)}" for alias, joint in robot.joint_aliases.items()]
         lines += [f"# ? {note}" for note in self.notes]
         if self.settings:
             lines.append("# This recording has to be read with: " + " ".join(f"--set '{one}'" for one in self.settings))
@@ -149,6 +149,6 @@ def _scalar(value: object) -> str:
 
 
 def _quoted(text: str) -> str:
-    is_plain = text.replace("_", "").replace("/", "").replace("-", "").replace(".", "").isalnum() and text[0].isalpha()
+    is_plain = text.replace("_", "").replace("/", "").replace("-", "").replace(".", "").isalnum() and text[:1].isalpha()
     is_word = text.lower() in {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
     return text if is_plain and not is_word else "'" + text.replace("'", "''") + "'"

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from coclo_vio.api.recording import open_recording
 from coclo_vio.cli.options import ConfigOption, JsonOption, PartialOption, RobotOption, SetOption, with_partial
-from coclo_vio.cli.terminal import give_json, out, say
+from coclo_vio.cli.terminal import give, give_json, out, say
 from coclo_vio.diagnosis.diagnose import Diagnosis
 from coclo_vio.runs.diagnosis_page import write_page
 from coclo_vio.runs.examination import Examination, write_settings
@@ -42,7 +42,9 @@ def doctor(
         _show(recording.name, examination)
     if output is not None:
         say(f"page: {write_page(output, recording.name, examination)}")
-    if fix is not None and examination.settings:
+    if fix is not None and not examination.settings:
+        say(f"settings: nothing is certain, {fix} was not written")
+    elif fix is not None:
         say(f"settings: {write_settings(fix, examination.settings)}; use it with --config {fix}")
     remaining = examination.corrected if fix is not None else examination.diagnosis
     if remaining.errors and not allow_partial:
@@ -56,7 +58,7 @@ def _show(name: str, examination: Examination) -> None:
         return
     out.print("Settings that certainly correct something (--fix FILE writes them):")
     for setting in examination.settings:
-        out.print(f"  --set '{setting}'", soft_wrap=True, highlight=False)
+        give(f"  --set '{setting}'")
     if examination.corrected.findings:
         out.print("Left with them:")
         out.print(_table(examination.corrected))

@@ -2,13 +2,15 @@
 """All checks of a recording in the order of their stages."""
 
 from collections.abc import Callable, Iterable, Iterator, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Severity, Stage
 from coclo_vio.values.errors import CocloError
+
+_COMPOSED = {"axes", "acceleration_sign", "delay_s", "is_swapped"}  # corrections that checks add to what is set
 
 
 class Cost(IntEnum):
@@ -113,16 +115,41 @@ def diagnose(evidence: Evidence, checks: Iterable[Check], most: Cost = Cost.IMAG
 
 def _contents(evidence: Evidence) -> set[str]:
     """What a recording has, by the names that checks need."""
-    streams = {stream.name for stream in (() if evidence.report is None else evidence.report.streams)}
+    streams = set(evidence.first_stamps_ns)
     has_truth, has_robot = evidence.truth is not None, evidence.description is not None
     return streams | ({"ground_truth"} if has_truth else set()) | ({"robot"} if has_robot else set())
 
 
 def _found(check: Check, evidence: Evidence) -> Iterator[Finding]:
     try:
-        yield from check.find(evidence)
+        for finding in check.find(evidence):
+            yield _beside_corrections(finding, evidence)
     except CocloError:  # what cannot be read is reported by inspection and run
         return
+
+
+def _beside_corrections(finding: Finding, evidence: Evidence) -> Finding:
+    """The finding without a remedy that would replace another correction of the same key."""
+    taken = {
+        key: value
+        for key in (setting.partition("=")[0] for setting in finding.remedy)
+        if key.rpartition(".")[2] not in _COMPOSED and (value := _configured(key, evidence)) is not None
+    }
+    if not taken:
+        return finding
+    listed = " and ".join(f"{key}={value}" for key, value in taken.items())
+    sentence = f"{finding.sentence}; beside {listed}, which is set already: correct that"
+    return replace(finding, sentence=sentence, remedy=(), is_certain=False)
+
+
+def _configured(key: str, evidence: Evidence) -> object | None:
+    """The value of a correction where it is not the default; None elsewhere."""
+    if not key.startswith("dataset.corrections."):
+        return None
+    values: object = evidence.corrections.model_dump(exclude_defaults=True)
+    for part in key.split(".")[2:]:
+        values = values.get(part) if isinstance(values, dict) else None
+    return values
 
 
 def _verdict(findings: tuple[Finding, ...]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from coclo_vio.datasets.corrections import Corrections
 from coclo_vio.datasets.dataset import Dataset
-from coclo_vio.datasets.read_report import ReadReport
+from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport
 from coclo_vio.diagnosis.feet import FeetRecord, feet_of
 from coclo_vio.diagnosis.rates import by_cameras, by_gyroscope
 from coclo_vio.diagnosis.records import ForceRecord, InertialRecord, JointRecord
@@ -77,6 +77,19 @@ class Evidence:
         """Streams, rates, gaps, notes; None where the recording cannot be read."""
         _ = self._samples  # a reader counts what it passes on
         return _tried(self.dataset.report)
+
+    @cached_property
+    def first_stamps_ns(self) -> dict[str, int]:
+        """By stream, the stamp of its first sample; streams without any are left out."""
+        found = {}
+        for kind, name in STREAM_NAMES.items():
+            try:
+                first = next(iter(self.dataset.measurements(frozenset({kind}))), None)
+            except CocloError:  # inspection and run report it
+                continue
+            if first is not None:
+                found[name] = first.stamp_ns
+        return found
 
     @cached_property
     def calibrations(self) -> SensorCalibrations:

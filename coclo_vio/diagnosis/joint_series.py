@@ -17,6 +17,12 @@ _OPPOSITE = 0.7  # cosine of 45 deg
 _LEAST_RATE_RADPS = 0.1  # root mean square of all joints, below which the legs stand
 
 
+_STEPPING_HZ, _STEPPING_SAMPLES = 20.0, 1200
+_STEPPING_M = 0.04  # change of the distance of two feet, from which both cannot have stood all the time
+_CYCLING_RAD = 0.1
+_STEPPING_TURNS = 3  # a robot that stands up has one
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LegMotion:
     """Legs in motion at N times.
@@ -141,3 +147,45 @@ def _mean_rate(evidence: Evidence, imu: InertialRecord, start_ns: IntArray, end_
 def _between(start: Array, end: Array, s: Array, total: Array) -> Array:
     """Differences of an integral (M, 3) between two sets of times (N,), (N, 3)."""
     return np.stack([np.interp(end, s, column) - np.interp(start, s, column) for column in total.T], axis=1)
+
+
+def is_stepping(evidence: Evidence, robot: RobotModel) -> bool:
+    """Whether the legs step: the distance of two feet goes there and back, by more than feet that stand can.
+
+    A robot that stands up, lies or hangs still does not, however far its legs move once.
+    """
+    joints = evidence.joints
+    if joints is None or len(joints.stamps_ns) < 10:
+        return False
+    rows = thinned(joints.stamps_ns, _STEPPING_HZ, _STEPPING_SAMPLES)
+    places, _ = feet_of(robot, joints.position[rows], np.zeros_like(joints.position[rows]))
+    places = places[:, np.isfinite(places).mean(axis=(0, 2)) > 0.9]
+    places = places[np.isfinite(places).all(axis=(1, 2))]
+    if places.shape[1] < 2 or len(places) < 10:
+        return False
+    for other in range(1, places.shape[1]):
+        distance = np.linalg.norm(places[:, other] - places[:, 0], axis=1)
+        low, high = np.quantile(distance, (0.05, 0.95))
+        if high - low > _STEPPING_M and _turns(distance, low, high) >= _STEPPING_TURNS:
+            return True
+    return False
+
+
+def are_cycling(evidence: Evidence) -> bool:
+    """Whether two joints at least go there and back several times, as those of legs that step, whatever their order."""
+    joints = evidence.joints
+    if joints is None or len(joints.stamps_ns) < 10:
+        return False
+    position = joints.position[thinned(joints.stamps_ns, _STEPPING_HZ, _STEPPING_SAMPLES)]
+    cycling = 0
+    for angle in position.T[np.isfinite(position).all(axis=0)]:
+        low, high = np.quantile(angle, (0.05, 0.95))
+        cycling += bool(high - low > _CYCLING_RAD and _turns(angle, low, high) >= _STEPPING_TURNS)
+    return cycling >= 2
+
+
+def _turns(values: Array, low: float, high: float) -> int:
+    """How often values (N,) go from near a lower to near an upper one or back."""
+    place = (values - low) / max(high - low, 1e-9)
+    level = (place > 0.75).astype(np.int8) - (place < 0.25).astype(np.int8)
+    return int(np.count_nonzero(np.diff(level[level != 0])))

@@ -14,32 +14,36 @@ from coclo_vio.diagnosis.rates import ClockOffset, clock_offset
 from coclo_vio.values.units import NS_PER_S
 
 _PLAUSIBLE_HZ = (5.0, 8000.0)  # of joints and IMUs
+_FEWEST = 20
 _FAST_STREAMS = ("joints", "imu", "camera_imu", "foot_force")
 _STREAMS = ("joints", "imu", "foot_force", "camera_imu", "stereo", "stereo_tracks")
 _CORRECTIONS = {"stereo_tracks": "stereo"}
 _REAL_S, _WRONG_S = 0.006, 0.05  # an offset that is noted, and one with which a result cannot be right
 _SIGMAS = 4.0
 _CERTAIN_S = 0.003
+_BY_FEET_S = 0.004  # least sigma of a delay by feet, which bend and slip
 _DRIFT = 5e-5  # s/s: 50 ppm, a cheap clock
 
 
 def find_units(evidence: Evidence) -> Iterator[Finding]:
     """Stamps whose rates cannot be those of joints and IMUs."""
-    report = evidence.report
-    streams = [] if report is None else [s for s in report.streams if s.name in _FAST_STREAMS and s.samples > 20]
-    for stream in streams:
-        if stream.rate_hz <= _PLAUSIBLE_HZ[1]:
+    records = {name: getattr(evidence, name) for name in _FAST_STREAMS}
+    rates_hz = {
+        name: NS_PER_S / max(float(np.median(np.diff(record.stamps_ns))), 1e-9)
+        for name, record in records.items()
+        if record is not None and len(record.stamps_ns) > _FEWEST and np.ptp(record.stamps_ns) > 0
+    }
+    for stream, rate_hz in rates_hz.items():
+        if rate_hz <= _PLAUSIBLE_HZ[1]:
             continue
-        units = [
-            unit for unit, ns in STAMP_UNITS_NS.items() if _PLAUSIBLE_HZ[0] < stream.rate_hz / ns < _PLAUSIBLE_HZ[1]
-        ]
+        units = [unit for unit, ns in STAMP_UNITS_NS.items() if _PLAUSIBLE_HZ[0] < rate_hz / ns < _PLAUSIBLE_HZ[1]]
         cure = f"set dataset.corrections.stamp_unit={units[0]}" if units else "give stamps in nanoseconds"
-        all_fast = all(each.rate_hz > _PLAUSIBLE_HZ[1] for each in streams)
+        all_fast = all(each > _PLAUSIBLE_HZ[1] for each in rates_hz.values())
         yield error(
             "stamp_unit",
             Stage.CLOCKS,
-            " ".join(each.name for each in streams),
-            f"{stream.name} come at {stream.rate_hz:.3g} Hz by their stamps, at most {_PLAUSIBLE_HZ[1]:g} is "
+            " ".join(rates_hz),
+            f"{stream} come at {rate_hz:.3g} Hz by their stamps, at most {_PLAUSIBLE_HZ[1]:g} is "
             f"expected: the stamps are not nanoseconds but {units[0] if units else 'another unit'}; {cure}",
             *([f"dataset.corrections.stamp_unit={units[0]}"] if units else []),
             is_certain=bool(units) and all_fast,
@@ -49,14 +53,17 @@ def find_units(evidence: Evidence) -> Iterator[Finding]:
 
 def find_apart(evidence: Evidence) -> Iterator[Finding]:
     """Streams that were never recorded at the same time as the first one of their kind."""
-    report = evidence.report
+    starts_ns = evidence.first_stamps_ns
+    if not starts_ns or max(starts_ns.values()) - min(starts_ns.values()) < evidence.seconds * NS_PER_S:
+        return
+    report = evidence.report  # reads all of it, for the ends
     names = [name for name in _STREAMS if report is not None and report.stream(name) is not None]
     for name in names[1:]:
         if report is not None:
-            yield from _apart(report, names[0], name)
+            yield from _apart(evidence, report, names[0], name)
 
 
-def _apart(report: ReadReport, first: str, name: str) -> Iterator[Finding]:
+def _apart(evidence: Evidence, report: ReadReport, first: str, name: str) -> Iterator[Finding]:
     reference, stream = report.stream(first), report.stream(name)
     if reference is None or stream is None or min(reference.samples, stream.samples) < 2:
         return
@@ -64,7 +71,8 @@ def _apart(report: ReadReport, first: str, name: str) -> Iterator[Finding]:
     if apart_s <= 0.0:
         return
     begins_s = (stream.start_ns - reference.start_ns) / NS_PER_S
-    setting = f"dataset.corrections.{_CORRECTIONS.get(name, name)}.delay_s={begins_s:.6f}"
+    key = _CORRECTIONS.get(name, name)
+    setting = f"dataset.corrections.{key}.delay_s={begins_s + getattr(evidence.corrections, key).delay_s:.6f}"
     yield error(
         "streams_apart",
         Stage.CLOCKS,
@@ -86,7 +94,9 @@ def find_offsets(evidence: Evidence) -> Iterator[Finding]:
     if evidence.feet is not None:
         found = delay_of_feet(evidence.feet, imu.stamps_ns, imu.rate @ mounting.T_body_imu[:3, :3].T)
         if found is not None:
-            yield from _of_clock(evidence, "joints", ClockOffset(-found[0], found[1], 1.0, 0.0, np.inf))
+            yield from _of_clock(
+                evidence, "joints", ClockOffset(-found[0], max(found[1], _BY_FEET_S), 1.0, 0.0, np.inf)
+            )
     if evidence.attitudes_by_cameras is not None:
         yield from _of_clock(evidence, "stereo", clock_offset(reference, evidence.attitudes_by_cameras))
 
@@ -102,7 +112,7 @@ def find_offset_of_truth(evidence: Evidence) -> Iterator[Finding]:
             "ground_truth_delay",
             Stage.GROUND_TRUTH,
             "ground_truth",
-            f"clock {offset.seconds:+.4f} +- {offset.sigma_s:.4f} s behind the IMU's, estimated anew in an evaluation",
+            f"clock {-offset.seconds:+.4f} +- {offset.sigma_s:.4f} s ahead of the IMU's; an evaluation estimates it",
         )
 
 
@@ -136,14 +146,14 @@ def _of_clock(
             sentence,
             frozenset({stream}),
             (setting,),
-            is_certain=offset.sigma_s < _CERTAIN_S,
+            is_certain=offset.sigma_s < _CERTAIN_S or abs(late_s) > 2.0 * _SIGMAS * offset.sigma_s,
         )
     else:
         yield note(
             f"{stream}_delay",
             Stage.CLOCKS,
             stream,
-            f"{stream} {1e3 * late_s:.1f} +- {1e3 * offset.sigma_s:.1f} ms late against {reference}",
+            f"{stream} {1e3 * late_s + 0.0:+.1f} +- {1e3 * offset.sigma_s:.1f} ms behind {reference}",
         )
     if abs(offset.drift) > max(_DRIFT, _SIGMAS * offset.drift_sigma):
         yield warning(

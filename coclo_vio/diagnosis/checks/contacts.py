@@ -10,7 +10,7 @@ from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees
 from coclo_vio.diagnosis.checks.joint_torques import are_usual, missing_factor, silent, vertical_loads
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
-from coclo_vio.diagnosis.joint_series import feet_of, leg_motion, thinned
+from coclo_vio.diagnosis.joint_series import is_stepping, thinned
 from coclo_vio.robot.contact import ContactConfig, ContactDetector
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
@@ -22,7 +22,6 @@ _SAMPLES = 3000
 _LEAST_SAMPLES = 50
 _NEVER = 0.005
 _ALWAYS = 0.995
-_STEPPING_M = 0.05  # change of the distance of two feet, from which both cannot have stood all the time
 _SHARES = (0.45, 0.3)  # of a loaded foot's load, for thresholds to try
 
 
@@ -54,13 +53,13 @@ def find(evidence: Evidence) -> Iterator[Finding]:
         return
     share = loads.is_stance.mean(axis=0)
     is_known = np.isfinite(loads.load).any(axis=0)
-    is_stepping = _is_stepping(evidence, robot)
+    steps = is_stepping(evidence, robot)
     if (share < _NEVER).all():
-        yield _never(loads, config, robot)
+        yield _never(loads, config, robot, steps=steps)
     elif (share[is_known] > _ALWAYS).all():
-        if is_stepping:
+        if steps:
             yield _always(loads, config)
-    elif is_stepping:
+    elif steps:
         yield from _single_feet(loads, config, robot, share)
 
 
@@ -75,7 +74,7 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             "or where joints have torques set robot.contact.source=torque with its thresholds",
         )
         return
-    if len(record.force) < _LEAST_SAMPLES or not _is_stepping(evidence, robot):
+    if len(record.force) < _LEAST_SAMPLES or not is_stepping(evidence, robot):
         return
     is_constant = _is_constant(record.force)
     if is_constant.all():
@@ -131,19 +130,6 @@ def _is_constant(force: Array) -> BoolArray:
     return np.asarray((low == high) & (np.isfinite(force).mean(axis=0) > 0.5))
 
 
-def _is_stepping(evidence: Evidence, robot: RobotModel) -> bool:
-    """Whether the distances of feet change by more than feet that stand can."""
-    motion = leg_motion(evidence, 100)
-    if motion is None:
-        return False
-    places, _ = feet_of(robot, motion.position, motion.rate)
-    places = places[:, np.isfinite(places).all(axis=(0, 2))]
-    if places.shape[1] < 2:
-        return False
-    spread = np.quantile(np.linalg.norm(places[:, 1:] - places[:, :1], axis=2), (0.05, 0.95), axis=0)
-    return bool((spread[1] - spread[0]).max() > _STEPPING_M)
-
-
 def _thresholds(load: Array) -> tuple[float, float] | None:
     """Thresholds to try: shares of the way from the load in the air to that of a standing foot."""
     load = load[:, np.isfinite(load).any(axis=0)]
@@ -160,13 +146,16 @@ def _settings(load: Array) -> tuple[str, ...]:
     return () if found is None else (f"robot.contact.on_force={found[0]:g}", f"robot.contact.off_force={found[1]:g}")
 
 
-def _never(loads: _Loads, config: ContactConfig, robot: RobotModel) -> Finding:
+def _never(loads: _Loads, config: ContactConfig, robot: RobotModel, *, steps: bool) -> Finding:
     low, high = (float(np.nanquantile(loads.load, share)) for share in (0.05, 0.95))
     said = (
         f"no foot is ever in stance in {len(loads.load):,} samples: the loads of the feet are {low:.3g} to {high:.3g} "
         f"(5 to 95 %), stance begins at contact.on_force = {config.on_force:g}"
     )
     weight = robot.mass_kg * GRAVITY_MPS2
+    if not steps:  # it may lie, or hang
+        text = f"{said}, and the legs do not step in that time: there is no leg odometry while the robot lies or hangs"
+        return warning("contact_never", Stage.CONTACT, loads.streams, text)
     if low < -0.1 * config.on_force and abs(low) > 3.0 * high:
         if loads.streams == "joints":
             return error("contact_never", Stage.CONTACT, "joints", f"{said}; correct the torques (effort_factor)")

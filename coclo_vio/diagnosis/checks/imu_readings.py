@@ -10,10 +10,11 @@ from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.records import InertialRecord
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.units import GRAVITY_MPS2
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _FEWEST, _FEWEST_CONSTANT = 20, 200  # samples: of any check, and of one that finds no change at all
 _UNIT_TOLERANCE = 0.25  # of gravity, in another unit
+_MEAN_S = 0.5
 _REMOVED_MPS2 = 3.0  # a walking robot's mean reading without gravity is below
 _DOUBTFUL = 0.05  # of gravity: more than any accelerometer's bias and scale
 _FASTEST_RADPS = 35.0  # 2,000 deg/s, the range of the sensors on robots
@@ -38,7 +39,7 @@ def _accelerometer(stream: str, record: InertialRecord) -> Iterator[Finding]:
             "it has no reading; record its accelerations, or leave the IMU out",
         )
         return
-    size = float(np.linalg.norm(np.median(record.force, axis=0)))
+    size = _size(record)
     for unit, factor in ACCELERATION_UNITS.items():
         if factor != 1.0 and abs(size * factor / GRAVITY_MPS2 - 1.0) < _UNIT_TOLERANCE:
             yield error(
@@ -78,6 +79,15 @@ def _accelerometer(stream: str, record: InertialRecord) -> Iterator[Finding]:
         )
 
 
+def _size(record: InertialRecord) -> float:
+    """The median size of means over half a second, m/s^2: gravity, however the IMU turns."""
+    step_s = float(np.median(np.diff(record.stamps_ns))) / NS_PER_S
+    width = int(np.clip(round(_MEAN_S / max(step_s, 1e-4)), 1, len(record.force)))
+    parts = len(record.force) // width
+    means = record.force[: parts * width].reshape(parts, width, 3).mean(axis=1)
+    return float(np.median(np.linalg.norm(means, axis=1)))
+
+
 def _gyroscope(stream: str, record: InertialRecord) -> Iterator[Finding]:
     if len(record.rate) >= _FEWEST_CONSTANT and not np.ptp(record.rate, axis=0).any():
         yield error(
@@ -89,16 +99,16 @@ def _gyroscope(stream: str, record: InertialRecord) -> Iterator[Finding]:
         )
         return
     fast = float(np.quantile(np.abs(record.rate).max(axis=1), 0.99))
-    if fast > _FASTEST_RADPS:
-        yield error(
-            f"{stream}_rate_unit",
-            Stage.IMU,
-            stream,
-            f"the {_NAMES[stream]} gyroscope reads {fast:.4g} rad/s, above the range of a sensor ({_FASTEST_RADPS:g}): "
-            f"its unit is deg/s; set dataset.corrections.{stream}.rate_unit=deg/s",
-            f"dataset.corrections.{stream}.rate_unit=deg/s",
-            is_certain=True,
-        )
+    if fast <= _FASTEST_RADPS:
+        return
+    said = f"the {_NAMES[stream]} gyroscope reads {fast:.4g} rad/s, above the range of a sensor ({_FASTEST_RADPS:g})"
+    if np.deg2rad(fast) > _FASTEST_RADPS:
+        sentence = f"{said}: these are raw counts or another unit; convert its rates to rad/s"
+        yield error(f"{stream}_rate_unit", Stage.IMU, stream, sentence)
+        return
+    setting = f"dataset.corrections.{stream}.rate_unit=deg/s"
+    sentence = f"{said}: its unit is deg/s; set {setting}"
+    yield error(f"{stream}_rate_unit", Stage.IMU, stream, sentence, setting, is_certain=True)
 
 
 def _vector(values: Array) -> str:

@@ -18,7 +18,7 @@ from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees, joints_bey
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.diagnosis.joint_arrangements import Arrangement, alternatives
-from coclo_vio.diagnosis.joint_series import LegMotion, feet_of, leg_motion
+from coclo_vio.diagnosis.joint_series import LegMotion, are_cycling, feet_of, leg_motion
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.errors import listing
@@ -77,7 +77,7 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     if found.is_as_recorded:
         yield from _odd_legs(robot, start)
     else:
-        yield _finding(robot, found, start, now, rival)
+        yield _finding(robot, found, start, now, rival, steps=are_cycling(evidence))
 
 
 def _odd_legs(robot: RobotModel, start: _Residuals) -> Iterator[Finding]:
@@ -206,7 +206,13 @@ def _residuals(robot: RobotModel, motion: LegMotion) -> _Residuals:
 
 
 def _finding(
-    robot: RobotModel, found: Arrangement, start: _Residuals, now: _Residuals, rival: Arrangement | None
+    robot: RobotModel,
+    found: Arrangement,
+    start: _Residuals,
+    now: _Residuals,
+    rival: Arrangement | None,
+    *,
+    steps: bool,
 ) -> Finding:
     legs = found.changed_legs(robot)
     before, after = float(np.median(start.chief[legs])), float(np.median(now.chief[legs]))
@@ -220,6 +226,7 @@ def _finding(
     kinematics = "the robot is another one, which distances of feet alone cannot exclude"
     doubt = "" if is_confirmed else f"; or {gyroscope if has_gyroscope else kinematics}"
     other = "" if rival is None else f"; nearly as good would be {' and '.join(rival.settings(robot))}"
+    is_confirmed &= steps  # feet that slide as the robot stands up are no proof
     report = error if is_confirmed else warning
     return report(
         "joint_order",

@@ -7,14 +7,15 @@ torques have to be multiplied: one where they are in Nm and of the right sign.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from coclo_vio.diagnosis.checks.joint_order import keeps_distances
 from coclo_vio.diagnosis.checks.joint_positions import is_in_degrees
 from coclo_vio.diagnosis.evidence import Evidence
-from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
-from coclo_vio.diagnosis.joint_series import thinned, up_body_at
+from coclo_vio.diagnosis.finding import Finding, Severity, Stage, error, warning
+from coclo_vio.diagnosis.joint_series import is_stepping, thinned, up_body_at
 from coclo_vio.diagnosis.records import JointRecord
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, IntArray
@@ -38,9 +39,10 @@ def find(evidence: Evidence) -> Iterator[Finding]:
         return
     if is_in_degrees(joints, robot) or len(joints.stamps_ns) < _LEAST_SAMPLES:
         return
+    steps = is_stepping(evidence, robot)
     nothing = silent(joints)
     if nothing is not None:
-        yield nothing
+        yield nothing if steps or nothing.kind == "torque_absent" else _not_stepping(nothing)
         return
     yield from _dead(joints, robot)
     factor = missing_factor(evidence, joints, robot)
@@ -49,9 +51,14 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     pulling = _pulling_legs(np.nanmean(vertical_loads(evidence, joints, robot), axis=0), robot)
     if pulling is not None and _SURE[0] < factor < _SURE[1]:
         yield pulling
-    elif not are_usual(factor):
+    elif not are_usual(factor) and steps:
         yield _wrong_factor(factor, robot, is_certain=keeps_distances(evidence))
     yield from _beyond_limits(joints, robot)
+
+
+def _not_stepping(found: Finding) -> Finding:
+    """The same as a warning: the motors of a robot that lies may be off."""
+    return replace(found, severity=Severity.WARNING, sentence=f"{found.sentence}; in that time the legs do not step")
 
 
 def missing_factor(evidence: Evidence, joints: JointRecord, robot: RobotModel) -> float | None:
@@ -157,7 +164,7 @@ def _pulling_legs(mean: Array, robot: RobotModel) -> Finding | None:
         "torque_leg_sign",
         Stage.JOINTS,
         "joints",
-        f"by the joint torques leg {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean while "
+        f"by the joint torques {legs} pulls at the ground by {-mean[is_negative].min():.0f} N in the mean while "
         "the others push: the sign or the order of torques of this leg is wrong; correct it where they are recorded",
     )
 

@@ -199,7 +199,8 @@ def _read_as(best: tuple[str, str], said: str, score: float | None, *, is_certai
     agrees = "" if score is None else f" (then the agreement is {score:.2f})"
     text = f"{said}: {' and '.join(reasons)}{agrees}; set {' and '.join(settings)}"
     kind = "truth_quaternion_order" if order == "wxyz" else "truth_up"
-    return error(kind, Stage.GROUND_TRUTH, "ground_truth", text, *settings, is_certain=is_certain)
+    make = error if is_certain else warning
+    return make(kind, Stage.GROUND_TRUTH, "ground_truth", text, *settings, is_certain=is_certain)
 
 
 def _unrelated(turns: _Turns) -> Iterator[Finding]:
