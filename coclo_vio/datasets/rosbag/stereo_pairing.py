@@ -119,9 +119,12 @@ def decoded_image(bag: BagFile, image: RawImage) -> ByteImage:
     """
     message = bag.decoded(image.topic, image.data)
     where = f"{bag.path}, the image on {image.topic} at {image.stamp_ns} ns"
-    if not hasattr(message, "encoding"):
-        return images.decoded(bytes(message.data), f"{where} ({message.format})")
-    return _unpacked(message, where)
+    try:
+        if not hasattr(message, "encoding"):
+            return images.decoded(bytes(message.data), f"{where} ({message.format})")
+        return _unpacked(message, where)
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:  # of a damaged or foreign definition
+        raise DatasetError(f"{where} has other fields than an image: {error}; check the type of the topic") from error
 
 
 def _unpacked(message: Any, where: str) -> ByteImage:

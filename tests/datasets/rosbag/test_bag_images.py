@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Images of a bag: supported and refused encodings, and the pairing of left and right."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tiny_bags import KINDS, START_NS, STEP_NS, TinyBag
 
 from coclo_vio.datasets import images
 from coclo_vio.datasets.dataset import DatasetConfig, open_dataset
+from coclo_vio.datasets.rosbag.stereo_pairing import RawImage, decoded_image
 from coclo_vio.values.config import parse_settings
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import StereoFrame
@@ -68,6 +71,12 @@ def test_compressed_images_are_decoded_and_16_bits_refused(mcap, biped):
     np.testing.assert_array_equal(next(stream).left, grey)
     with pytest.raises(DatasetError, match=r"/left/image/compressed.*uint16"):
         next(stream)
+
+
+def test_a_message_without_the_fields_of_an_image_is_refused():
+    bag = SimpleNamespace(path="walk.mcap", decoded=lambda topic, data: SimpleNamespace(format="png"))
+    with pytest.raises(DatasetError, match="/left/image at 5 ns has other fields than an image"):
+        decoded_image(bag, RawImage(5, 5, "/left/image", b""))
 
 
 def test_images_are_paired_by_stamp_and_the_others_counted(bag, biped):
