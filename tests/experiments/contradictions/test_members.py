@@ -8,23 +8,43 @@ import pytest
 import coclo_vio as cv
 from coclo_vio.experiments.contradictions.content import Form, sample_content
 from coclo_vio.experiments.contradictions.members import MEMBERS, Member
+from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.preflight import preflight, refusal
 
 _IDS = [f"{member.name}, {member.form}".replace(" ", "_").replace("/", "_") for member in MEMBERS]
 
 
-@pytest.mark.parametrize("member", MEMBERS, ids=_IDS)
+_CASES = [
+    pytest.param(member, id=name, marks=pytest.mark.slow if member.in_full and member.form != "leg log" else ())
+    for member, name in zip(MEMBERS, _IDS, strict=True)
+]
+
+
+@pytest.mark.parametrize("member", _CASES)
 def test_a_contradiction_is_named_and_its_run_refused(member: Member, tmp_path: Path) -> None:
-    content = sample_content(has_frames=member.needs_images)
-    changed = member.change(content)
-    recording = cv.open(changed.write(tmp_path / "recording", member.form), robot=changed.description or changed.robot)
-    findings = recording.diagnose().findings if member.in_full else recording.inspect().findings
-    named = [finding for finding in findings if finding.kind == member.finding]
-    assert named, [finding.sentence for finding in findings]
+    recording = _written(member, tmp_path)
+    diagnosis = recording.diagnose().diagnosis if member.in_full else preflight(recording.dataset(), recording.config)
+    named = [finding for finding in diagnosis.findings if finding.kind == member.finding]
+    assert named, [finding.sentence for finding in diagnosis.findings]
     assert named[0].is_error == member.is_error
-    if member.is_error and not member.in_full and not member.is_truth:
-        mode = "vins" if named[0].streams <= {"stereo", "stereo_tracks"} else "coclo"
-        with pytest.raises(cv.CocloError, match=r"allow-partial|doctor|rectif|calibrat"):
-            cv.run(recording, mode, folder=tmp_path / "out")
+    if not member.is_truth:
+        mode = mode_of("vins" if named[0].streams <= {"stereo", "stereo_tracks", "camera_imu"} else "coclo")
+        assert (refusal(diagnosis, mode.sensors) is not None) == member.is_error
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"), [("body accelerations in g", "coclo"), ("baseline of 0", "vins"), ("no such URDF", "coclo")]
+)
+def test_a_run_raises_it_before_anything_is_written(name: str, mode: str, tmp_path: Path) -> None:
+    recording = _written(next(member for member in MEMBERS if member.name == name), tmp_path)
+    with pytest.raises(cv.CocloError, match="allow-partial"):
+        cv.run(recording, mode, folder=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def _written(member: Member, folder: Path) -> cv.Recording:
+    content = member.change(sample_content(has_frames=member.needs_images))
+    return cv.open(content.write(folder / "recording", member.form), robot=content.description or content.robot)
 
 
 @pytest.mark.parametrize("form", ["bag", "folder", "leg log"])
