@@ -337,7 +337,7 @@ def test_two_commits_are_compared_in_one_step(
     """The second commit has another sample, which is not used, and puts its pose elsewhere."""
     repository = make_checkout(tmp_path / "repository")
     sample = repository / commit_cases.SAMPLE_IN_CHECKOUT
-    sample.parent.mkdir()
+    sample.parent.mkdir(parents=True)
     git(repository, "init", "--quiet")
     for content, where in ((b"one", 0.0), (b"another", place)):
         sample.write_bytes(content)

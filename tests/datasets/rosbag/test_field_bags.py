@@ -141,7 +141,7 @@ def test_a_spot_without_imu_is_read_for_what_it_has(tmp_path):
 
 def test_the_page_on_recordings_reads_cerberus(cerberus, tmp_path):
     page = (Path(__file__).resolve().parents[3] / "docs" / "recordings.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
+    (example,) = re.findall(r"```yaml\n(robot: .*?)```", page, flags=re.DOTALL)
     file = tmp_path / "a1.yaml"
     file.write_text(example, encoding="utf-8")
     resolved = resolve(file=file)
