@@ -76,6 +76,8 @@ class RecordingReader:
             DatasetError: a malformed file, or no sample in it.
         """
         tally = self._new_tally()
+        if sensors == {StereoFrame} and self._cameras(tally) is None:
+            return  # the tables need not be read for images that there are none of
         stream = self._stream(tally, decodes=StereoFrame in sensors)
         yield from (sample for sample in stream if type(sample) in sensors)
         self._read = self._checked(tally)

@@ -35,6 +35,7 @@ from coclo_vio.values.units import NS_PER_S
 _MOST_S = 180.0
 _TRACKED_FRAMES, _FEWEST_FRAMES = 250, 10
 _FEWEST_READINGS = 100
+_SAMPLED = ALL_SENSORS - {StereoFrame}
 _T = TypeVar("_T")
 
 
@@ -81,15 +82,16 @@ class Evidence:
     @cached_property
     def first_stamps_ns(self) -> dict[str, int]:
         """By stream, the stamp of its first sample; streams without any are left out."""
-        found = {}
-        for kind, name in STREAM_NAMES.items():
+        samples, are_all = self._samples_and_end
+        found = {kind: rows[0].stamp_ns for kind, rows in samples.items()}
+        for kind in {StereoFrame} if are_all else ALL_SENSORS - found.keys():
             try:
                 first = next(iter(self.dataset.measurements(frozenset({kind}))), None)
             except CocloError:  # inspection and run report it
                 continue
             if first is not None:
-                found[name] = first.stamp_ns
-        return found
+                found[kind] = first.stamp_ns
+        return {name: found[kind] for kind, name in STREAM_NAMES.items() if kind in found}
 
     @cached_property
     def calibrations(self) -> SensorCalibrations:
@@ -159,22 +161,26 @@ class Evidence:
         frames = [] if stereo is None else self.frames(_TRACKED_FRAMES)
         return None if stereo is None or len(frames) < _FEWEST_FRAMES else by_cameras(frames, stereo)
 
-    @cached_property
+    @property
     def _samples(self) -> dict[type, list[Any]]:
         """All samples but the images of the first minutes; those before a defect where there is one."""
+        return self._samples_and_end[0]
+
+    @cached_property
+    def _samples_and_end(self) -> tuple[dict[type, list[Any]], bool]:
+        """The samples, and whether they are all there are."""
         found: dict[type, list[Any]] = defaultdict(list)
-        sensors = ALL_SENSORS - {StereoFrame}
         last_ns: int | None = None
         try:
-            for sample in self.dataset.measurements(sensors):
+            for sample in self.dataset.measurements(_SAMPLED):
                 if last_ns is None:
                     last_ns = sample.stamp_ns + round(self.seconds * NS_PER_S)
                 if sample.stamp_ns > last_ns:
-                    break
+                    return found, False
                 found[type(sample)].append(sample)
         except DatasetError:  # inspection and run report it
-            pass
-        return found
+            return found, False
+        return found, True
 
     def _inertial(self, kind: type) -> InertialRecord | None:
         rows = self._samples.get(kind)
