@@ -2,18 +2,49 @@
 """Low-passed angular velocity of a body, and its correlation with another's under a clock: used by ``clock``."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.signal import correlate
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from coclo_vio.evaluation.association import gaps_ns
+from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.values.units import NS_PER_S
 
 STEPS_PER_WINDOW = 10
 _KNOTS_PER_WINDOW = 20
+_TRACE_NEAR_PI = 1.0 + 2.0 * np.cos(3.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteadyTurns:
+    """Attitudes over time, from each knot to the next one at a steady angular velocity.
+
+    Attributes:
+        times: of the knots, increasing, (K,).
+        rotations: at all knots but the last, ``R_world_body``, (K - 1, 3, 3).
+        rotvecs: from each of these to the next one, rad, body axes, (K - 1, 3).
+    """
+
+    times: Array
+    rotations: Array
+    rotvecs: Array
+
+    @classmethod
+    def through(cls, times: Array, rotations: Array) -> Self:
+        """Through attitudes (K, 3, 3) at increasing times (K,), at least two."""
+        knots = Rotation.from_matrix(rotations)
+        return cls(np.asarray(times), knots[:-1].as_matrix(), (knots[:-1].inv() * knots[1:]).as_rotvec())
+
+    def at(self, times: Array) -> Array:
+        """``R_world_body`` at times, the nearest end's outside, (N, 3, 3)."""
+        inside = np.clip(times, self.times[0], self.times[-1])
+        before = np.clip(np.searchsorted(self.times, inside) - 1, 0, None)
+        share = (inside - self.times[before]) / (self.times[before + 1] - self.times[before])
+        return np.asarray(self.rotations[before] @ so3.exp(self.rotvecs[before] * share[:, None]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +58,7 @@ class AngularMotion:
         gaps_s: (K, 2) holes, s.
     """
 
-    at: Slerp
+    at: SteadyTurns
     rate: float
     span_s: tuple[float, float]
     gaps_s: Array
@@ -38,7 +69,7 @@ class AngularMotion:
 
     def attitudes(self, times_s: Array) -> Rotation:
         """``R_world_body`` at times inside the span."""
-        return self.at(np.clip(times_s * self.rate, self.at.times[0], self.at.times[-1]))
+        return Rotation.from_matrix(self.at.at(times_s * self.rate))
 
     def rates(self, times_s: Array, window_s: float) -> tuple[Array, BoolArray]:
         """Mean angular velocity, rad/s, body frame, (N, 3), over windows centred at ``times_s``; zero where unknown."""
@@ -48,8 +79,8 @@ class AngularMotion:
             is_known &= (after <= start_s) | (before >= end_s)
         rates = np.zeros((len(times_s), 3))
         if is_known.any():
-            turn = self.attitudes(before[is_known]).inv() * self.attitudes(after[is_known])
-            rates[is_known] = turn.as_rotvec() / window_s
+            start, end = (self.at.at(times_s[is_known] * self.rate) for times_s in (before, after))
+            rates[is_known] = _rotvecs(np.swapaxes(start, 1, 2) @ end) / window_s
         return rates, is_known
 
 
@@ -60,14 +91,23 @@ def stamped_motion(
     times_s = (stamps_ns - start_ns) / NS_PER_S
     cell = np.floor((times_s - times_s[0]) * (_KNOTS_PER_WINDOW / window_s))
     keep = np.flatnonzero(np.append(True, np.diff(cell) > 0) | (np.arange(len(times_s)) == len(times_s) - 1))
-    at = Slerp(times_s[keep], Rotation.from_matrix(trajectory.rotations[keep]))
+    at = SteadyTurns.through(times_s[keep], trajectory.rotations[keep])
     gaps_s = (gaps_ns(stamps_ns, max_gap_s) - start_ns) / NS_PER_S
     return AngularMotion(at, 1.0, (float(times_s[0]), float(times_s[-1])), gaps_s)
 
 
-def numbered_motion(at: Slerp, rate_hz: float) -> AngularMotion:
+def numbered_motion(at: SteadyTurns, rate_hz: float) -> AngularMotion:
     """Attitudes of rows at an even rate, the first at time zero."""
     return AngularMotion(at, rate_hz, (0.0, float(at.times[-1]) / rate_hz), np.zeros((0, 2)))
+
+
+def _rotvecs(rotations: Array) -> Array:
+    """Rotation vectors (N, 3) of rotations (N, 3, 3), most of them small."""
+    rotvecs = so3.log_below_pi(rotations)
+    is_near_pi = np.einsum("nii->n", rotations) < _TRACE_NEAR_PI
+    if is_near_pi.any():
+        rotvecs[is_near_pi] = so3.log(rotations[is_near_pi])
+    return rotvecs
 
 
 def turning_score(cross: Array) -> Array:
@@ -86,6 +126,7 @@ class RateCorrelator:
         self._step_s = window_s / STEPS_PER_WINDOW
         self._estimated_rates, _ = estimated.rates(estimated.grid(self._step_s), window_s)
         self._estimated_norm = float(np.linalg.norm(self._estimated_rates))
+        self._tracked: tuple[AngularMotion, int, tuple[Array, Array, BoolArray]] | None = None
 
     def best_shift(self, tracked: AngularMotion, limits_s: tuple[float, float]) -> tuple[float, float]:
         """The shift of ``tracked``'s clock, s, within limits, and its score, on a grid of a tenth of the window."""
@@ -111,10 +152,16 @@ class RateCorrelator:
         Unlike the score of ``best_shift`` it has no bias towards more overlap, so its peak is unbiased; it is
         meaningful near the right clock only.
         """
-        grid = np.linspace(tracked.span_s[0], tracked.span_s[1], samples)
-        tracked_rates, is_tracked = tracked.rates(grid, self._window_s)
+        grid, tracked_rates, is_tracked = self._rates_of(tracked, samples)
         estimated_rates, is_estimated = self._estimated.rates(grid + shift_s, self._window_s)
         return correlation(estimated_rates[is_estimated & is_tracked], tracked_rates[is_estimated & is_tracked]) or 0.0
+
+    def _rates_of(self, tracked: AngularMotion, samples: int) -> tuple[Array, Array, BoolArray]:
+        """Times and the rates then; those of the motion before are kept, as a search asks for them many times."""
+        if self._tracked is None or self._tracked[0] is not tracked or self._tracked[1] != samples:
+            grid = np.linspace(tracked.span_s[0], tracked.span_s[1], samples)
+            self._tracked = tracked, samples, (grid, *tracked.rates(grid, self._window_s))
+        return self._tracked[2]
 
 
 def correlation(estimated: Array, tracked: Array) -> float | None:

@@ -21,13 +21,14 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from coclo_vio.evaluation.alignment import nearest_rotation
 from coclo_vio.evaluation.angular_motion import (
     STEPS_PER_WINDOW,
     AngularMotion,
     RateCorrelator,
+    SteadyTurns,
     correlation,
     numbered_motion,
     stamped_motion,
@@ -206,7 +207,7 @@ def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfi
     start_ns, window_s = int(estimate.stamps_ns[0]), config.rate_window_s
     estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
     correlator = RateCorrelator(estimated, window_s)
-    at = Slerp(np.arange(len(reference)), Rotation.from_matrix(reference.rotations))
+    at = SteadyTurns.through(np.arange(float(len(reference))), reference.rotations)
     reach = np.log(config.max_duration_ratio)
     candidates_hz = (len(reference) - 1) / estimated.span_s[1] * np.exp(np.arange(-reach, reach, _RATE_STEP))
     coarse = [correlator.best_shift(numbered_motion(at, rate_hz), (-np.inf, np.inf)) for rate_hz in candidates_hz]

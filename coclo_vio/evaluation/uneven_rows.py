@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
-from coclo_vio.evaluation.angular_motion import AngularMotion
+from coclo_vio.evaluation.angular_motion import AngularMotion, SteadyTurns
 from coclo_vio.values.arrays import Array, BoolArray
 
 _MOST_ROWS = 600
@@ -87,7 +87,7 @@ def _averaged(estimated: AngularMotion) -> AngularMotion:
         max(2, round((estimated.span_s[1] - estimated.span_s[0]) / _AVERAGING_STEP_S)),
     )
     averaged = _low_passed(estimated.attitudes(times_s), round(_AVERAGING_S / _AVERAGING_STEP_S))
-    return AngularMotion(Slerp(times_s, averaged), 1.0, estimated.span_s, estimated.gaps_s)
+    return AngularMotion(SteadyTurns.through(times_s, averaged.as_matrix()), 1.0, estimated.span_s, estimated.gaps_s)
 
 
 def _low_passed(attitudes: Rotation, width: int) -> Rotation:
