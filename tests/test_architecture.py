@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,11 @@ def _imported(tree: ast.Module) -> Iterator[str]:
                 yield module.partition(".")[0]
 
 
+@cache
+def _imported_by(path: Path) -> frozenset[str]:
+    return frozenset(_imported(_tree(path)))
+
+
 def _is_for_types(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
@@ -113,7 +119,7 @@ def _is_module(path: Path) -> bool:
 
 @pytest.mark.parametrize("library", _IMPORTERS)
 def test_a_library_with_quirks_is_imported_in_one_place(library: str) -> None:
-    importers = {str(path.relative_to(_PACKAGE)) for path in _SOURCES if library in _imported(_tree(path))}
+    importers = {str(path.relative_to(_PACKAGE)) for path in _SOURCES if library in _imported_by(path)}
     assert importers, f"nothing imports {library} any more: take it out of this list"
     assert {importer for importer in importers if not importer.startswith(_IMPORTERS[library])} == set()
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Bags written message by message with the writers of rosbags, independent of this package's writer."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,22 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 START_NS = 1_700_000_000_123_456_789
 STEP_NS = 10_000_000
 KINDS = ("walk.bag", "walk.mcap", "walk.db3", "walk")
 JOINTS = ("left_hip_joint", "left_knee_joint", "right_hip_joint", "right_knee_joint")
+
+
+@cache
+def _typestore(*, is_ros1: bool) -> Typestore:
+    """The message types, one store for all bags: it compiles the code of each type once."""
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    if is_ros1:
+        transforms = "geometry_msgs/TransformStamped[] transforms\n"
+        store.register(get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage"))
+    return store
 
 
 class TinyBag:
@@ -23,10 +35,7 @@ class TinyBag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.is_ros1 = path.suffix == ".bag"
-        self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else Stores.ROS2_HUMBLE)
-        if self.is_ros1:
-            transforms = "geometry_msgs/TransformStamped[] transforms\n"
-            self.store.register(get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage"))
+        self.store = _typestore(is_ros1=self.is_ros1)
         self._messages: list[tuple[str, int, Any]] = []
 
     def make(self, msgtype: str, stamp_ns: int = 0, **fields: Any) -> Any:

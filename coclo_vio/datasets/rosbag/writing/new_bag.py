@@ -8,6 +8,7 @@ its own name only when it is complete.
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -155,7 +156,9 @@ _KINDS: dict[str, Callable[[Path, Path], tuple[Ros1Writer | Ros2Writer, Path]]] 
 }
 
 
+@cache
 def _typestore(ros: Literal[1, 2]) -> Typestore:
+    """The message types, one store for all bags, since ``rosbags`` compiles an encoder of each type in each store."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     if ros == 1:  # the Noetic store of rosbags lacks it
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF_MESSAGE))
