@@ -28,6 +28,11 @@ _LEAST_BLUR_PX = 0.15
 _BLUR_STEP_PX = 0.75
 _MOST_INSTANTS = 12
 _ENCODERS: Final[dict[str, str]] = {"png": ".png", "jpeg": ".jpg"}
+# Noise has no repeated patterns to compress, and least of it is left over from the mean of two neighbours.
+_PNG_OPTIONS: Final = [
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+    *((cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG) if hasattr(cv2, "IMWRITE_PNG_FILTER") else ()),  # 4.12
+]
 
 
 class CameraModel:
@@ -64,7 +69,7 @@ class CameraModel:
         """The image as a file of the configured encoding."""
         config = self._config
         options = (
-            [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]  # noise has no repeated patterns to compress
+            _PNG_OPTIONS
             if config.encoding == "png"
             else [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]  # same pixels, smaller
         )
