@@ -29,8 +29,8 @@ from coclo_vio.values.measurements import (
 from coclo_vio.values.units import NS_PER_S
 
 MOST_BYTES = 14_500_000
-FIRST_S = 15.0
-DRAWN_S = 5.0  # drawing takes most of the time
+FIRST_S = 10.0
+DRAWN_S = 3.0  # drawing takes most of the time
 # Another processor rounds otherwise, and contacts make more of it; another seed or robot is off by tens of these.
 NEARLY = {JointSample: 2e-3, ImuSample: 0.05, CameraImuSample: 0.05}
 # Root mean square of the difference of two recordings of one motion, noise and the bias at switch-on included.

@@ -119,6 +119,10 @@ def _box_around(faces: Sequence[Face]) -> RoomBounds:
 
 def _add_material(spec: mujoco.MjSpec, texture: str, config: SceneConfig, seed: int) -> None:
     """A matt material of a dead-leaves tile. MuJoCo's renderer takes three channels, never one."""
+    number = list(RECIPES).index(texture)
+    tile_seed = int(np.random.SeedSequence([seed, 2, number]).generate_state(1)[0])
+    factor = CONTRAST_FACTOR[config.texture] * config.contrast
+    tile = _tile(texture, config.pattern, config.texture_px, _texel_m(texture, config), factor, tile_seed)
     added = spec.add_texture(
         name=f"visual_{texture}",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -126,19 +130,16 @@ def _add_material(spec: mujoco.MjSpec, texture: str, config: SceneConfig, seed: 
         height=config.texture_px,
         nchannel=3,
     )
-    added.data = np.repeat(_tile(texture, config, seed)[:, :, None], 3, axis=2).tobytes()
+    added.data = np.repeat(tile[:, :, None], 3, axis=2).tobytes()
     material = spec.add_material(name=f"visual_{texture}", specular=0.0, shininess=0.0, reflectance=0.0)
     material.textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = f"visual_{texture}"
 
 
 @lru_cache(maxsize=len(RECIPES))  # they take seconds to draw, and the next scene of the seed has the same
-def _tile(texture: str, config: SceneConfig, seed: int) -> ByteImage:
-    """The tile of a kind of surface, (texture_px, texture_px); not to be written to."""
-    number = list(RECIPES).index(texture)
-    tile_seed = int(np.random.SeedSequence([seed, 2, number]).generate_state(1)[0])
-    factor = CONTRAST_FACTOR[config.texture] * config.contrast
-    draw = _PATTERNS[config.pattern] if texture in REPEATED else dead_leaves
-    return draw(RECIPES[texture], config.texture_px, _texel_m(texture, config), factor, tile_seed)
+def _tile(texture: str, pattern: str, side_px: int, texel_m: float, factor: float, tile_seed: int) -> ByteImage:
+    """The tile of a kind of surface, (side_px, side_px); not to be written to."""
+    draw = _PATTERNS[pattern] if texture in REPEATED else dead_leaves
+    return draw(RECIPES[texture], side_px, texel_m, factor, tile_seed)
 
 
 def _add_walkers(spec: mujoco.MjSpec, walked: RoomBounds, config: SceneConfig, seed: int) -> None:

@@ -273,13 +273,13 @@ def lengths(thing: object, visited: set[int], depth: int = 0) -> dict[str, int]:
     return found
 
 
-def test_memory_does_not_grow_over_two_thousand_frames() -> None:
+def test_memory_does_not_grow_over_a_thousand_frames() -> None:
     """An endless corridor: points that repeat under new identities."""
     random = np.random.default_rng(5)
     corridor = random.uniform((0.0, -3.0, -1.5), (10.0, 3.0, 1.5), (40, 3))
     smoother = stereo(SmootherConfig(keyframes=3, iterations=1))
     sizes = []
-    for number in range(2000):
+    for number in range(1000):
         start = 0.05 * number
         laps = np.floor(start / 10.0) + np.arange(2)
         points = np.concatenate([corridor + np.array([10.0 * lap, 0.0, 0.0]) for lap in laps])
@@ -287,10 +287,10 @@ def test_memory_does_not_grow_over_two_thousand_frames() -> None:
         T = se3.transform(np.eye(3), np.array([start, 0.0, 0.0]))
         tracks = type(WORLD)(points).observed_from(number * FRAME_NS, T)
         smoother.push_tracks(type(tracks)(tracks.stamp_ns, ids[tracks.track_ids], tracks.left_px, tracks.right_px))
-        if number % 100 == 99:
+        if number % 50 == 49:
             sizes.append(lengths(smoother, set()))
-    error = np.abs(smoother.latest_pose[:3, 3] - [99.95, 0.0, 0.0]).max()
-    assert error < 0.5  # of 100 m travelled
+    error = np.abs(smoother.latest_pose[:3, 3] - [49.95, 0.0, 0.0]).max()
+    assert error < 0.5  # of 50 m travelled
     assert len(sizes[0]) > 10
     for name in sizes[-1]:
         early = max(size.get(name, 0) for size in sizes[:5])
