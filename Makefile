@@ -36,8 +36,9 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: setup ## every estimator on the bundled recording: a table, figures and a report in demo_out/
 	$(ONE_THREAD) $(BIN)/coclo-vio demo
 
+# worksteal keeps most files in one process, so that their fixtures are made once.
 test: setup ## the default tests, in two processes
-	$(ONE_THREAD) $(BIN)/pytest -n 2
+	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist worksteal
 
 test-slow: setup ## the tests that take more than half a minute
 	$(ONE_THREAD) $(BIN)/pytest -m slow
