@@ -22,8 +22,6 @@ from coclo_vio.simulation.trot.walk import TrotWalk
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
 from coclo_vio.values.config import StageConfig, merged
 
-DEFAULT_SPEED_MPS = 0.6
-
 
 class TrotSimulationConfig(StageConfig):
     """Configuration of a simulated trot: the trial, the room, the cameras."""
@@ -34,10 +32,7 @@ class TrotSimulationConfig(StageConfig):
 
 
 def trot_config(
-    robot: QuadrupedName,
-    ground: GroundName,
-    *changes: Mapping[str, Any],
-    speed_mps: float = DEFAULT_SPEED_MPS,
+    robot: QuadrupedName = "go1", ground: GroundName = "flat", *changes: Mapping[str, Any]
 ) -> TrotSimulationConfig:
     """The configuration of a trot with changes such as ``IDEAL_ROBOT``; later ones win.
 
@@ -45,7 +40,7 @@ def trot_config(
         ConfigError: a key that does not exist, or a value out of bounds.
         RobotModelError: the robot's URDF is in an extra that is not installed.
     """
-    values: dict[str, Any] = {"trial": trot_preset(load_robot(robot), robot, ground, speed_mps)}
+    values: dict[str, Any] = {"trial": trot_preset(load_robot(robot), robot, ground)}
     for change in changes:
         values = merged(values, change)
     return TrotSimulationConfig.parse(values, f"trot of {robot} on {ground}")

@@ -78,13 +78,12 @@ OF_SENSORS = ("imu", "camera_imu", "joints", "feet", "vicon", "mounting", "frame
 """The parts of ``TrotConfig`` that do not change the motion."""
 
 
-def trot_preset(robot: RobotDescription, name: QuadrupedName, ground: GroundName, speed_mps: float) -> dict[str, Any]:
+def trot_preset(robot: RobotDescription, name: QuadrupedName, ground: GroundName) -> dict[str, Any]:
     """How a trot's configuration differs from the defaults."""
     parts = QUADRUPED_PARTS[name]
     values: dict[str, Any] = {
         "robot": name,
         "ground": ground,
-        "gait": {"speed_mps": speed_mps},
         "body": {
             "armature_kgm2": parts.armature_kgm2,
             "joint_damping": parts.damping,
@@ -99,7 +98,7 @@ def trot_preset(robot: RobotDescription, name: QuadrupedName, ground: GroundName
         },
     }
     if ground in ("stairs", "rough"):
-        values["gait"] |= {"clearance_m": 0.08}
+        values["gait"] = {"clearance_m": 0.08}
     if ground == "slippery":
         values["slip"] = {"patches_per_m2": 0.5, "patch_radius_m": 0.3, "patch_friction": 0.25}
     return values
