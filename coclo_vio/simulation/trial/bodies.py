@@ -14,6 +14,7 @@ from coclo_vio.values.units import GRAVITY_MPS2
 
 COLLISION_GROUP = 3  # not rendered
 TRUNK, LEG, FOOT, GROUND = 1, 2, 4, 8  # bits of contype: which geoms collide
+_PLACEHOLDER_KG = 1e-4
 _NO_TORSION, _WITH_TORSION = 3, 4  # MuJoCo's dimension of a contact
 
 
@@ -22,13 +23,17 @@ def urdf_with_own_links(description: RobotDescription, *, with_shapes: bool = Tr
 
     Args:
         description: names the URDF.
-        with_shapes: keep its visual and collision shapes; without them no mesh file is read.
+        with_shapes: keep its visual and collision shapes; without them no mesh file is read, and placeholder masses
+            below 0.1 g, whose inertia may be impossible, are left out too.
     """
     root = ElementTree.parse(urdf_path(description)).getroot()
     if not with_shapes:
         for link in root.findall("link"):
             for shape in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(shape)
+            mass = link.find("inertial/mass")
+            if mass is not None and float(mass.attrib["value"]) < _PLACEHOLDER_KG:
+                link.remove(link.find("inertial"))  # type: ignore[arg-type]  # it has a mass
     extension = ElementTree.SubElement(root, "mujoco")
     ElementTree.SubElement(extension, "compiler", {"fusestatic": "false", "balanceinertia": "false"})
     return ElementTree.tostring(root, encoding="unicode")

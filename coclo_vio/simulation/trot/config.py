@@ -97,8 +97,10 @@ def trot_preset(robot: RobotDescription, name: QuadrupedName, ground: GroundName
             "imu_rotation_rpy_rad": robot.imu.rotation_body_imu_rpy_rad,
         },
     }
-    if ground in ("stairs", "rough"):
-        values["gait"] = {"clearance_m": 0.08}
+    if ground == "rough":
+        values["gait"] = {"clearance_m": 0.09}
+    if ground == "stairs":
+        values["gait"] = {"speed_mps": 0.4}
     if ground == "slippery":
         values["slip"] = {"patches_per_m2": 0.5, "patch_radius_m": 0.3, "patch_friction": 0.25}
     return values

@@ -32,7 +32,7 @@ _TOUCH_SHARE = 0.06  # of the weight: a larger force on a foot is contact
 _MAY_TOUCH_FROM = 0.6  # share of a swing
 _RETARGET_UNTIL = 0.8  # share of a swing
 _JOINT_DAMPING = 0.15  # Nm/(rad/s)
-_SINGULAR = 0.03  # m
+_DAMPED = 0.03**2 * np.eye(3)  # m^2, of the Jacobian of a stretched leg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +137,7 @@ class TrotController:
         push = _TRUNK_STIFFNESS * error + _TRUNK_DAMPING * (reference.velocity - state.velocity)
         push[2] += GRAVITY_MPS2
         R = state.rotation
-        tilt = R.T @ so3.log(reference.rotation @ R.T)
+        tilt = R.T @ so3.log_below_pi(reference.rotation @ R.T)
         turn = R.T @ (reference.rate - state.rate)
         moment = R @ (inertia * (_TILT_STIFFNESS * tilt + _TILT_DAMPING * turn))
         shares = np.array([self._load_share(self._gait.legs[leg], time_s) for leg in stance])
@@ -149,7 +149,7 @@ class TrotController:
         if time_s < self.start_s or self.tracker.is_done:
             return 1.0
         landed = (time_s - leg.since_s) / _LOADING_S if leg.since_s >= 0.0 else 1.0
-        return float(np.clip(min(landed, self._gait.to_lift_s(leg) / _LOADING_S), 0.05, 1.0))
+        return max(0.05, min(1.0, landed, self._gait.to_lift_s(leg) / _LOADING_S))
 
     def _swing_torque(
         self, index: int, leg: LegState, time_s: float, state: QuadrupedState, reference: Reference
@@ -166,7 +166,7 @@ class TrotController:
         wanted = planned.acceleration + _SWING_RADPS**2 * (planned.position - state.feet[index])
         wanted += 2.0 * _SWING_RADPS * (planned.velocity - state.feet_velocity[index])
         J = state.jacobian[index]
-        acceleration = J.T @ np.linalg.solve(J @ J.T + _SINGULAR**2 * np.eye(3), wanted)
+        acceleration = J.T @ np.linalg.solve(J @ J.T + _DAMPED, wanted)
         return np.asarray(state.bias[index] + state.leg_inertia[index] @ acceleration)
 
     def _foothold(
@@ -175,7 +175,7 @@ class TrotController:
         """Raibert's foothold: below the hip in the middle of the coming stance, further out if too fast."""
         turn = so3.about_z(reference.rate[2] * remaining_s)
         hip = turn @ state.rotation @ self._body.neutral_feet[index]
-        velocity = state.velocity + np.cross([0.0, 0.0, reference.rate[2]], hip)
+        velocity = state.velocity + reference.rate[2] * np.array([-hip[1], hip[0], 0.0])
         place = state.position + state.velocity * remaining_s + hip + 0.5 * self._gait.stance_s * velocity
         place += _SPEED_GAIN_S * (state.velocity - reference.velocity)
         xy = self.ground.map.foothold(place[:2] + self.tracker.gait.foothold_jitter_m * leg.jitter[:2])

@@ -26,16 +26,16 @@ def distributed(wrench: Array, levers: Array, shares: Array, friction: float) ->
     count = len(levers)
     if count == 0:
         return np.zeros((0, 3))
-    grasp = np.empty((6, 3 * count))
-    for index, lever in enumerate(levers):
-        grasp[:3, 3 * index : 3 * index + 3] = np.eye(3)
-        grasp[3:, 3 * index : 3 * index + 3] = so3.hat(lever)
+    grasp = np.empty((6, count, 3))
+    grasp[:3] = np.eye(3)[:, None]
+    grasp[3:] = so3.hat(levers).transpose(1, 0, 2)
+    grasp = grasp.reshape(6, 3 * count)
     weighted = grasp.T * _WEIGHT
     penalty = _SMALL / np.maximum(shares, _MIN_SHARE) ** 2
     normal = weighted @ grasp
-    normal[np.diag_indices(3 * count)] += np.repeat(penalty, 3)
+    normal.flat[:: 3 * count + 1] += np.repeat(penalty, 3)
     forces = np.linalg.solve(normal, weighted @ wrench).reshape(count, 3)
-    forces[:, 2] = np.clip(forces[:, 2], 0.0, None)
+    forces[:, 2] = np.maximum(forces[:, 2], 0.0)
     level = np.hypot(forces[:, 0], forces[:, 1])
     forces[:, :2] *= np.minimum(1.0, friction * forces[:, 2] / np.maximum(level, 1e-9))[:, None]
     return forces

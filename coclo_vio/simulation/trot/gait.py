@@ -26,8 +26,8 @@ class TrotGaitConfig(StageConfig):
     height_m: Annotated[
         float | None, Field(gt=0.1, le=0.8, description="of the body over the ground, m; null: the robot's")
     ] = None
-    clearance_m: Annotated[float, Field(gt=0, le=0.2, description="of a swing foot over the highest ground, m")] = 0.06
-    touch_speed_mps: Annotated[float, Field(gt=0, le=1, description="of the foot at touch-down, m/s")] = 0.35
+    clearance_m: Annotated[float, Field(gt=0, le=0.2, description="of a swing foot over the highest ground, m")] = 0.07
+    touch_speed_mps: Annotated[float, Field(gt=0, le=1, description="of the foot at touch-down, m/s")] = 0.8
     turn_rate_radps: Annotated[float, Field(gt=0, le=2, description="largest, in corners, rad/s")] = 0.8
     acceleration_mps2: Annotated[float, Field(gt=0, le=3, description="at the start and before the end")] = 0.5
     speed_jitter: Annotated[float, Field(ge=0, le=0.3, description="slow, standard deviation, relative")] = 0.06

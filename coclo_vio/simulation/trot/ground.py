@@ -13,7 +13,7 @@ from coclo_vio.simulation.trial.terrain import Box
 from coclo_vio.simulation.trot.loop_path import LoopPath
 from coclo_vio.simulation.visuals.room import RoomBounds
 from coclo_vio.simulation.visuals.scene import Surface
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 GroundName = Literal["flat", "rough", "ramp", "stairs", "slippery"]
 GROUNDS: tuple[GroundName, ...] = get_args(GroundName)
@@ -30,6 +30,7 @@ _CEILING_M = 2.8
 _CELL_M = 0.01
 _STONES_PER_M, _STONE_STRIP_M, _STONE_CLEAR_M = 7.0, 0.5, 0.7
 _FOOTHOLD_M, _LEVEL_M = 0.04, 0.025  # around a foothold the height differs by less than this
+_CALF_M, _RISER_M = 0.12, 0.05  # a lower link leans back so far, where no riser may be: risers are along x only
 _SEARCH_M = 0.14  # of a better foothold
 _UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # x along y, y up, normal along x
 
@@ -63,7 +64,9 @@ class HeightMap:
             height[rows, columns] = np.maximum(height[rows, columns], top)
         cells = 2 * round(_FOOTHOLD_M / _CELL_M) + 1
         highest, lowest = ndimage.maximum_filter(height, cells), ndimage.minimum_filter(height, cells)
-        return cls(low, height, highest, highest - lowest < _LEVEL_M)
+        reach = round(_CALF_M / _CELL_M)
+        behind = ndimage.maximum_filter1d(height, reach + 1, axis=0, origin=reach // 2)
+        return cls(low, height, highest, (highest - lowest < _LEVEL_M) & (behind - height < _RISER_M))
 
     def heights(self, points: Array) -> Array:
         """Ground at points (N, 2), m, (N,)."""
@@ -72,7 +75,7 @@ class HeightMap:
 
     def highest_between(self, start: Array, goal: Array) -> float:
         """The highest ground near the line between two points (2,), m."""
-        cells = self._cells(start + np.linspace(0.0, 1.0, 9)[:, None] * (goal - start))
+        cells = self._cells(start + _ALONG * (goal - start))
         return float(self.highest[cells[:, 0], cells[:, 1]].max())
 
     def foothold(self, wanted: Array) -> Array:
@@ -84,9 +87,11 @@ class HeightMap:
         usable = np.flatnonzero(self.is_level[nearby[:, 0], nearby[:, 1]])
         return wanted if len(usable) == 0 else np.asarray(wanted + _RINGS[usable[0]])
 
-    def _cells(self, points: Array) -> Array:
-        cells = np.rint((points - self.origin) / _CELL_M).astype(int)
-        return np.clip(cells, 0, np.array(self.height.shape) - 1)
+    def _cells(self, points: Array) -> IntArray:
+        cells = np.rint((points - self.origin) / _CELL_M).astype(np.int64)
+        return np.minimum(np.maximum(cells, 0), (self.height.shape[0] - 1, self.height.shape[1] - 1))
+
+_ALONG = np.linspace(0.0, 1.0, 9)[:, None]
 
 
 def _rings() -> Array:

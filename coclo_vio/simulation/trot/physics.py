@@ -6,7 +6,6 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from coclo_vio.geometry import so3
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.simulation.trial.motion import Motion
 from coclo_vio.simulation.trial.physics import ContactCounts, FootFriction, Pusher
@@ -54,6 +53,7 @@ class TrotSimulator:
         self._own = self._v.reshape(len(feet), -1)
         self._jacobian = np.zeros((3, model.nv))
         self._mass = np.zeros((model.nv, model.nv))
+        self._rotation = np.zeros(9)
         soles = [int(model.geom(foot).id) for foot in feet]
         grounds = [index for index in range(model.ngeom) if model.geom(index).name.startswith("ground")]
         self._counts = ContactCounts(frozenset(soles), frozenset(grounds))
@@ -125,15 +125,14 @@ class TrotSimulator:
         model, data, own = self.model, self._data, self._own
         legs = len(own)
         feet, velocity, jacobian = np.empty((legs, 3)), np.empty((legs, 3)), np.empty((legs, 3, 3))
-        inertia = np.empty((legs, 3, 3))
         mujoco.mj_fullM(model, data, self._mass)
         for leg, site in enumerate(self._sites):
             mujoco.mj_jacSite(model, data, self._jacobian, None, site)
             feet[leg] = data.site_xpos[site]
             velocity[leg] = self._jacobian @ data.qvel
             jacobian[leg] = self._jacobian[:, own[leg]]
-            inertia[leg] = self._mass[np.ix_(own[leg], own[leg])]
-        R = so3.from_quat_wxyz(data.qpos[3:7])
+        mujoco.mju_quat2Mat(self._rotation, data.qpos[3:7])
+        R = self._rotation.reshape(3, 3).copy()
         return QuadrupedState(
             position=data.qpos[:3].copy(),
             rotation=R,
@@ -143,7 +142,7 @@ class TrotSimulator:
             feet=feet,
             feet_velocity=velocity,
             jacobian=jacobian,
-            leg_inertia=inertia,
+            leg_inertia=self._mass[own[:, :, None], own[:, None, :]],
             bias=data.qfrc_bias[own],
             joint_velocity=data.qvel[own],
             load=data.sensordata[self._touch],
@@ -154,7 +153,7 @@ class TrotSimulator:
         position = data.qpos[:3]
         if not np.isfinite(position).all():
             raise SimulationError(f"the physics diverged after {data.time:.1f} s; lower trial.body.time_step_s")
-        w, x, y, z = data.qpos[3:7]
+        _, x, y, _ = data.qpos[3:7]
         tilt_cosine = 1.0 - 2.0 * (x * x + y * y)
         height = position[2] - float(self._ground.map.heights(position[None, :2])[0])
         if tilt_cosine < _FALLEN_COSINE or height < _FALLEN_HEIGHT * controller.tracker.height_m:

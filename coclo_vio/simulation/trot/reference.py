@@ -2,10 +2,10 @@
 """The reference of the trunk: a point that moves along the path, at a height and a tilt that follow the ground."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from coclo_vio.geometry import so3
 from coclo_vio.simulation.trot.gait import TrotGaitConfig
 from coclo_vio.simulation.trot.ground import TrotGround
 from coclo_vio.values.arrays import Array
@@ -14,6 +14,7 @@ _PULL_PER_S = 1.5  # from an error of position to a velocity
 _MAX_PULL_MPS = 0.2
 _WAIT_M = 0.35  # the reference waits for a trunk that is so far behind
 _TURN_PER_S = 4.0  # from an error of heading to a rate
+_MAX_TURN_RADPS = 0.5
 _SETTLE_S = 0.7  # trotting at the end of the path, without advancing
 _SMOOTH_S = 0.12  # time constant of height and slope
 _JITTER_S = 1.5  # time constant of the slow jitter of speed
@@ -73,12 +74,11 @@ class ReferenceTracker:
         error = point.position - position[:2]
         if is_moving:
             self._advance(dt_s, float(ahead @ error), point.curvature)
-        level = self._speed * ahead + np.clip(_PULL_PER_S * error, -_MAX_PULL_MPS, _MAX_PULL_MPS)
+        level = self._speed * ahead + _limited(_PULL_PER_S * error, _MAX_PULL_MPS)
         height, along, across = self._followed_plane(dt_s, position, rotation)
-        R = so3.about_z(point.heading_rad) @ so3.exp(np.array([0.0, -np.arctan(along), 0.0]))
-        R = R @ so3.exp(np.array([np.arctan(across), 0.0, 0.0]))
-        behind = float(so3.yaw(rotation.T @ so3.about_z(point.heading_rad)))
-        rate = point.curvature * self._speed + np.clip(_TURN_PER_S * behind, -0.5, 0.5)
+        R = _on_plane(ahead, along, across)
+        sine = rotation[0, 0] * ahead[1] - rotation[1, 0] * ahead[0]  # of the heading's error, nearly
+        rate = point.curvature * self._speed + float(_limited(_TURN_PER_S * sine, _MAX_TURN_RADPS))
         return Reference(
             np.append(point.position, height + self.height_m),
             R,
@@ -99,17 +99,31 @@ class ReferenceTracker:
         if curvature > 0.0:
             wanted = min(wanted, gait.turn_rate_radps / curvature)
         wanted = min(wanted, np.sqrt(2.0 * gait.acceleration_mps2 * left_m))
-        wanted *= np.clip(1.5 - lag_m / _WAIT_M, 0.0, 1.0)
+        wanted *= max(0.0, min(1.0, 1.5 - lag_m / _WAIT_M))
         change = gait.acceleration_mps2 * dt_s
-        self._speed = max(float(np.clip(wanted, self._speed - 2.0 * change, self._speed + change)), _LEAST_MPS)
+        self._speed = max(self._speed - 2.0 * change, min(self._speed + change, wanted), _LEAST_MPS)
         self.travelled_m += self._speed * dt_s
 
     def _followed_plane(self, dt_s: float, position: Array, rotation: Array) -> Array:
         """Height, slope along and slope across of the ground below the trunk, smoothed, (3,)."""
-        yaw = float(so3.yaw(rotation))
-        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-        plane = _PLANE @ self._ground.map.heights(position[:2] + _SPAN_M @ turn.T)
+        ahead = rotation[:2, 0] / np.hypot(rotation[0, 0], rotation[1, 0])
+        turn = np.array([[ahead[0], ahead[1]], [-ahead[1], ahead[0]]])
+        plane = _PLANE @ self._ground.map.heights(position[:2] + _SPAN_M @ turn)
         if self._plane is None:
             self._plane = plane
         self._plane = self._plane + min(dt_s / _SMOOTH_S, 1.0) * (plane - self._plane)
         return self._plane
+
+
+def _on_plane(ahead: Array, along: float, across: float) -> Array:
+    """``R_world_body`` (3, 3) of a trunk that looks to ``ahead`` (2,) on a plane of these slopes."""
+    x = np.array([ahead[0], ahead[1], along]) / np.sqrt(1.0 + along**2)
+    left = np.array([-ahead[1], ahead[0], across])
+    z = np.array([x[1] * left[2] - x[2] * left[1], x[2] * left[0] - x[0] * left[2], x[0] * left[1] - x[1] * left[0]])
+    z /= np.sqrt(z @ z)
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+    return np.column_stack((x, y, z))
+
+
+def _limited(value: Any, limit: float) -> Array:
+    return np.minimum(np.maximum(value, -limit), limit)

@@ -7,8 +7,9 @@ import numpy as np
 
 from coclo_vio.values.arrays import Array
 
-_LEVEL_FROM, _LEVEL_TO = 0.08, 0.92  # shares of the swing between which the foot moves horizontally
-_TOP_AT = 0.45  # share of the swing at which the foot is highest
+_LEVEL, _LEVEL_UP, _LEVEL_DOWN = (0.08, 0.92), (0.22, 0.97), (0.03, 0.75)  # shares of the swing with level motion
+_TOP, _TOP_UP, _TOP_DOWN = 0.45, 0.4, 0.3  # share of the swing at which the foot is highest
+_STEP_M = 0.04  # from which a swing goes up or down a step
 _REACH_M = 0.08  # greatest depth below the expected ground
 
 
@@ -33,23 +34,26 @@ def swing_motion(
     """Where a foot is to be so long after its lift-off.
 
     Horizontally a quintic from rest to rest. Vertically a quintic up to ``top_m`` and a cubic down that ends with
-    ``touch_speed_mps``, with which the foot goes on.
+    ``touch_speed_mps``, with which the foot goes on. Up a step it first rises, down a step it moves over its edge first.
     """
-    share = elapsed_s / duration_s
-    span = _LEVEL_TO - _LEVEL_FROM
+    share, rise_m = elapsed_s / duration_s, goal[2] - start[2]
+    (level_from, level_to), top_at = _LEVEL, _TOP
+    if abs(rise_m) > _STEP_M:
+        (level_from, level_to), top_at = (_LEVEL_UP, _TOP_UP) if rise_m > 0.0 else (_LEVEL_DOWN, _TOP_DOWN)
+    span = level_to - level_from
     position, velocity, acceleration = start.copy(), np.zeros(3), np.zeros(3)
-    value, slope, bend = _quintic((share - _LEVEL_FROM) / span)
+    value, slope, bend = _quintic((share - level_from) / span)
     way, scale = goal[:2] - start[:2], 1.0 / (span * duration_s)
     position[:2] += value * way
     velocity[:2], acceleration[:2] = slope * scale * way, bend * scale**2 * way
-    if share < _TOP_AT:
-        value, slope, bend = _quintic(share / _TOP_AT)
-        way, scale = top_m - start[2], 1.0 / (_TOP_AT * duration_s)
+    if share < top_at:
+        value, slope, bend = _quintic(share / top_at)
+        way, scale = top_m - start[2], 1.0 / (top_at * duration_s)
         position[2] += value * way
         velocity[2], acceleration[2] = slope * scale * way, bend * scale**2 * way
     elif share < 1.0:
-        fall_s = (1.0 - _TOP_AT) * duration_s
-        part, drop, end = (share - _TOP_AT) / (1.0 - _TOP_AT), goal[2] - top_m, -touch_speed_mps * fall_s
+        fall_s = (1.0 - top_at) * duration_s
+        part, drop, end = (share - top_at) / (1.0 - top_at), goal[2] - top_m, -touch_speed_mps * fall_s
         cubic, square = end - 2.0 * drop, 3.0 * drop - end
         position[2] = top_m + part * part * (square + part * cubic)
         velocity[2] = part * (2.0 * square + 3.0 * part * cubic) / fall_s
