@@ -126,7 +126,9 @@ def simulate(
     kind = simulator.RecordingFormat(format_) if format_ else None
     of_trot = {"--robot": robot, "--ground": ground, "--speed": speed}
     if trial == "trot":
-        _check_options({"--gait-speed": gait_speed if gait_speed != 1.0 else None, "--slippery-tile": slippery_tile}, trial)
+        _check_options(
+            {"--gait-speed": gait_speed if gait_speed != 1.0 else None, "--slippery-tile": slippery_tile}, trial
+        )
         start = partial(_start_trot, output, robot or "go1", ground or "flat", speed, changes)
     else:
         _check_options(of_trot, trial)

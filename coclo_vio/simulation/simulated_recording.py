@@ -268,9 +268,7 @@ def _atomic_outputs(*outputs: Path) -> Iterator[Path]:
                 raise DatasetError(f"cannot write {output}: {error.strerror}; choose another place") from error
 
 
-def _frames(
-    trial: Trial, plan: Plan, model_path: Path, execution: Execution
-) -> Iterable[EncodedStereoFrame]:
+def _frames(trial: Trial, plan: Plan, model_path: Path, execution: Execution) -> Iterable[EncodedStereoFrame]:
     import mujoco  # noqa: PLC0415 -- an extra
 
     body = trial.spec.bodies[1].name
@@ -297,9 +295,7 @@ def _contents(
     return RecordingContents(robot, trial.measurements, trial.vicon, trial.imu, trial.camera_imu, stereo, frames)
 
 
-def _write(
-    path: Path, recording_format: RecordingFormat, contents: RecordingContents, joints: RecordedJoints
-) -> None:
+def _write(path: Path, recording_format: RecordingFormat, contents: RecordingContents, joints: RecordedJoints) -> None:
     if recording_format is RecordingFormat.EUROC:
         write_euroc_folder(path, contents, joints=joints)
     else:

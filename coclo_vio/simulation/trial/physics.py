@@ -39,7 +39,15 @@ class PushConfig(StageConfig):
 
 @dataclass(slots=True)
 class ContactCounts:
-    """Counts contacts that a sound gait does not have."""
+    """Counts contacts that a sound gait does not have.
+
+    Attributes:
+        feet: geoms of the feet.
+        ground: geoms of the ground.
+        self_contacts: times at which a leg touched another.
+        ground_contacts: times at which a leg, not its foot, touched the ground.
+        max_penetration_m: largest penetration of two bodies in contact.
+    """
 
     feet: frozenset[int]
     ground: frozenset[int]
@@ -48,6 +56,7 @@ class ContactCounts:
     max_penetration_m: float = 0.0
 
     def count(self, data: mujoco.MjData) -> None:
+        """Count the contacts of this moment."""
         if data.ncon == 0:
             return
         self.max_penetration_m = max(self.max_penetration_m, -float(data.contact.dist.min()))

@@ -273,7 +273,7 @@ class _Readings:
 
     def in_time_order(self) -> tuple[Measurement, ...]:
         """Merged by stamp; at one stamp feet, IMU, joints, camera IMU."""
-        samples = [*self.feet, *self.imu, *self.joints, *self.camera_imu]
+        samples: list[Measurement] = [*self.feet, *self.imu, *self.joints, *self.camera_imu]
         return tuple(sorted(samples, key=lambda sample: sample.stamp_ns))
 
 

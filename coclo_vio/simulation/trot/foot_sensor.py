@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sensors of foot force as a Unitree Go1 has them: raw counts of pressure in a rubber foot.
 
-In a real log a foot in the air reads a few counts, a standing one some two hundred, one of two in a trot several hundred;
-the reading follows a touch-down late and lingers after a lift-off. No maker publishes figures; these are chosen.
+In a real log a foot in the air reads a few counts, a standing one some two hundred, one of two in a trot several
+hundred; the reading follows a touch-down late and lingers after a lift-off. No maker publishes figures; these are
+chosen.
 """
 
 from collections.abc import Iterator
@@ -35,7 +36,9 @@ class FootSensorConfig(StageConfig):
     drift: Annotated[float, Field(ge=0, description="random walk of the offset, counts/sqrt(s)")] = 0.5
     noise: Annotated[float, Field(ge=0, description="white, a sample, counts")] = 3.0
     largest: Annotated[float, Field(gt=0, description="beyond it readings saturate, counts")] = 1200.0
-    dead_foot: Annotated[int | None, Field(ge=0, le=3, description="foot that reads its offset only; null: none")] = None
+    dead_foot: Annotated[int | None, Field(ge=0, le=3, description="foot that reads its offset only; null: none")] = (
+        None
+    )
 
 
 def foot_force_samples(
@@ -82,4 +85,3 @@ def _with_play(values: Array, width: float) -> Array:
         state = np.clip(state, value - half, value + half)
         rows[row] = state
     return rows
-

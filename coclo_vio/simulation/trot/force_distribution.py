@@ -14,8 +14,8 @@ _MIN_SHARE = 0.05
 def distributed(wrench: Array, levers: Array, shares: Array, friction: float) -> Array:
     """Forces of the ground on the feet by weighted least squares, within friction cones, N, world, (n, 3).
 
-    Minimises ``|A f - w|_W^2 + c sum(|f_i|^2 / share_i^2)``; then a normal force is made positive and a tangential one is
-    cut to friction. Two feet cannot hold the moment about their line: what is missing stays a residual.
+    Minimises ``|A f - w|_W^2 + c sum(|f_i|^2 / share_i^2)``; then a normal force is made positive and a tangential one
+    is cut to friction. Two feet cannot hold the moment about their line: what is missing stays a residual.
 
     Args:
         wrench: force and moment about the centre of mass, (6,).
@@ -26,10 +26,10 @@ def distributed(wrench: Array, levers: Array, shares: Array, friction: float) ->
     count = len(levers)
     if count == 0:
         return np.zeros((0, 3))
-    grasp = np.empty((6, count, 3))
-    grasp[:3] = np.eye(3)[:, None]
-    grasp[3:] = so3.hat(levers).transpose(1, 0, 2)
-    grasp = grasp.reshape(6, 3 * count)
+    by_foot = np.empty((6, count, 3))
+    by_foot[:3] = np.eye(3)[:, None]
+    by_foot[3:] = so3.hat(levers).transpose(1, 0, 2)
+    grasp = by_foot.reshape(6, 3 * count)
     weighted = grasp.T * _WEIGHT
     penalty = _SMALL / np.maximum(shares, _MIN_SHARE) ** 2
     normal = weighted @ grasp

@@ -59,7 +59,10 @@ class HeightMap:
         height = np.zeros(tuple(shape))
         for box in boxes:
             reach = float(np.linalg.norm(box.half_size)) + _CELL_M
-            rows, columns = (slice(*np.searchsorted(line, [centre - reach, centre + reach])) for line, centre in ((x, box.centre[0]), (y, box.centre[1])))
+            rows, columns = (
+                slice(*np.searchsorted(line, [centre - reach, centre + reach]))
+                for line, centre in ((x, box.centre[0]), (y, box.centre[1]))
+            )
             top = _top(box, x[rows], y[columns])
             height[rows, columns] = np.maximum(height[rows, columns], top)
         cells = 2 * round(_FOOTHOLD_M / _CELL_M) + 1
@@ -90,6 +93,7 @@ class HeightMap:
     def _cells(self, points: Array) -> IntArray:
         cells = np.rint((points - self.origin) / _CELL_M).astype(np.int64)
         return np.minimum(np.maximum(cells, 0), (self.height.shape[0] - 1, self.height.shape[1] - 1))
+
 
 _ALONG = np.linspace(0.0, 1.0, 9)[:, None]
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a simulated quadruped differs from its description: what a Daisy has too, and causes of a path that is too short.
+"""How a simulated quadruped differs from its description: as a Daisy does, and by causes of a path that is too short.
 
-Each cause can be simulated alone: ``IDEAL`` of the Daisy sets the spreads to zero, and those of here are zero unless set.
+Each cause can be simulated alone: ``IDEAL`` of the Daisy sets the spreads to zero, and what is here is zero unless set.
 """
 
 from dataclasses import dataclass, fields
@@ -52,11 +52,15 @@ class TrotImperfection(Imperfection):
     joint_bending_rad_per_nm: Array
 
 
-def draw_trot_imperfection(config: TrotImperfectionConfig, legs: int, generator: np.random.Generator) -> TrotImperfection:
+def draw_trot_imperfection(
+    config: TrotImperfectionConfig, legs: int, generator: np.random.Generator
+) -> TrotImperfection:
     """One quadruped, with three joints a leg, from the population that ``config`` describes."""
     drawn = draw_imperfection(config, legs, 3 * legs, generator)
     values = {each.name: getattr(drawn, each.name) for each in fields(drawn)}
     values["link_scale"] = drawn.link_scale * (1.0 + config.link_length_error)
     values["foot_radius_m"] = drawn.foot_radius_m + config.foot_radius_error_m
     bending = np.tile(config.joint_bending_rad_per_nm, legs)
-    return TrotImperfection(**values, foot_creep=config.foot_creep, foot_creep_s=config.foot_creep_s, joint_bending_rad_per_nm=bending)
+    return TrotImperfection(
+        **values, foot_creep=config.foot_creep, foot_creep_s=config.foot_creep_s, joint_bending_rad_per_nm=bending
+    )

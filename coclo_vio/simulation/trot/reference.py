@@ -2,7 +2,6 @@
 """The reference of the trunk: a point that moves along the path, at a height and a tilt that follow the ground."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -125,5 +124,5 @@ def _on_plane(ahead: Array, along: float, across: float) -> Array:
     return np.column_stack((x, y, z))
 
 
-def _limited(value: Any, limit: float) -> Array:
-    return np.minimum(np.maximum(value, -limit), limit)
+def _limited(value: Array | float, limit: float) -> Array:
+    return np.asarray(np.minimum(np.maximum(value, -limit), limit))

@@ -44,7 +44,8 @@ class TrotBodyConfig(StageConfig):
     motor_lag_s: Annotated[float, Field(gt=0, le=0.02, description="time constant of a motor's torque, s")] = 0.002
     friction: Annotated[float, Field(gt=0, le=2, description="Coulomb coefficient between foot and ground")] = 0.7
     torsional_friction_m: Annotated[
-        float, Field(ge=0, le=0.1, description="torque about a foot's normal for its normal force, m; 0: it turns freely")
+        float,
+        Field(ge=0, le=0.1, description="torque about a foot's normal for its normal force, m; 0: it turns freely"),
     ] = 0.0
     foot_radius_m: Annotated[
         float | None, Field(gt=0, le=0.1, description="radius of the spherical feet, m; null: as described")

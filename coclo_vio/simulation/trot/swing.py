@@ -34,7 +34,8 @@ def swing_motion(
     """Where a foot is to be so long after its lift-off.
 
     Horizontally a quintic from rest to rest. Vertically a quintic up to ``top_m`` and a cubic down that ends with
-    ``touch_speed_mps``, with which the foot goes on. Up a step it first rises, down a step it moves over its edge first.
+    ``touch_speed_mps``, with which the foot goes on. Up a step it first rises, down a step it first moves over its
+    edge.
     """
     share, rise_m = elapsed_s / duration_s, goal[2] - start[2]
     (level_from, level_to), top_at = _LEVEL, _TOP

@@ -161,7 +161,9 @@ class _Trial:
         feet = self._feet
         if feet is None or feet.stamp_ns != sample.stamp_ns:
             return {leg.foot_frame: np.nan for leg in self._contents.robot.legs}
-        return {leg.foot_frame: force for leg, force in zip(self._contents.robot.legs, feet.force.tolist(), strict=True)}
+        return {
+            leg.foot_frame: force for leg, force in zip(self._contents.robot.legs, feet.force.tolist(), strict=True)
+        }
 
     def _of_frames(self) -> Iterator[Message]:
         stereo = self._contents.stereo
