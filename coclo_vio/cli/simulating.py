@@ -20,8 +20,6 @@ from coclo_vio.values.units import BYTES_PER_MB
 
 if TYPE_CHECKING:
     from coclo_vio.simulation.trial.trial import Trial
-    from coclo_vio.simulation.trot.ground import GroundName
-    from coclo_vio.simulation.trot.quadruped import QuadrupedName
 
 TrialArgument = Annotated[
     Literal["flat", "ramp", "stairs", "trot"],  # as in the simulation's TerrainName, and a quadruped's trot
@@ -129,7 +127,7 @@ def simulate(
         _check_options(
             {"--gait-speed": gait_speed if gait_speed != 1.0 else None, "--slippery-tile": slippery_tile}, trial
         )
-        start = partial(_start_trot, output, robot or "go1", ground or "flat", speed, changes)
+        start = partial(_start_trot, output, _given(robot=robot, ground=ground), speed, changes)
     else:
         _check_options(of_trot, trial)
         resolved = simulator.at_gait_speed(simulator.simulation_config(trial, *changes), gait_speed)
@@ -142,18 +140,17 @@ def simulate(
 
 def _start_trot(
     output: Path,
-    robot: "QuadrupedName",
-    ground: "GroundName",
+    chosen: Mapping[str, Any],
     speed_mps: float | None,
     changes: Sequence[Mapping[str, Any]],
     seed: int,
     **how: Any,
 ) -> "Trial":
-    """Simulate a quadruped's trot; ``how`` goes to ``simulate_trot``."""
+    """Simulate a quadruped's trot; ``chosen`` are robot and ground, ``how`` goes to ``simulate_trot``."""
     from coclo_vio.simulation import simulated_trot as simulator  # noqa: PLC0415 -- an extra
 
-    speed = {} if speed_mps is None else {"trial": {"gait": {"speed_mps": speed_mps}}}
-    return simulator.simulate_trot(output, simulator.trot_config(robot, ground, *changes, speed), seed, **how)
+    of_options = {"trial": {**chosen, "gait": _given(speed_mps=speed_mps)}}
+    return simulator.simulate_trot(output, simulator.trot_config(*changes, of_options), seed, **how)
 
 
 def _check_options(options: Mapping[str, Any], trial: str) -> None:

@@ -16,8 +16,6 @@ from coclo_vio.robot.description import load_robot
 from coclo_vio.simulation.simulated_recording import Execution, Plan, RecordingFormat, record
 from coclo_vio.simulation.trial.trial import Trial, recorded
 from coclo_vio.simulation.trot.config import TrotConfig, trot_preset
-from coclo_vio.simulation.trot.ground import GroundName
-from coclo_vio.simulation.trot.quadruped import QuadrupedName
 from coclo_vio.simulation.trot.walk import TrotWalk
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
 from coclo_vio.values.config import StageConfig, merged
@@ -31,19 +29,22 @@ class TrotSimulationConfig(StageConfig):
     camera: Annotated[CameraConfig, Field(description="imagers, exposure, light, encoding")] = CameraConfig()
 
 
-def trot_config(
-    robot: QuadrupedName = "go1", ground: GroundName = "flat", *changes: Mapping[str, Any]
-) -> TrotSimulationConfig:
+def trot_config(*changes: Mapping[str, Any]) -> TrotSimulationConfig:
     """The configuration of a trot with changes such as ``IDEAL_ROBOT``; later ones win.
+
+    Where they name a robot or a ground, ``{"trial": {"robot": "a1", "ground": "ramp"}}``, the rest has the values of
+    these unless a change has others.
 
     Raises:
         ConfigError: a key that does not exist, or a value out of bounds.
         RobotModelError: the robot's URDF is in an extra that is not installed.
     """
-    values: dict[str, Any] = {"trial": trot_preset(load_robot(robot), robot, ground)}
+    wanted: dict[str, Any] = {}
     for change in changes:
-        values = merged(values, change)
-    return TrotSimulationConfig.parse(values, f"trot of {robot} on {ground}")
+        wanted = merged(wanted, change)
+    kind = TrotSimulationConfig.parse(wanted, "trot").trial
+    preset = trot_preset(load_robot(kind.robot), kind.robot, kind.ground)
+    return TrotSimulationConfig.parse(merged({"trial": preset}, wanted), f"trot of {kind.robot} on {kind.ground}")
 
 
 def simulate_trot(

@@ -27,6 +27,10 @@ class TrotImperfectionConfig(ImperfectionConfig):
     foot_radius_error_m: Annotated[
         float, Field(ge=-0.02, le=0.03, description="of all feet, exactly so much; their rolling radius, m")
     ] = 0.0
+    foot_shear_m: Annotated[
+        float,
+        Field(ge=0, le=0.02, description="deflection of a foot forwards and backwards under half of the weight, m"),
+    ] = 0.0
     foot_creep: Annotated[
         float, Field(ge=0, le=10, description="further deflection of a loaded foot in time, share of the immediate one")
     ] = 0.0
@@ -42,11 +46,13 @@ class TrotImperfection(Imperfection):
     """One quadruped's differences from its description.
 
     Attributes:
+        foot_shear_m: deflection of a foot forwards and backwards under half of the weight, m.
         foot_creep: further deflection of a loaded foot in time, share of the immediate one.
         foot_creep_s: time constant of that deflection, s.
         joint_bending_rad_per_nm: compliance of each joint beyond its encoder, (joints,).
     """
 
+    foot_shear_m: float
     foot_creep: float
     foot_creep_s: float
     joint_bending_rad_per_nm: Array
@@ -62,5 +68,9 @@ def draw_trot_imperfection(
     values["foot_radius_m"] = drawn.foot_radius_m + config.foot_radius_error_m
     bending = np.tile(config.joint_bending_rad_per_nm, legs)
     return TrotImperfection(
-        **values, foot_creep=config.foot_creep, foot_creep_s=config.foot_creep_s, joint_bending_rad_per_nm=bending
+        foot_shear_m=config.foot_shear_m,
+        **values,
+        foot_creep=config.foot_creep,
+        foot_creep_s=config.foot_creep_s,
+        joint_bending_rad_per_nm=bending,
     )

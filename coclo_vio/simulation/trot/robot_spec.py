@@ -28,6 +28,7 @@ from coclo_vio.values.units import GRAVITY_MPS2
 
 _STANDING_LEGS = 2  # of four carry the weight in a trot
 _BENDING_DAMPING = 0.1  # of a joint's bearing, share of critical
+_LEAST_FOOT_KG = 0.05  # for the damping of a foot's rubber
 _CREEP_ARMATURE_KG = 0.02  # makes the two springs of a foot in series two coordinates
 
 
@@ -180,14 +181,20 @@ def _add_foot(
     settings = contact_settings(config.friction, config.torsional_friction_m)
     add_sole(foot, name, radius, settings, leg.foot_centre_m)
     add_touch_sensor(spec, name)
-    compliance_m = imperfection.foot_compliance_m[leg_index]
-    if compliance_m <= 0.0:
-        return
     body = _end_of_lower_link(spec, leg)
-    axis = np.array(body.pos) / np.linalg.norm(body.pos)
-    stiffness = mass_kg * GRAVITY_MPS2 / _STANDING_LEGS / compliance_m
-    damping = float(np.sqrt(stiffness * max(body.mass, 0.05)))
-    _add_slide(body, f"{name}_compliance", axis, stiffness, damping, 0.0)
+    along = np.array(body.pos) / np.linalg.norm(body.pos)
+    forwards = np.cross(np.array(spec.joint(leg.joints[-1]).axis), along)
+    lengthwise_m = float(imperfection.foot_compliance_m[leg_index])
+    kinds = (("compliance", along, lengthwise_m), ("shear", forwards, imperfection.foot_shear_m))
+    for kind, axis, deflection_m in kinds:
+        if deflection_m > 0.0:
+            stiffness = mass_kg * GRAVITY_MPS2 / _STANDING_LEGS / deflection_m
+            _add_rubber(body, f"{name}_{kind}", axis, stiffness, imperfection)
+
+
+def _add_rubber(body: Any, name: str, axis: Array, stiffness: float, imperfection: TrotImperfection) -> None:
+    """A spring along an axis, and in series with it the damped one that creeps, where there is creep."""
+    _add_slide(body, name, axis, stiffness, float(np.sqrt(stiffness * max(body.mass, _LEAST_FOOT_KG))), 0.0)
     if imperfection.foot_creep > 0.0:
         slow = stiffness / imperfection.foot_creep
         _add_slide(body, f"{name}_creep", axis, slow, slow * imperfection.foot_creep_s, _CREEP_ARMATURE_KG)
