@@ -16,7 +16,7 @@ from coclo_vio.robot.description import load_robot
 from coclo_vio.simulation.simulated_recording import Execution, Plan, RecordingFormat, record
 from coclo_vio.simulation.trial.trial import Trial, recorded
 from coclo_vio.simulation.trot.config import TrotConfig, trot_preset
-from coclo_vio.simulation.trot.walk import TrotWalk
+from coclo_vio.simulation.trot.trot_walk import TrotWalk
 from coclo_vio.simulation.visuals.config import CameraConfig, SceneConfig
 from coclo_vio.values.config import StageConfig, merged
 

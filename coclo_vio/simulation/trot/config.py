@@ -12,11 +12,11 @@ from coclo_vio.simulation.trial.sensors import CameraImuConfig, ImuConfig, Joint
 from coclo_vio.simulation.trial.slippery_ground import SlipConfig
 from coclo_vio.simulation.trial.vicon import ViconConfig
 from coclo_vio.simulation.trot.foot_sensor import FootSensorConfig
-from coclo_vio.simulation.trot.gait import TrotGaitConfig
 from coclo_vio.simulation.trot.ground import GroundName
-from coclo_vio.simulation.trot.imperfection import TrotImperfectionConfig
 from coclo_vio.simulation.trot.quadruped import QUADRUPED_PARTS, QuadrupedName
-from coclo_vio.simulation.trot.robot_spec import TrotBodyConfig
+from coclo_vio.simulation.trot.quadruped_spec import TrotBodyConfig
+from coclo_vio.simulation.trot.trot_gait import TrotGaitConfig
+from coclo_vio.simulation.trot.trot_imperfection import TrotImperfectionConfig
 from coclo_vio.values.config import StageConfig
 
 _TILT_RAD = 0.12  # of the camera, downwards

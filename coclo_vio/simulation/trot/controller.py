@@ -12,11 +12,11 @@ import numpy as np
 
 from coclo_vio.geometry import so3
 from coclo_vio.simulation.trot.force_distribution import distributed
-from coclo_vio.simulation.trot.gait import LegState, TrotGait
 from coclo_vio.simulation.trot.ground import TrotGround
 from coclo_vio.simulation.trot.quadruped_body import QuadrupedBody
 from coclo_vio.simulation.trot.reference import Reference, ReferenceTracker
 from coclo_vio.simulation.trot.swing import swing_motion
+from coclo_vio.simulation.trot.trot_gait import LegState, TrotGait
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 

@@ -27,11 +27,11 @@ class FootSensorConfig(StageConfig):
     gain_spread: Annotated[float, Field(ge=0, le=0.45, description="of that, foot by foot, relative")] = 0.12
     offset: Annotated[float, Field(ge=0, description="standard deviation of a foot's reading in the air, counts")] = 4.0
     rise_s: Annotated[float, Field(gt=0, le=0.2, description="time constant of a rising reading, s")] = 0.006
-    fall_s: Annotated[float, Field(gt=0, le=0.5, description="time constant of a falling reading, s")] = 0.015
+    fall_s: Annotated[float, Field(gt=0, le=0.5, description="time constant of a falling reading, s")] = 0.012
     lingering: Annotated[
         float, Field(ge=0, le=1, description="share of the reading that falls with the slow time constant")
-    ] = 0.3
-    lingering_s: Annotated[float, Field(gt=0, le=2, description="slow time constant of a falling reading, s")] = 0.06
+    ] = 0.2
+    lingering_s: Annotated[float, Field(gt=0, le=2, description="slow time constant of a falling reading, s")] = 0.05
     hysteresis: Annotated[float, Field(ge=0, description="counts by which a reading lags a reversal")] = 6.0
     drift: Annotated[float, Field(ge=0, description="random walk of the offset, counts/sqrt(s)")] = 0.5
     noise: Annotated[float, Field(ge=0, description="white, a sample, counts")] = 3.0

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.simulation.trot.gait import TrotGaitConfig
 from coclo_vio.simulation.trot.ground import TrotGround
+from coclo_vio.simulation.trot.trot_gait import TrotGaitConfig
 from coclo_vio.values.arrays import Array
 
 _PULL_PER_S = 1.5  # from an error of position to a velocity

@@ -28,7 +28,7 @@ class TrotSimulator:
     """Simulates a quadruped in a compiled model.
 
     Args:
-        model: made by ``robot_spec.make_trot_spec``.
+        model: made by ``quadruped_spec.make_trot_spec``.
         description: of the robot.
         ground: it stands on.
         friction: that of each foot by its place; None on ground of one friction.

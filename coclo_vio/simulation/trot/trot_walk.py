@@ -19,14 +19,14 @@ from coclo_vio.simulation.trial.walk import kept_motion, make_generators
 from coclo_vio.simulation.trot.config import OF_SENSORS, TrotConfig
 from coclo_vio.simulation.trot.controller import TrotController
 from coclo_vio.simulation.trot.foot_sensor import foot_force_samples
-from coclo_vio.simulation.trot.gait import TrotGait
 from coclo_vio.simulation.trot.ground import TrotGround, make_ground
-from coclo_vio.simulation.trot.imperfection import TrotImperfection, draw_trot_imperfection
-from coclo_vio.simulation.trot.physics import TrotSimulator
 from coclo_vio.simulation.trot.quadruped import QUADRUPED_PARTS
 from coclo_vio.simulation.trot.quadruped_body import QuadrupedBody
+from coclo_vio.simulation.trot.quadruped_spec import make_trot_spec
 from coclo_vio.simulation.trot.reference import ReferenceTracker
-from coclo_vio.simulation.trot.robot_spec import make_trot_spec
+from coclo_vio.simulation.trot.trot_gait import TrotGait
+from coclo_vio.simulation.trot.trot_imperfection import TrotImperfection, draw_trot_imperfection
+from coclo_vio.simulation.trot.trot_physics import TrotSimulator
 from coclo_vio.values.measurements import FootForceSample
 
 _STREAMS = (  # new ones at the end

@@ -21,7 +21,7 @@ from coclo_vio.simulation.trial.bodies import (
     urdf_with_own_links,
 )
 from coclo_vio.simulation.trot.ground import TrotGround
-from coclo_vio.simulation.trot.imperfection import TrotImperfection
+from coclo_vio.simulation.trot.trot_imperfection import TrotImperfection
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.units import GRAVITY_MPS2
