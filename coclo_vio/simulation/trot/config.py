@@ -102,5 +102,5 @@ def trot_preset(robot: RobotDescription, name: QuadrupedName, ground: GroundName
     if ground == "stairs":
         values["gait"] = {"speed_mps": 0.4}
     if ground == "slippery":
-        values["slip"] = {"patches_per_m2": 0.8, "patch_radius_m": 0.3, "patch_friction": 0.16}
+        values["slip"] = {"patches_per_m2": 0.8, "patch_radius_m": 0.3, "patch_friction": 0.18}
     return values
