@@ -2,7 +2,7 @@
 """The command ``simulate``. MuJoCo is an extra: what needs it is imported when the command runs."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -15,15 +15,17 @@ from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption
 from coclo_vio.cli.terminal import err, give, say
 from coclo_vio.values.config import parse_settings, read_yaml
-from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.units import BYTES_PER_MB
 
 if TYPE_CHECKING:
     from coclo_vio.simulation.trial.trial import Trial
 
 TrialArgument = Annotated[
-    Literal["flat", "ramp", "stairs"],  # as in the simulation's TerrainName
-    typer.Argument(help="6 m square with back and forth; ramp of 16.35 deg; 5 steps of 0.6 m x 0.15 m."),
+    Literal["flat", "ramp", "stairs", "trot"],  # as in the simulation's TerrainName, and a quadruped's trot
+    typer.Argument(
+        help="Daisy: 6 m square with back and forth; ramp of 16.35 deg; 5 steps of 0.6 m x 0.15 m. Quadruped: trot."
+    ),
 ]
 PathOption = Annotated[Path, typer.Option("--output", "-o", help="Recording to write: .bag, .mcap, .db3, or a folder.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Of everything random; the same seed makes the same bytes.")]
@@ -60,6 +62,17 @@ EncodingOption = Annotated[
     Literal["png", "jpeg"] | None, typer.Option(help="png keeps every bit, jpeg is a third as large.")
 ]
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Rendering processes; one for each core if not given.")]
+RobotOption = Annotated[
+    Literal["go1", "go2", "a1", "anymal_b"] | None,  # as in the simulation's QuadrupedName
+    typer.Option("--robot", help="Of trot: the quadruped; go1 if not given."),
+]
+GroundOption = Annotated[
+    Literal["flat", "rough", "ramp", "stairs", "slippery"] | None,  # as in the simulation's GroundName
+    typer.Option("--ground", help="Of trot: what the quadruped trots on; flat if not given."),
+]
+SpeedOption = Annotated[
+    float | None, typer.Option("--speed", min=0.1, max=2.0, help="Of trot, m/s: 0.3 to 1.2; 0.6 if not given.")
+]
 SettingOption = Annotated[list[str] | None, typer.Option("--set", help="One value: trial.gait.speed_mps=0.05.")]
 
 
@@ -82,10 +95,16 @@ def simulate(
     duration: DurationOption = None,
     image_encoding: EncodingOption = None,
     workers: WorkersOption = None,
+    robot: RobotOption = None,
+    ground: GroundOption = None,
+    speed: SpeedOption = None,
     config: ConfigOption = None,
     settings: SettingOption = None,
 ) -> None:
-    """Simulate one of the paper's trials: a Daisy walks, records and is tracked by Vicon; the truth is kept apart."""
+    """Simulate a trial: a robot walks, records and is tracked by Vicon; the truth is kept apart.
+
+    The paper's trials are those of a Daisy; ``trot`` is a quadruped's.
+    """
     check_simulator("simulating", "sim")
     from coclo_vio.simulation import simulated_recording as simulator  # noqa: PLC0415 -- an extra
     from coclo_vio.simulation.conditions import condition_changes  # noqa: PLC0415
@@ -102,19 +121,43 @@ def simulate(
     }
     conditions = condition_changes(condition or ())
     changes = (from_file, simulator.IDEAL_ROBOT if ideal else {}, *conditions, from_settings, from_options)
-    resolved = simulator.at_gait_speed(simulator.simulation_config(trial, *changes), gait_speed)
-    with _progress_bars() as (on_simulated, on_rendered):
-        simulated = simulator.simulate_recording(
-            output,
-            trial,
-            resolved,
-            seed,
-            recording_format=simulator.RecordingFormat(format_) if format_ else None,
-            images=images,
-            until_s=duration,
-            execution=simulator.Execution(workers or os.cpu_count() or 1, on_simulated, on_rendered),
+    kind = simulator.RecordingFormat(format_) if format_ else None
+    of_trot = {"--robot": robot, "--ground": ground, "--speed": speed}
+    if trial == "trot":
+        _check_options(
+            {"--gait-speed": gait_speed if gait_speed != 1.0 else None, "--slippery-tile": slippery_tile}, trial
         )
+        start = partial(_start_trot, output, _given(robot=robot, ground=ground), speed, changes)
+    else:
+        _check_options(of_trot, trial)
+        resolved = simulator.at_gait_speed(simulator.simulation_config(trial, *changes), gait_speed)
+        start = partial(simulator.simulate_recording, output, trial, resolved)
+    with _progress_bars() as (on_simulated, on_rendered):
+        execution = simulator.Execution(workers or os.cpu_count() or 1, on_simulated, on_rendered)
+        simulated = start(seed, recording_format=kind, images=images, until_s=duration, execution=execution)
     _give_summary(simulated, output, frames=len(simulated.frame_ns) if images else 0)
+
+
+def _start_trot(
+    output: Path,
+    chosen: Mapping[str, Any],
+    speed_mps: float | None,
+    changes: Sequence[Mapping[str, Any]],
+    seed: int,
+    **how: Any,
+) -> "Trial":
+    """Simulate a quadruped's trot; ``chosen`` are robot and ground, ``how`` goes to ``simulate_trot``."""
+    from coclo_vio.simulation import simulated_trot as simulator  # noqa: PLC0415 -- an extra
+
+    of_options = {"trial": {**chosen, "gait": _given(speed_mps=speed_mps)}}
+    return simulator.simulate_trot(output, simulator.trot_config(*changes, of_options), seed, **how)
+
+
+def _check_options(options: Mapping[str, Any], trial: str) -> None:
+    """See that no option is given that the trial does not have."""
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise ConfigError(f"the trial {trial} has no {listing(given)}; leave it out, or choose a trial that has it")
 
 
 def _given(**values: Any) -> dict[str, Any]:

@@ -52,10 +52,18 @@ _SENSORS: Mapping[type, str] = {
 
 @dataclass(frozen=True, slots=True)
 class RecordedJoints:
-    """Which of the joints' readings are written; columns that are left out are read back as absent."""
+    """Which of the joints' readings are written; columns that are left out are read back as absent.
+
+    Attributes:
+        with_velocity: whether velocities are.
+        with_effort: whether torques are.
+        with_feet: whether a bag holds the foot forces as further entries of the joints' message, as the logs of a Go1
+            do, and not on topics of their own.
+    """
 
     with_velocity: bool = True
     with_effort: bool = True
+    with_feet: bool = False
 
     def columns(self, robot: RobotDescription) -> list[str]:
         """Column names: all angles, all velocities, all torques."""

@@ -19,7 +19,7 @@ from pydantic import Field
 from coclo_vio import __version__
 from coclo_vio.datasets.recording_contents import RecordingContents
 from coclo_vio.datasets.rosbag.writing.bag_writer import write_bag
-from coclo_vio.datasets.writer import write_euroc_folder
+from coclo_vio.datasets.writer import ALL_JOINT_READINGS, RecordedJoints, write_euroc_folder
 from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.simulation.trial.config import TrialConfig, preset
 from coclo_vio.simulation.trial.gait_controller import planned_path
@@ -159,25 +159,73 @@ def simulate_recording(
         DatasetError: a path exists, cannot be written, or does not fit the format.
         SimulationError: the robot fell, or there is no OpenGL to render with.
     """
+    robot = load_robot(SIMULATED_ROBOT)
+    plan = Plan(
+        name=name,
+        robot=robot,
+        config=config,
+        scene=config.scene,
+        camera=config.camera,
+        seed=seed,
+        planned_s=min(_planned_duration_s(name, config.trial), until_s or np.inf),
+        make=lambda progress, motions: simulate(
+            name, robot, config.trial, seed, until_s=until_s, progress=progress, motions=motions
+        ),
+    )
+    return record(path, plan, recording_format=recording_format, images=images, execution=execution)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """What is to be simulated and recorded.
+
+    Attributes:
+        name: of the trial.
+        robot: the described robot.
+        config: the whole configuration, kept with the truth.
+        scene: its room.
+        camera: its imagers.
+        seed: decides everything random.
+        planned_s: duration of the trial if nothing delays it.
+        make: simulates the trial, given a callback of progress and a folder of motions.
+        joints: which of the joints' readings are recorded.
+    """
+
+    name: str
+    robot: RobotDescription
+    config: StageConfig
+    scene: SceneConfig
+    camera: CameraConfig
+    seed: int
+    planned_s: float
+    make: Callable[[Callable[[float], None], Path | None], Trial]
+    joints: RecordedJoints = ALL_JOINT_READINGS
+
+
+def record(
+    path: Path,
+    plan: Plan,
+    *,
+    recording_format: RecordingFormat | None = None,
+    images: bool = True,
+    execution: Execution | None = None,
+) -> Trial:
+    """Simulate what is planned and write it to ``path``, and its truth to ``truth_folder(path)``.
+
+    Raises:
+        DatasetError: a path exists, cannot be written, or does not fit the format.
+        SimulationError: the robot fell, or there is no OpenGL to render with.
+    """
     recording_format = RecordingFormat.of(path, recording_format)
     execution = execution or Execution()
-    robot = load_robot(SIMULATED_ROBOT)
-    planned_s = min(_planned_duration_s(name, config.trial), until_s or np.inf)
+    on_simulated, planned_s = execution.on_simulated, plan.planned_s
     with _atomic_outputs(path, truth_folder(path)) as scratch:
         if images:
             choose_backend()  # fails before the simulation, not after it
-        trial = simulate(
-            name,
-            robot,
-            config.trial,
-            seed,
-            until_s=until_s,
-            progress=lambda time_s: execution.on_simulated(time_s, planned_s),
-            motions=execution.motions,
-        )
-        frames = _frames(trial, config, seed, scratch / "model.mjb", execution) if images else ()
-        _write(scratch / path.name, recording_format, _contents(trial, robot, frames, images=images))
-        _write_truth(scratch / truth_folder(path).name, trial, name, config, seed)
+        trial = plan.make(lambda time_s: on_simulated(time_s, planned_s), execution.motions)
+        frames = _frames(trial, plan, scratch / "model.mjb", execution) if images else ()
+        _write(scratch / path.name, recording_format, _contents(trial, plan.robot, frames, images=images), plan.joints)
+        _write_truth(scratch / truth_folder(path).name, trial, plan)
     return trial
 
 
@@ -220,22 +268,20 @@ def _atomic_outputs(*outputs: Path) -> Iterator[Path]:
                 raise DatasetError(f"cannot write {output}: {error.strerror}; choose another place") from error
 
 
-def _frames(
-    trial: Trial, config: SimulationConfig, seed: int, model_path: Path, execution: Execution
-) -> Iterable[EncodedStereoFrame]:
+def _frames(trial: Trial, plan: Plan, model_path: Path, execution: Execution) -> Iterable[EncodedStereoFrame]:
     import mujoco  # noqa: PLC0415 -- an extra
 
     body = trial.spec.bodies[1].name
     add_cameras(trial.spec, trial.truth.stereo, body)
-    add_visuals(trial.spec, trial.terrain.surfaces, config.scene, seed, trial.terrain.bounds)
+    add_visuals(trial.spec, trial.terrain.surfaces, plan.scene, plan.seed, trial.terrain.bounds)
     mujoco.mj_saveModel(trial.spec.compile(), str(model_path))
     total = len(trial.frame_ns)
     return render_stereo(
         model_path,
         trial.frame_qpos,
         trial.frame_ns,
-        config.camera,
-        seed,
+        plan.camera,
+        plan.seed,
         execution.workers,
         lambda done: execution.on_rendered(done, total),
         trial.frame_qvel,
@@ -249,25 +295,25 @@ def _contents(
     return RecordingContents(robot, trial.measurements, trial.vicon, trial.imu, trial.camera_imu, stereo, frames)
 
 
-def _write(path: Path, recording_format: RecordingFormat, contents: RecordingContents) -> None:
+def _write(path: Path, recording_format: RecordingFormat, contents: RecordingContents, joints: RecordedJoints) -> None:
     if recording_format is RecordingFormat.EUROC:
-        write_euroc_folder(path, contents)
+        write_euroc_folder(path, contents, joints=joints)
     else:
-        write_bag(path, contents)
+        write_bag(path, contents, joints=joints)
 
 
-def _write_truth(folder: Path, trial: Trial, name: TerrainName, config: SimulationConfig, seed: int) -> None:
+def _write_truth(folder: Path, trial: Trial, plan: Plan) -> None:
     """Exact poses, contacts, biases, how the robot differs from its description, and the configuration of it all."""
     truth = trial.truth
     try:
         folder.mkdir()
-        write_yaml(config, folder / "config.yaml")
+        write_yaml(plan.config, folder / "config.yaml")
         write_tum(truth.trajectory, folder / "groundtruth.tum")
         _write_contacts(folder / "contacts.csv", trial)
         record = {
             "version": __version__,
-            "trial": name,
-            "seed": seed,
+            "trial": plan.name,
+            "seed": plan.seed,
             "path_length_m": trial.terrain.path_length_m,
             "walked_m": walked_m(truth.trajectory),
             "duration_s": truth.trajectory.duration_s,

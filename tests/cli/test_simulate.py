@@ -17,7 +17,10 @@ from coclo_vio.robot.description import load_robot
 from coclo_vio.simulation import simulated_recording
 from coclo_vio.simulation.simulated_recording import RecordingFormat
 from coclo_vio.simulation.trial.terrain import TerrainName
+from coclo_vio.simulation.trot.ground import GROUNDS
+from coclo_vio.simulation.trot.quadruped import QUADRUPEDS
 from coclo_vio.simulation.visuals import opengl
+from coclo_vio.values.measurements import JointSample
 
 SHORT = ("--duration", 1, "--no-images")
 
@@ -148,7 +151,7 @@ def test_missing_opengl_is_reported_before_the_simulation_starts(
 
 
 def test_an_interrupt_leaves_nothing(coclo: Coclo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(folder: Path, *_: object) -> None:
+    def interrupted(folder: Path, *_: object, **__: object) -> None:
         (folder / "half").mkdir(parents=True)
         raise KeyboardInterrupt
 
@@ -156,6 +159,41 @@ def test_an_interrupt_leaves_nothing(coclo: Coclo, tmp_path: Path, monkeypatch: 
     answer = coclo("simulate", "flat", "-o", "walk", *SHORT)
     assert answer.status not in (0, 2)
     assert "stopped; nothing was written" in answer.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_trot_is_that_of_the_robot_on_the_ground_at_the_speed(coclo: Coclo, tmp_path: Path) -> None:
+    answer = coclo(
+        *("simulate", "trot", "-o", "a1.bag", *SHORT, "--robot", "a1", "--ground", "ramp", "--speed", 0.4, "--ideal"),
+        *("--friction", 0.6, "--set", "trial.imperfection.link_length_error=-0.05"),
+    )
+    assert (answer.status, answer.err) == (0, "")
+    assert "m walked of a path of 50.00 m" in answer.out
+    kept = yaml.safe_load((tmp_path / "a1_truth" / "config.yaml").read_text(encoding="utf-8"))["trial"]
+    assert (kept["robot"], kept["ground"], kept["gait"]["speed_mps"]) == ("a1", "ramp", 0.4)
+    assert (kept["body"]["friction"], kept["feet"]["is_present"]) == (0.6, False)
+    imperfection = kept["imperfection"]
+    assert (imperfection["link_length_error"], imperfection["link_length"]) == (-0.05, 0.0)
+    read = open_dataset(tmp_path / "a1.bag", load_robot("a1")).measurements()
+    assert sum(isinstance(sample, JointSample) for sample in read) == 500
+    again = coclo("simulate", "trot", "-o", "again/a1.bag", *SHORT, "-c", "a1_truth/config.yaml")
+    assert again.status == 0
+    assert (tmp_path / "again" / "a1.bag").read_bytes() == (tmp_path / "a1.bag").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["flat", "--speed", "0.5", "--robot", "go1"], "the trial flat has no --robot, --speed"),
+        (["trot", "--gait-speed", "2"], "the trial trot has no --gait-speed"),
+        (["trot", "--set", "trial.gait.dutty=0.5"], "there is no trial.gait.dutty"),
+    ],
+)
+def test_options_of_other_trials_are_refused(arguments: list[str], words: str, coclo: Coclo, tmp_path: Path) -> None:
+    answer = coclo("simulate", *arguments, "-o", "walk.bag")
+    assert answer.status == 2
+    assert words in answer.err
+    assert is_one_sentence(answer)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -178,7 +216,9 @@ def test_the_choices_are_those_of_the_simulator() -> None:
     def choices(option: object) -> tuple[str, ...]:
         return get_args(get_args(option)[0])
 
-    assert choices(simulating.TrialArgument) == get_args(TerrainName)
+    assert choices(simulating.TrialArgument) == (*get_args(TerrainName), "trot")
+    assert get_args(choices(simulating.RobotOption)[0]) == QUADRUPEDS
+    assert get_args(choices(simulating.GroundOption)[0]) == GROUNDS
     assert set(get_args(choices(simulating.FormatOption)[0])) == {kind.value for kind in RecordingFormat}
 
 

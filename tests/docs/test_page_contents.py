@@ -19,6 +19,9 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.simulation.simulated_recording import simulation_config
+from coclo_vio.simulation.simulated_trot import trot_config
+from coclo_vio.simulation.trot.ground import GROUNDS
+from coclo_vio.simulation.trot.quadruped import QUADRUPEDS
 from coclo_vio.values.config import parse_settings
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
 
@@ -125,10 +128,27 @@ def test_every_setting_that_a_page_gives_exists() -> None:
     of_plugins = {setting for setting in settings if f'"{setting.partition("=")[2]}"' in examples}
     assert of_trials
     assert len(of_plugins) == 2, "a contact estimator and a feedback policy, which the tests of the examples choose"
-    simulation_config("flat", parse_settings(sorted(of_trials)))
+    of_trots = {quoted or bare for quoted, bare in _SETTING.findall(_page("trot.md"))}
+    simulation_config("flat", parse_settings(sorted(of_trials - of_trots)))
+    trot_config(parse_settings(sorted(of_trials & of_trots)))
     assert len(settings - of_trials) > 8
     for setting in sorted(settings - of_trials - of_plugins):
         resolve("daisy", settings=[setting])
+
+
+def test_the_keys_of_the_trot_page_are_those_of_a_trot() -> None:
+    trial = trot_config().trial
+    causes = {key.split(":")[0] for row in _table(_page("trot.md"), "| cause | key |") for key in _in_code(row[1])}
+    assert len(causes) > 15
+    of_feet = {key for key in causes if key in type(trial.feet).model_fields}
+    assert {"fall_s", "lingering", "lingering_s"} == of_feet
+    assert {key for key in causes - of_feet if "." not in key} <= set(type(trial.imperfection).model_fields)
+    for path in (key.removeprefix("trial.").split(".") for key in causes if key.startswith("trial.")):
+        section = type(getattr(trial, path[0])).model_fields
+        assert path[1] == "*" or path[1].partition("=")[0] in section
+    robots = {name for row in _table(_page("trot.md"), "| `--robot` |") for name in _in_code(row[0])}
+    grounds = {name for row in _table(_page("trot.md"), "| `--ground` |") for name in _in_code(row[0])}
+    assert (robots, grounds) == (set(QUADRUPEDS), set(GROUNDS))
 
 
 def test_every_event_is_on_a_page_with_its_condition() -> None:

@@ -3,7 +3,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any
 
 import mujoco
@@ -90,7 +90,12 @@ def motion_key(name: TerrainName, config: TrialConfig, seed: int, until_s: float
         seed: decides everything random.
         until_s: end of the simulation, s; None for the whole trial.
     """
-    values = config.model_dump(mode="json", exclude=set(_OF_SENSORS))
+    return hashed_key(name, config, _OF_SENSORS, seed, until_s)
+
+
+def hashed_key(name: str, config: StageConfig, of_sensors: Collection[str], seed: int, until_s: float | None) -> str:
+    """The name of a motion by the parts of a configuration that are not ``of_sensors``."""
+    values = config.model_dump(mode="json", exclude=set(of_sensors))
     for field in _OF_SENSORS_IN_IMPERFECTION:
         del values["imperfection"][field]
     text = json.dumps([_MOTION_FORMAT, mujoco.__version__, name, values, seed, until_s], sort_keys=True)

@@ -34,11 +34,16 @@ class MountingConfig(StageConfig):
         -0.0117,
     )
     imu_position_m: Annotated[Triple, Field(description="of the body's IMU, body frame, m")] = (0.0, 0.0, 0.05)
+    imu_rotation_rpy_rad: Annotated[
+        Triple, Field(description="roll, pitch, yaw of the body's IMU on the body (R = Rz Ry Rx), rad")
+    ] = (0.0, 0.0, 0.0)
 
     @property
     def T_body_imu(self) -> Array:
-        """The body's IMU, axes along the body's, (4, 4)."""
-        return se3.transform(np.eye(3), np.array(self.imu_position_m))
+        """The body's IMU, (4, 4)."""
+        roll, pitch, yaw = self.imu_rotation_rpy_rad
+        rotation = so3.about_z(yaw) @ so3.exp(np.array([0.0, pitch, 0.0])) @ so3.exp(np.array([roll, 0.0, 0.0]))
+        return se3.transform(rotation, np.array(self.imu_position_m))
 
     @property
     def T_left_camera_imu(self) -> Array:

@@ -38,8 +38,16 @@ class PushConfig(StageConfig):
 
 
 @dataclass(slots=True)
-class _ContactCounts:
-    """Counts contacts that a sound gait does not have."""
+class ContactCounts:
+    """Counts contacts that a sound gait does not have.
+
+    Attributes:
+        feet: geoms of the feet.
+        ground: geoms of the ground.
+        self_contacts: times at which a leg touched another.
+        ground_contacts: times at which a leg, not its foot, touched the ground.
+        max_penetration_m: largest penetration of two bodies in contact.
+    """
 
     feet: frozenset[int]
     ground: frozenset[int]
@@ -48,6 +56,7 @@ class _ContactCounts:
     max_penetration_m: float = 0.0
 
     def count(self, data: mujoco.MjData) -> None:
+        """Count the contacts of this moment."""
         if data.ncon == 0:
             return
         self.max_penetration_m = max(self.max_penetration_m, -float(data.contact.dist.min()))
@@ -61,7 +70,7 @@ class _ContactCounts:
         self.ground_contacts += touches_ground
 
 
-class _FootFriction:
+class FootFriction:
     """The friction of each foot, by its position and the time since it landed.
 
     MuJoCo takes the larger friction of two bodies unless one has priority; so the feet have it, with the ground's.
@@ -107,8 +116,8 @@ class Simulator:
         self._feet = np.array([model.sensor(f"{foot}_touch").adr[0] for foot in feet])
         ground = [index for index in range(model.ngeom) if model.geom(index).name.startswith("ground")]
         soles = [int(model.geom(foot).id) for foot in feet]
-        self._contact_counts = _ContactCounts(frozenset(soles), frozenset(ground))
-        self._foot_friction = None if slippery is None else _FootFriction(model, soles, self._feet, slippery)
+        self._contact_counts = ContactCounts(frozenset(soles), frozenset(ground))
+        self._foot_friction = None if slippery is None else FootFriction(model, soles, self._feet, slippery)
         self.spring: Array = model.actuator_gainprm[: len(joints), 0].copy()
 
     def walk(
@@ -138,7 +147,7 @@ class Simulator:
         data, step_s = self._data, self.model.opt.timestep
         limit_s = controller.start_s + _MAX_DURATION_RATIO * controller.path.duration_s
         log: list[tuple[Array, ...]] = []
-        push = _Pusher(pushes, generator)
+        push = Pusher(pushes, generator)
         stop_s, cut_s = None, np.inf if until_s is None else until_s
         while data.time < cut_s and (stop_s is None or data.time < stop_s):
             pose = _pose(data.qpos)
@@ -221,7 +230,7 @@ class Simulator:
         )
 
 
-class _Pusher:
+class Pusher:
     """Pushes at random times, each a half sine of force and torque in a random direction."""
 
     def __init__(self, config: PushConfig, generator: np.random.Generator) -> None:

@@ -5,23 +5,30 @@ Joints are series-elastic: a motor holds an angle behind a spring, and the torqu
 """
 
 from typing import Annotated, Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 from pydantic import Field
 
-from coclo_vio.robot.description import RobotDescription, urdf_path
+from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.simulation.trial.bodies import (
+    GROUND,
+    LEG,
+    add_ground,
+    add_sole,
+    add_touch_sensor,
+    contact_settings,
+    set_physics,
+    urdf_with_own_links,
+)
 from coclo_vio.simulation.trial.imperfection import Imperfection
 from coclo_vio.simulation.trial.terrain import Terrain
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.units import GRAVITY_MPS2
 
-COLLISION_GROUP = 3  # not rendered
 _STANDING_LEGS = 5  # of six carry the weight in a wave gait
-_TRUNK, _LEG, _FOOT, _GROUND = 1, 2, 4, 8  # bits of contype: which geoms collide
 
 
 class BodyConfig(StageConfig):
@@ -51,60 +58,21 @@ def make_spec(
     Every foot hangs on a stiff spring along its lower link where the imperfection gives it compliance. Actuators are,
     for each joint in the description's order, the spring and then, for each joint, its damping.
     """
-    spec = mujoco.MjSpec.from_string(_urdf_with_own_links(description))
-    _set_physics(spec, config)
+    spec = mujoco.MjSpec.from_string(urdf_with_own_links(description))
+    set_physics(spec, config.time_step_s)
     base = spec.bodies[1]
     base.add_freejoint()
     for geom in list(spec.geoms):
         geom.group, geom.contype, geom.conaffinity = 1, 0, 0
     base.mass *= imperfection.body_mass_scale
     base.fullinertia = np.array(base.fullinertia) * imperfection.body_mass_scale
-    _add_ground(spec, terrain, config)
+    add_ground(spec, terrain.boxes, config.friction)
     mass = RobotModel(description).mass_kg
     for leg_index in range(len(description.legs)):
         _shape_leg(spec, description, leg_index, config, imperfection)
         _add_foot(spec, description, leg_index, config, imperfection, mass)
     _add_actuators(spec, description, config)
     return spec
-
-
-def _urdf_with_own_links(description: RobotDescription) -> str:
-    """The URDF's text with the options that make MuJoCo keep every link and every inertia unchanged."""
-    root = ElementTree.parse(urdf_path(description)).getroot()
-    extension = ElementTree.SubElement(root, "mujoco")
-    ElementTree.SubElement(extension, "compiler", {"fusestatic": "false", "balanceinertia": "false"})
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _set_physics(spec: mujoco.MjSpec, config: BodyConfig) -> None:
-    """Settings of FIELD_NOTES' recipe: stiff contacts, elliptic cones, implicit damping."""
-    option = spec.option
-    option.timestep = config.time_step_s
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 100.0  # at 10 a standing foot creeps down the ramp at 2 mm/s: an artefact of soft friction
-    option.gravity = np.array([0.0, 0.0, -GRAVITY_MPS2])
-
-
-def _add_ground(spec: mujoco.MjSpec, terrain: Terrain, config: BodyConfig) -> None:
-    for index, box in enumerate(terrain.boxes):
-        quat = np.zeros(4)
-        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(box.rotation).ravel())
-        spec.worldbody.add_geom(
-            name=f"ground{index}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=box.centre,
-            quat=quat,
-            size=box.half_size,
-            contype=_GROUND,
-            conaffinity=_TRUNK | _LEG | _FOOT,
-            **_contact(config),
-            group=COLLISION_GROUP,
-        )
-
-
-def _contact(config: BodyConfig) -> dict[str, Any]:
-    return {"friction": [config.friction, 0.005, 0.0001], "condim": 3, "solref": [0.005, 1.0]}
 
 
 def _shape_leg(
@@ -139,9 +107,9 @@ def _add_capsule(link: Any, end: Array, config: BodyConfig) -> None:
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[*(0.1 * end), *((0.75 if is_lower else 0.95) * end)],
         size=[config.capsule_radius_m, 0.0, 0.0],
-        contype=_LEG,
-        conaffinity=_LEG | _GROUND,
-        **_contact(config),
+        contype=LEG,
+        conaffinity=LEG | GROUND,
+        **contact_settings(config.friction),
         mass=0.0,
         group=1,
         rgba=[0.25, 0.25, 0.27, 1.0],
@@ -159,24 +127,8 @@ def _add_foot(
     leg = description.legs[leg_index]
     foot = spec.body(leg.foot_frame)
     radius = (config.foot_radius_m or leg.foot_radius_m) + imperfection.foot_radius_m[leg_index]
-    foot.add_geom(
-        name=leg.foot_frame,
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[radius, 0.0, 0.0],
-        contype=_FOOT,
-        conaffinity=_GROUND | _LEG,
-        **_contact(config),
-        mass=0.0,
-        group=1,
-        rgba=[0.05, 0.05, 0.05, 1.0],
-    )
-    foot.add_site(name=f"{leg.foot_frame}_sole", size=[radius * 1.05, 0.0, 0.0], group=4)
-    spec.add_sensor(
-        name=f"{leg.foot_frame}_touch",
-        type=mujoco.mjtSensor.mjSENS_TOUCH,
-        objtype=mujoco.mjtObj.mjOBJ_SITE,
-        objname=f"{leg.foot_frame}_sole",
-    )
+    add_sole(foot, leg.foot_frame, radius, contact_settings(config.friction))
+    add_touch_sensor(spec, leg.foot_frame)
     compliance_m = imperfection.foot_compliance_m[leg_index]
     if compliance_m > 0.0:
         stiffness = mass_kg * GRAVITY_MPS2 / _STANDING_LEGS / compliance_m

@@ -48,6 +48,9 @@ class ImuConfig(StageConfig):
     ] = 0.03
     accelerometer_bias_walk: Annotated[float, Field(ge=0, description="m/s^3/sqrt(Hz)")] = 3e-4
     accelerometer_range_mps2: Annotated[float, Field(gt=0, description="beyond it readings saturate (4 g)")] = 39.2
+    gyroscope_range_radps: Annotated[
+        float | None, Field(gt=0, description="beyond it readings saturate, rad/s; null: they never do")
+    ] = None
     accelerometer_step_mps2: Annotated[float, Field(ge=0, description="resolution (4 g over 12 bits)")] = 0.0192
     gyroscope_step_radps: Annotated[float, Field(ge=0, description="resolution (1000 deg/s over 16 bits)")] = 5.33e-4
     shock_scale: Annotated[
@@ -130,8 +133,9 @@ def imu_readings(
         noisy += densities[index] * root * generator.standard_normal(noisy.shape)
         columns.append(_quantised(noisy, steps[index]))
         biases.append(bias)
-    limit = config.accelerometer_range_mps2
-    columns[1] = np.clip(columns[1], -limit, limit)
+    for index, limit in enumerate((config.gyroscope_range_radps, config.accelerometer_range_mps2)):
+        if limit is not None:
+            columns[index] = np.clip(columns[index], -limit, limit)
     readings = [kind(int(stamp), rate, force) for stamp, rate, force in zip(stamps, *columns, strict=True)]
     return readings, ImuTruth(stamps, biases[0], biases[1])
 

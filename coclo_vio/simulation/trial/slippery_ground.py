@@ -5,15 +5,27 @@ None of it is visible in the images or known to the controller.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from pydantic import Field
 
 from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
-from coclo_vio.simulation.trial.terrain import Terrain
+from coclo_vio.simulation.visuals.room import RoomBounds
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.config import StageConfig
+
+
+class WalkedGround(Protocol):
+    """The ground on which areas of low friction are drawn."""
+
+    @property
+    def bounds(self) -> RoomBounds:
+        """The walked area."""
+
+    @property
+    def risers_m(self) -> tuple[float, ...]:
+        """x of the vertical faces."""
 
 
 class SlipConfig(StageConfig):
@@ -59,7 +71,7 @@ class SlipperyGround:
 
     @classmethod
     def draw(
-        cls, config: SlipConfig, tile: SlipperyTile | None, terrain: Terrain, generator: np.random.Generator
+        cls, config: SlipConfig, tile: SlipperyTile | None, terrain: WalkedGround, generator: np.random.Generator
     ) -> "SlipperyGround":
         """The ground of one trial: patches anywhere on the walked area."""
         bounds = terrain.bounds

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A trial from a name, a configuration and a seed: measurements, motion capture, and the truth."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -12,27 +13,117 @@ from coclo_vio.robot.description import RobotDescription
 from coclo_vio.simulation.trial.config import TrialConfig
 from coclo_vio.simulation.trial.imperfection import Imperfection
 from coclo_vio.simulation.trial.motion import Motion
-from coclo_vio.simulation.trial.mounting import perturbed
+from coclo_vio.simulation.trial.mounting import MountingConfig, perturbed
 from coclo_vio.simulation.trial.sensors import (
     EPOCH_NS,
+    ImuConfig,
     ImuTruth,
+    JointSensorConfig,
     imu_readings,
     interpolated_at,
     joint_samples,
     nominal_calibration,
     sample_times,
 )
+from coclo_vio.simulation.trial.slippery_ground import SlipperyGround
 from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
-from coclo_vio.simulation.trial.terrain import Terrain, TerrainName
-from coclo_vio.simulation.trial.vicon import vicon_poses
+from coclo_vio.simulation.trial.terrain import TerrainName
+from coclo_vio.simulation.trial.vicon import ViconConfig, vicon_poses
 from coclo_vio.simulation.trial.walk import Walk
+from coclo_vio.simulation.visuals.room import RoomBounds
+from coclo_vio.simulation.visuals.scene import Surface
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
-from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, Measurement
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 from coclo_vio.values.units import NS_PER_S
 
 _CONTACT_FORCE_N = 1.0  # a foot with a larger normal force is in contact
+
+
+class SensorsConfig(Protocol):
+    """The sensors of a trial, of whatever robot: the parts of its configuration that do not change the motion."""
+
+    @property
+    def imu(self) -> ImuConfig:
+        """The body's IMU."""
+
+    @property
+    def camera_imu(self) -> ImuConfig:
+        """The IMU inside the camera."""
+
+    @property
+    def joints(self) -> JointSensorConfig:
+        """Encoders and torque."""
+
+    @property
+    def vicon(self) -> ViconConfig:
+        """The motion capture."""
+
+    @property
+    def mounting(self) -> MountingConfig:
+        """Extrinsics of camera and IMUs."""
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Stereo frames a second, Hz."""
+
+    @property
+    def frame_delay_s(self) -> float:
+        """By which the stamps of the images are late, s."""
+
+
+class RenderedGround(Protocol):
+    """The ground of a trial as its pictures and its record need it."""
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """Rendered faces besides the floor."""
+
+    @property
+    def bounds(self) -> RoomBounds:
+        """The walked area."""
+
+    @property
+    def path_length_m(self) -> float:
+        """Length of the path as specified, m."""
+
+
+class DrawnWalk(Protocol):
+    """A trial before it is walked, with all that is drawn; of a Daisy or of a quadruped."""
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The described robot."""
+
+    @property
+    def config(self) -> SensorsConfig:
+        """The trial's sensors."""
+
+    @property
+    def terrain(self) -> RenderedGround:
+        """The ground."""
+
+    @property
+    def imperfection(self) -> Imperfection:
+        """How the robot that walks differs from its description."""
+
+    @property
+    def slippery(self) -> SlipperyGround | None:
+        """Areas of low friction."""
+
+    @property
+    def generators(self) -> Mapping[str, np.random.Generator]:
+        """Of the streams imu, camera_imu, joints and vicon."""
+
+    def spec(self) -> mujoco.MjSpec:
+        """The robot on its ground, without textures and cameras."""
+
+    def motion(self, progress: Callable[[float], None] | None = None, motions: Path | None = None) -> Motion:
+        """The true motion, simulated or from a file."""
+
+    def foot_forces(self, motion: Motion) -> Iterable[FootForceSample]:
+        """Readings of foot sensors; nothing where the robot has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +168,7 @@ class Trial:
     Attributes:
         terrain: the ground.
         robot: the description that estimators use.
-        measurements: both IMUs and the joints, in time order.
+        measurements: both IMUs, the joints and the foot sensors, in time order.
         vicon: the body as the motion capture measures it.
         imu: nominal calibration of the body's IMU.
         camera_imu: nominal calibration of the camera's IMU.
@@ -89,7 +180,7 @@ class Trial:
         truth: the truth.
     """
 
-    terrain: Terrain
+    terrain: RenderedGround
     robot: RobotDescription
     measurements: tuple[Measurement, ...]
     vicon: GroundTruth
@@ -128,14 +219,23 @@ def simulate(
         SimulationError: the robot fell or stuck.
         DatasetError: the folder of motions cannot be written or read.
     """
-    walk = Walk.draw(name, robot, config, seed, until_s)
-    stereo = perturbed(config.mounting.stereo(), walk.imperfection)
+    return recorded(Walk.draw(name, robot, config, seed, until_s), progress, motions)
+
+
+def recorded(walk: DrawnWalk, progress: Callable[[float], None] | None = None, motions: Path | None = None) -> Trial:
+    """Walk what has been drawn, and read its sensors; the arguments are those of ``simulate``.
+
+    Raises:
+        SimulationError: the robot fell or stuck.
+        DatasetError: the folder of motions cannot be written or read.
+    """
+    stereo = perturbed(walk.config.mounting.stereo(), walk.imperfection)
     motion = walk.motion(progress, motions)
     readings = _read_sensors(motion, walk, stereo)
     return _trial(walk, motion, readings, _truth(motion, readings, stereo, walk))
 
 
-def _trial(walk: Walk, motion: Motion, readings: "_Readings", truth: Truth) -> Trial:
+def _trial(walk: DrawnWalk, motion: Motion, readings: "_Readings", truth: Truth) -> Trial:
     """The readings with nominal calibrations and the states at the frames."""
     config = walk.config
     mounting = config.mounting
@@ -167,15 +267,17 @@ class _Readings:
     camera_imu: list[CameraImuSample]
     camera_imu_truth: ImuTruth
     joints: list[JointSample]
+    feet: list[FootForceSample]
     vicon: GroundTruth
     vicon_offset_s: float
 
     def in_time_order(self) -> tuple[Measurement, ...]:
-        """Merged by stamp; at one stamp IMU, joints, camera IMU."""
-        return tuple(sorted([*self.imu, *self.joints, *self.camera_imu], key=lambda sample: sample.stamp_ns))
+        """Merged by stamp; at one stamp feet, IMU, joints, camera IMU."""
+        samples: list[Measurement] = [*self.feet, *self.imu, *self.joints, *self.camera_imu]
+        return tuple(sorted(samples, key=lambda sample: sample.stamp_ns))
 
 
-def _read_sensors(motion: Motion, walk: Walk, stereo: StereoCalibration) -> _Readings:
+def _read_sensors(motion: Motion, walk: DrawnWalk, stereo: StereoCalibration) -> _Readings:
     config, generators, mounting = walk.config, walk.generators, walk.config.mounting
     imu, imu_truth = imu_readings(ImuSample, motion, mounting.T_body_imu, config.imu, generators["imu"])
     T_body_camera_imu = stereo.T_body_left_camera @ mounting.T_left_camera_imu
@@ -184,10 +286,11 @@ def _read_sensors(motion: Motion, walk: Walk, stereo: StereoCalibration) -> _Rea
     )
     joints = list(joint_samples(motion, config.joints, walk.imperfection, generators["joints"]))
     vicon, vicon_offset_s = vicon_poses(motion, config.vicon, generators["vicon"])
-    return _Readings(imu, imu_truth, camera_imu, camera_imu_truth, joints, vicon, vicon_offset_s)
+    feet = list(walk.foot_forces(motion))
+    return _Readings(imu, imu_truth, camera_imu, camera_imu_truth, joints, feet, vicon, vicon_offset_s)
 
 
-def _truth(motion: Motion, readings: _Readings, stereo: StereoCalibration, walk: Walk) -> Truth:
+def _truth(motion: Motion, readings: _Readings, stereo: StereoCalibration, walk: DrawnWalk) -> Truth:
     return Truth(
         trajectory=_trajectory(motion, np.array([sample.stamp_ns for sample in readings.joints])),
         contact=motion.foot_force > _CONTACT_FORCE_N,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The walk of a trial: what is drawn before it, and its motion, simulated or from a file."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from coclo_vio.simulation.trial.robot_spec import make_spec
 from coclo_vio.simulation.trial.slippery_ground import SlipperyGround
 from coclo_vio.simulation.trial.slippery_tile import SlipperyTile
 from coclo_vio.simulation.trial.terrain import Terrain, TerrainName, make_terrain
+from coclo_vio.values.measurements import FootForceSample
 
 _STREAMS = ("imperfection", "gait", "push", "imu", "camera_imu", "joints", "vicon", "slip")  # new ones at the end
 
@@ -54,7 +55,7 @@ class Walk:
         cls, name: TerrainName, robot: RobotDescription, config: TrialConfig, seed: int, until_s: float | None
     ) -> "Walk":
         """Draw the robot and the ground of a trial."""
-        generators, terrain = _generators(seed), make_terrain(name)
+        generators, terrain = make_generators(seed, _STREAMS), make_terrain(name)
         imperfection = draw_imperfection(
             config.imperfection, len(robot.legs), len(robot.joint_names), generators["imperfection"]
         )
@@ -78,14 +79,12 @@ class Walk:
             SimulationError: the robot fell or stuck.
             DatasetError: the folder cannot be written, or a file in it is damaged.
         """
-        if motions is None:
-            return self._simulate(progress)
-        path = motions / f"{motion_key(self.name, self.config, self.seed, self.until_s)}.npz"
-        if path.is_file():
-            return read_motion(path)
-        motion = self._simulate(progress)
-        write_motion(motion, path)
-        return motion
+        key = motion_key(self.name, self.config, self.seed, self.until_s)
+        return kept_motion(key, lambda: self._simulate(progress), motions)
+
+    def foot_forces(self, motion: Motion) -> Iterable[FootForceSample]:
+        """A Daisy has no foot sensors."""
+        return ()
 
     def _simulate(self, progress: Callable[[float], None] | None) -> Motion:
         model = RobotModel(self.robot, is_compiled=False)  # contacts make much of rounding: same bytes without numba
@@ -98,10 +97,26 @@ class Walk:
         )
 
 
-def _generators(seed: int) -> dict[str, np.random.Generator]:
-    """An independent random generator for each part of a trial."""
-    sequences = np.random.SeedSequence(seed).spawn(len(_STREAMS))
-    return {stream: np.random.default_rng(sequence) for stream, sequence in zip(_STREAMS, sequences, strict=True)}
+def make_generators(seed: int, streams: Sequence[str]) -> dict[str, np.random.Generator]:
+    """An independent random generator for each part of a trial; further streams do not change the first ones."""
+    sequences = np.random.SeedSequence(seed).spawn(len(streams))
+    return {stream: np.random.default_rng(sequence) for stream, sequence in zip(streams, sequences, strict=True)}
+
+
+def kept_motion(key: str, simulate: Callable[[], Motion], motions: Path | None) -> Motion:
+    """The motion of this name in a folder of motions, simulated and added if it is missing.
+
+    Raises:
+        DatasetError: the folder cannot be written, or a file in it is damaged.
+    """
+    if motions is None:
+        return simulate()
+    path = motions / f"{key}.npz"
+    if path.is_file():
+        return read_motion(path)
+    motion = simulate()
+    write_motion(motion, path)
+    return motion
 
 
 def _slippery_ground(terrain: Terrain, config: TrialConfig, generator: np.random.Generator) -> SlipperyGround | None:

@@ -4,7 +4,8 @@
 =================================================== ====================== ===========================================
 ``/joint_states``                                   JointState             by name; NaN is a joint without a reading
 ``/imu``, ``/camera/imu``                           Imu                    covariance = density^2 * rate of the topic
-``/foot_force/<leg>``                               WrenchStamped          ``force.z``; a message a leg, at one stamp
+``/foot_force/<leg>``                               WrenchStamped          ``force.z``; a message a leg, at one stamp;
+                                                                           or entries of ``/joint_states``
 ``/camera/infra1/image_rect_raw/compressed``        CompressedImage        left camera, bytes as encoded; infra2: right
 ``/camera/infra1/camera_info``                      CameraInfo             with each image; P of a rectified pair's
                                                                            right camera holds the baseline
@@ -94,6 +95,7 @@ class _Trial:
         self._contents = contents
         self._joints = joints
         self._variances: dict[type, tuple[float, float]] = {}
+        self._feet: FootForceSample | None = None  # the last one, to be written with the joints of its stamp
         self.make = make
 
     def messages(self) -> Iterator[Message]:
@@ -143,13 +145,25 @@ class _Trial:
                     sample,
                     with_velocity=joints.with_velocity,
                     with_effort=joints.with_effort,
+                    feet=self._feet_entries(sample) if joints.with_feet else {},
                 )
                 yield "/joint_states", message
+            case FootForceSample() if joints.with_feet:
+                self._feet = sample
             case FootForceSample():
                 for leg, force in zip(robot.legs, sample.force.tolist(), strict=True):
                     yield f"/foot_force/{leg.name}", self.make.foot_force(sample.stamp_ns, leg.foot_frame, force)
             case StereoFrame():
                 raise DatasetError("a bag is written from encoded images, passed as `frames`; this one is decoded")
+
+    def _feet_entries(self, sample: JointSample) -> dict[str, float]:
+        """The foot forces at the stamp of a joint sample, which follows them, by the names of the feet."""
+        feet = self._feet
+        if feet is None or feet.stamp_ns != sample.stamp_ns:
+            return {leg.foot_frame: np.nan for leg in self._contents.robot.legs}
+        return {
+            leg.foot_frame: force for leg, force in zip(self._contents.robot.legs, feet.force.tolist(), strict=True)
+        }
 
     def _of_frames(self) -> Iterator[Message]:
         stereo = self._contents.stereo

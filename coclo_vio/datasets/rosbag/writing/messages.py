@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ROS 1 or ROS 2 messages from the values of this package. Poses keep all digits of their quaternions."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -73,15 +74,28 @@ class BagMessages:
         )
 
     def joints(
-        self, frame_id: str, names: Sequence[str], sample: JointSample, *, with_velocity: bool, with_effort: bool
+        self,
+        frame_id: str,
+        names: Sequence[str],
+        sample: JointSample,
+        *,
+        with_velocity: bool,
+        with_effort: bool,
+        feet: Mapping[str, float] = MappingProxyType({}),
     ) -> Any:
-        """A joint sample; a reading that is not written is an empty array, as ``sensor_msgs/JointState`` defines it."""
-        velocity, effort = (
-            values if is_written else _EMPTY
-            for values, is_written in ((sample.velocity, with_velocity), (sample.effort, with_effort))
-        )
+        """A joint sample; a reading that is not written is an empty array, as ``sensor_msgs/JointState`` defines it.
+
+        The forces of ``feet`` are further entries of the torques, as in logs of a Go1; torques that are not written
+        are NaN then.
+        """
+        zeros, unknown = np.zeros(len(feet)), np.full(len(names), np.nan)
+        position = np.concatenate((sample.position, zeros))
+        velocity = np.concatenate((sample.velocity, zeros)) if with_velocity else _EMPTY
+        effort = sample.effort if with_effort else _EMPTY
+        if feet:
+            effort = np.concatenate((sample.effort if with_effort else unknown, list(feet.values())))
         header = self.header(sample.stamp_ns, frame_id)
-        return self._make("sensor_msgs/JointState", header, list(names), sample.position, velocity, effort)
+        return self._make("sensor_msgs/JointState", header, [*names, *feet], position, velocity, effort)
 
     def foot_force(self, stamp_ns: int, frame_id: str, normal_force: float) -> Any:
         """The normal force on one foot as the z of a ``WrenchStamped``."""
