@@ -75,7 +75,7 @@ class LegSensing:
         """
         self._robot = robot
         self._contact = ContactDetector(contact, len(robot.leg_names))
-        self._standstill = StandstillDetector(standstill.limits)
+        self._standstill = StandstillDetector(standstill.limits_of(has_flat_feet=robot.description.has_flat_feet))
         self._load = FootLoad(robot, contact, force_timeout_s)
         self._counts: Counter[str] = Counter()
         self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
