@@ -131,7 +131,7 @@ class StandstillDetector:
         window_ns = round(limits.window_s * NS_PER_S)
         self._imu = _SlidingMoments(window_ns)
         self._joints = _SlidingMoments(window_ns)
-        self._travel = _Travel(2 * window_ns)
+        self._travel = _Travel(2 * window_ns, limits.joint_travel_rad)
         self._fast_ns: int | None = None
         self._counts = {"standstill_stamp_refused": 0}
 
@@ -165,7 +165,7 @@ class StandstillDetector:
             return False
         if self._fast_ns is not None and self._fast_ns > imu.newest_ns - imu.window_ns:
             return False
-        if not self._is_imu_at_rest() or self._travel.furthest_rad(imu.newest_ns) > self.limits.joint_travel_rad:
+        if not self._is_imu_at_rest() or self._travel.is_moving(imu.newest_ns):
             return False
         self._joints.drop_before(imu.newest_ns - imu.window_ns)
         return self._joints.count == 0 or float(self._joints.mean_square().max()) <= limits.joint_speed_radps**2
@@ -278,15 +278,19 @@ class _SlidingMoments:
 
 
 class _Travel:
-    """How far joints go within a span: the range of their means over tenths of it, in which encoder noise is small."""
+    """How far joints go within a span, as multiples of a limit.
 
-    def __init__(self, span_ns: int) -> None:
-        self._span_ns, self._part_ns = span_ns, span_ns // 10
+    Twice: the range of their means over tenths of the span, in which encoder noise is small, against the limit; and
+    the newest position against these means and twice the limit, so that motion shows as soon as it begins.
+    """
+
+    def __init__(self, span_ns: int, limit_rad: float) -> None:
+        self._span_ns, self._part_ns, self._limit_rad = span_ns, span_ns // 10, limit_rad
         self._first_ns = 0
         self._sum: Array = np.zeros(0)
         self._count = 0
         self._means: deque[tuple[int, Array]] = deque()
-        self._furthest_rad = 0.0
+        self._moved_ns: int | None = None  # when a joint last was too far from where it had been
 
     def push(self, stamp_ns: int, position: Array) -> None:
         """Take the joints' positions (J,), rad; NaN is unknown."""
@@ -294,15 +298,20 @@ class _Travel:
             self._means.append((stamp_ns, self._sum / self._count))
             while self._means[0][0] <= stamp_ns - self._span_ns:
                 self._means.popleft()
-            travelled = np.ptp(np.array([mean for _, mean in self._means]), axis=0)
-            self._furthest_rad = float(np.nan_to_num(travelled, nan=0.0).max(initial=0.0))
             self._count = 0
+            if self._exceeds(self._means[-1][1], self._limit_rad):
+                self._moved_ns = stamp_ns
         if not self._count:
             self._first_ns, self._sum = stamp_ns, np.zeros(len(position))
         self._sum = self._sum + position
         self._count += 1
+        if self._means and self._exceeds(position, 2.0 * self._limit_rad):
+            self._moved_ns = stamp_ns
 
-    def furthest_rad(self, stamp_ns: int) -> float:
-        """The range of the joint that went furthest; 0 where no mean is newer than the span."""
-        is_recent = bool(self._means) and self._means[-1][0] > stamp_ns - self._span_ns
-        return self._furthest_rad if is_recent else 0.0
+    def is_moving(self, stamp_ns: int) -> bool:
+        """Whether a joint went too far at less than half a span before a time."""
+        return self._moved_ns is not None and self._moved_ns > stamp_ns - self._span_ns // 2
+
+    def _exceeds(self, position: Array, limit_rad: float) -> bool:
+        away = np.array([mean for _, mean in self._means]) - position
+        return bool((np.abs(away) > limit_rad).any())  # NaN is not above
