@@ -106,6 +106,7 @@ class LegOdometryFilter:
                 initial=initial,
                 has_frame=remembers_frames,
                 extra_blocks=(*extra, *start),
+                holds_soles=not preintegrates,
             )
         timeout_s = self.config.force_timeout_s
         self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)

@@ -17,6 +17,7 @@ from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.leg_intervals import IntervalNoise
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
+from coclo_vio.filter.sole_rotation import SOLES, SoleRotation, sole_block
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
 from coclo_vio.filter.state import GYROSCOPE_BIAS, StateLayout
@@ -40,6 +41,7 @@ class RobustProfile:
         initial: InitialConfig | None = None,
         has_frame: bool = False,
         extra_blocks: Sequence[StateBlock] = (),
+        holds_soles: bool = True,
         is_compiled: bool = IS_COMPILED,
     ) -> None:
         """Take a robot and parameters.
@@ -51,12 +53,15 @@ class RobustProfile:
             initial: sigmas at the start; the defaults if None.
             has_frame: whether camera frames are remembered.
             extra_blocks: further blocks of the state.
+            holds_soles: whether the orientations of flat feet are states.
             is_compiled: by kernels, or by NumPy.
         """
         imu, initial = robot.description.imu, initial or InitialConfig()
+        soles = sole_block(robot, config) if holds_soles else None
         self.layout = StateLayout(
-            robust_blocks(len(robot.leg_names), config, initial, imu, has_frame=has_frame, extra=extra_blocks)
+            robust_blocks(len(robot.leg_names), config, initial, imu, has_frame=has_frame, extra=(*((soles,) if soles else ()), *extra_blocks))
         )
+        self._soles = None if soles is None else SoleRotation(robot, config, self.layout.at(SOLES).start, counts)
         self.is_wide = False
         self.can_coast = True
         self.leg_check: LegCheck | None = None
@@ -122,6 +127,8 @@ class RobustProfile:
         rejected = self._rejected(expectation, self._footholds, reading, dt_s)
         expectation.update(core, rejected)
         self._update_gravity(core, reading, is_gap=is_gap)
+        if self._soles is not None:
+            self._soles.update(core, reading, reading.is_stance & ~rejected, is_gap=is_gap)
         self._compare_legs(core, reading, is_gap=is_gap)
         if self.imu_delay is not None and self._config.imu_delay_sigma_s > 0.0:
             self.imu_delay.push(reading, core.mean.rotation[2], core.mean.vector[GYROSCOPE_BIAS])
