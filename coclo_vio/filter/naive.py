@@ -36,7 +36,9 @@ class NaiveLegOdometry:
     def __init__(self, robot: RobotModel, config: FilterConfig, *, rolls_feet: bool, weighs_load: bool) -> None:
         self._counts: Counter[str] = Counter()
         contact = robot.description.contact
-        self._sensing = LegSensing(robot, contact, config.standstill, force_timeout_s=config.force_timeout_s)
+        self._sensing = LegSensing(
+            robot, contact, config.standstill, force_timeout_s=config.force_timeout_s, rocks_soles=rolls_feet
+        )
         self._start_rule = StartRule(config.rest_timeout_s)
         self._radii_m = robot.foot_radii_m * rolls_feet
         self._weighs_load = weighs_load

@@ -109,7 +109,8 @@ class LegOdometryFilter:
                 holds_soles=not preintegrates,
             )
         timeout_s = self.config.force_timeout_s
-        self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
+        rocks, rest = self.config.profile == "robust" and self.config.robust.rolls_feet, self.config.standstill
+        self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=rocks)
         self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
         self._stamp_ns = 0

@@ -3,6 +3,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -117,6 +118,8 @@ class RobustProfile:
         if self.imu_delay is not None:
             self._models.imu_delay_s = self.imu_delay.value_s
         self._models.predict(core, motion, dt_s, foot_noise)
+        if reading.contact_shift_body is not None:
+            _move_footholds(core, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))
         expectation = self._models.expect(
             core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps, dt_s=dt_s
         )
@@ -190,3 +193,10 @@ class RobustProfile:
             self._counts["gravity_rejected"] += 1
             return
         expectation.update(core, expectation.rejected)
+
+
+def _move_footholds(core: SquareRootFilter, shift_body: Array) -> None:
+    """Footholds (n, 3) move with their point of contact: ``p + R s``, which leaves right-invariant errors as they are."""
+    vector = core.mean.vector.copy()
+    vector[core.mean.layout.feet] += (shift_body @ core.mean.rotation.T).ravel()
+    core.mean = replace(core.mean, vector=vector)

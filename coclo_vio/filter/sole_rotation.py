@@ -124,7 +124,7 @@ class SoleRotation:
             self._hold(core, sole, now, noise)
             return
         sole.rotation = so3.exp(core.mean.vector[sole.errors]) @ sole.rotation
-        core.mean.vector[sole.errors] = 0.0
+        _clear(core, sole.errors)
         innovation = so3.log(now @ sole.rotation.T)
         rows = (core.active_factor[sole.errors] - core.active_factor[ROTATION]).T
         share = np.sqrt(max(self._config.foot_rotation_memory_s / _INTERVAL_S, 1.0))
@@ -146,12 +146,17 @@ class SoleRotation:
         """The orientation becomes that of body and joints, with their errors."""
         self._counts["sole_held"] += 1
         sole.rotation, sole.holds = rotation, True
-        vector = core.mean.vector.copy()
-        vector[sole.errors] = 0.0
-        core.mean = replace(core.mean, vector=vector)
+        _clear(core, sole.errors)
         rows = core.active_factor.T.copy()
         rows[:, sole.errors] = core.active_factor[ROTATION].T
         added = np.zeros((3, rows.shape[1]))
         added[:, sole.errors] = noise.T
         core.passive.cross[sole.errors] = core.passive.cross[ROTATION]
         core.replace_active(lower_factor(np.concatenate((rows, added))))
+
+
+def _clear(core: SquareRootFilter, errors: slice) -> None:
+    """What was corrected is in the orientation itself from now on."""
+    vector = core.mean.vector.copy()
+    vector[errors] = 0.0
+    core.mean = replace(core.mean, vector=vector)

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Flat feet in the filter, on exact trials of a biped: they hold yaw and tilt, and rocking on an edge does no harm."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import pytest
+from flat_biped import Noise, FlatTrial, flat_trial, rocked, smooth, write_biped
+
+from coclo_vio.filter.config import FilterConfig
+from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.geometry import se3, so3
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import StateEstimate
+
+REST_S, HEIGHT_M, STANCE_M = 1.0, 0.62, 0.09
+NOISE = Noise(rate_bias_radps=0.005)
+STEP_S, STRIDE_M, STEPS = 0.8, 0.16, 6
+MATCHED = {
+    "slip_share": 0.0,
+    "slip_turn_per_m": 0.0,
+    "foothold_creep": 2e-5,
+    "foot_position_noise_m": 1e-5,
+    "foot_velocity_noise_mps": 1e-3,
+    "foot_rotation_noise_rad": 1e-5,
+    "foot_rotation_memory_s": 0.0,
+    "sole_creep_rad": 2e-5,
+    "estimates_leg_compliance": False,
+    "imu_delay_s": 0.0,
+    "imu_delay_sigma_s": 0.0,
+}
+
+
+@pytest.fixture(scope="module")
+def biped(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
+    imu = {"gyroscope_noise_density": 3e-4, "gyroscope_bias": 0.005, "gyroscope_bias_walk": 1e-6}
+    noise = {"encoder_noise_rad": 5e-4, "joint_velocity_noise_radps": 0.02, "imu": imu}
+    return RobotModel(write_biped(tmp_path_factory.mktemp("biped"), **noise))
+
+
+def sway(time_s: float) -> Array:
+    """The body sways, leans and twists over both feet, after a rest."""
+    ramp, phase = smooth((time_s - REST_S) / 1.0), 2.0 * np.pi * 0.3 * (time_s - REST_S)
+    place = ramp * np.array([0.01 * np.sin(phase), 0.03 * np.sin(0.7 * phase), 0.01 * (np.cos(phase) - 1.0)])
+    turn = ramp * np.array([0.04 * np.sin(phase), 0.06 * np.sin(0.8 * phase), 0.15 * np.sin(0.6 * phase)])
+    return se3.transform(so3.exp(turn), place + [0.0, 0.0, HEIGHT_M])
+
+
+def standing(side: float, time_s: float) -> Array:
+    return rocked(np.array([0.0, side * STANCE_M, 0.0]), 0.0)
+
+
+def rocking(side: float, time_s: float) -> Array:
+    """The left sole goes over its toe and its heel in turn, without lifting."""
+    angle = 0.35 * np.sin(2.0 * np.pi * 0.5 * (time_s - 2.0)) * smooth(time_s - 2.0) if side > 0.0 else 0.0
+    return rocked(np.array([0.0, side * STANCE_M, 0.0]), angle)
+
+
+def both_carry(time_s: float) -> Array:
+    return np.array([150.0, 150.0])
+
+
+def walking_body(time_s: float) -> Array:
+    steps = STEPS * smooth((time_s - REST_S) / (STEPS * STEP_S))
+    place = np.array([STRIDE_M / 2 * steps, 0.0, HEIGHT_M - 0.02])
+    return se3.transform(so3.exp(np.array([0.0, 0.0, 0.05 * np.sin(time_s) * smooth(time_s - REST_S)])), place)
+
+
+def _swing(side: float, time_s: float) -> tuple[int, float]:
+    """How many swings this foot has finished, and the phase of the one it is in; 0 while it stands."""
+    phase = (time_s - REST_S) / STEP_S - (0.0 if side > 0.0 else 1.0)
+    number, share = int(np.floor(phase / 2.0)), phase / 2.0 % 1.0
+    if phase < 0.0 or number >= STEPS // 2:
+        return max(0, min(number, STEPS // 2)), 0.0
+    return (number, 2.0 * share) if share < 0.5 else (number + 1, 0.0)
+
+
+def walking(side: float, time_s: float) -> Array:
+    """Over the toe, through the air, on to the heel and down: in one step time, the toe still carries at first."""
+    done, phase = _swing(side, time_s)
+    start = np.array([STRIDE_M * done, side * STANCE_M, 0.0])
+    toe_off, flight = smooth(phase / 0.3), smooth((phase - 0.3) / 0.4)
+    landing = smooth((phase - 0.7) / 0.3)
+    angle = 0.3 * toe_off - 0.5 * flight + 0.2 * landing
+    pose = rocked(start, angle)
+    pose[:3, 3] += [STRIDE_M * flight, 0.0, 0.04 * np.sin(np.pi * flight)]
+    return pose
+
+
+def walking_loads(time_s: float) -> Array:
+    phases = [_swing(side, time_s)[1] for side in (1.0, -1.0)]
+    return np.array([0.0 if 0.3 < phase < 0.7 else 150.0 for phase in phases])
+
+
+@pytest.fixture(scope="module")
+def swaying(biped: RobotModel) -> FlatTrial:
+    return flat_trial(biped, sway, (partial(standing, 1.0), partial(standing, -1.0)), both_carry, 10.0)
+
+
+def estimates(robot: RobotModel, trial: FlatTrial, seed: int, noise: Noise = NOISE, **robust: object) -> Sequence[StateEstimate]:
+    initial = {"accelerometer_bias_mps2": 0.02}
+    config = FilterConfig.of_robot(robot.description, {"robust": robust, "initial": initial})
+    odometry = LegOdometryFilter(robot, config)
+    return [state for each in trial.measurements(noise, seed) if (state := odometry.push(each)) is not None]
+
+
+def errors(trial: FlatTrial, states: Sequence[StateEstimate]) -> Array:
+    """[rotation, position] of the truth in the axes of each estimate, tied at the first one, (N, 6)."""
+    rows = np.searchsorted(trial.stamps_ns, [state.stamp_ns for state in states])
+    first = trial.T_world_body[rows[0]]
+    T_start = se3.inverse(se3.transform(so3.about_z(float(so3.yaw(first[:3, :3]))), first[:3, 3]))
+    pairs = zip(states, rows, strict=True)
+    return np.array([se3.log(se3.inverse(each.nav.T_world_body) @ T_start @ trial.T_world_body[row]) for each, row in pairs])
+
+
+def test_soles_that_rest_hold_yaw_and_make_its_covariance_small(biped: RobotModel, swaying: FlatTrial) -> None:
+    drifting = Noise(rate_bias_radps=0.005, rate_drift_radps2=2e-4)
+    last, sigma = {}, {}
+    for holds in (True, False):
+        runs = [estimates(biped, swaying, seed, drifting, holds_soles=holds) for seed in range(2)]
+        last[holds] = np.sqrt(np.mean([errors(swaying, states)[-1, 2] ** 2 for states in runs]))
+        sigma[holds] = max(float(np.sqrt(states[-1].covariance[2, 2])) for states in runs)
+    assert last[True] < 0.5 * last[False]
+    assert last[True] < 3e-3
+    assert sigma[True] < 0.5 * sigma[False]
+
+
+def test_the_covariance_with_soles_is_honest(biped: RobotModel, swaying: FlatTrial) -> None:
+    normalised = []
+    for seed in range(4):
+        states = estimates(biped, swaying, seed, **MATCHED)[100::50]
+        found = errors(swaying, estimates(biped, swaying, seed, **MATCHED))[100::50]
+        normalised += [e @ np.linalg.solve(s.covariance[:6, :6], e) / 6.0 for e, s in zip(found, states, strict=True)]
+    assert 0.5 < np.mean(normalised) < 2.0
+
+
+def test_a_sole_that_rocks_on_heel_and_toe_does_no_harm(biped: RobotModel) -> None:
+    soles = partial(rocking, 1.0), partial(rocking, -1.0)
+    trial = flat_trial(biped, sway, soles, both_carry, 6.0)
+    known, ignored = (errors(trial, estimates(biped, trial, 3, rolls_feet=rocks)) for rocks in (True, False))
+    assert np.abs(known[:, 3:]).max() < 0.004
+    assert np.abs(ignored[:, 3:]).max() > 2.0 * np.abs(known[:, 3:]).max()
+
+
+def test_a_walk_over_heels_and_toes_keeps_its_length(biped: RobotModel) -> None:
+    soles = partial(walking, 1.0), partial(walking, -1.0)
+    trial = flat_trial(biped, walking_body, soles, walking_loads, REST_S + STEPS * STEP_S + 0.5)
+    states = estimates(biped, trial, 5)
+    way_m = STEPS * STRIDE_M / 2
+    assert np.linalg.norm(errors(trial, states)[-1, 3:]) < 0.02 * way_m
