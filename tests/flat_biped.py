@@ -63,7 +63,7 @@ def _leg(side: str, has_sole_shape: bool) -> str:
 
 @dataclass(frozen=True)
 class Noise:
-    """One sigma of each sensor, and the gyroscope's bias, rad/s, with its drift."""
+    """One sigma of each sensor, and the gyroscope's bias, rad/s, with its drift; of each trial the accelerometer's."""
 
     encoder_rad: float = 5e-4
     velocity_radps: float = 0.02
@@ -71,6 +71,7 @@ class Noise:
     force_mps2: float = 0.05
     rate_bias_radps: float = 0.0
     rate_drift_radps2: float = 0.0
+    force_bias_mps2: float = 0.0
 
 
 PoseAt = Callable[[float], Array]
@@ -138,7 +139,7 @@ def _joints(robot: RobotModel, times_s: Array, bodies: Array, soles_at: tuple[Po
 
 def _measurements(trial: FlatTrial, noise: Noise, rng: np.random.Generator) -> Iterator[Measurement]:
     velocities = np.gradient(trial.positions, trial.times_s, axis=0)
-    step_s = 1e-4
+    step_s, force_bias = 1e-4, rng.normal(0.0, 1.0, 3) * noise.force_bias_mps2
     for row, (time_s, stamp_ns) in enumerate(zip(trial.times_s, trial.stamps_ns.tolist(), strict=True)):
         before, here, after = (trial.body_at(time_s + offset) for offset in (-step_s, 0.0, step_s))
         rate = so3.log(before[:3, :3].T @ after[:3, :3]) / (2.0 * step_s)
@@ -146,7 +147,7 @@ def _measurements(trial: FlatTrial, noise: Noise, rng: np.random.Generator) -> I
         force = here[:3, :3].T @ (acceleration + [0.0, 0.0, 9.81])
         gyroscope = rate + noise.rate_bias_radps + noise.rate_drift_radps2 * time_s + rng.normal(0.0, noise.rate_radps, 3)
         yield FootForceSample(stamp_ns, trial.loads_at(time_s))
-        yield ImuSample(stamp_ns, gyroscope, force + rng.normal(0.0, noise.force_mps2, 3))
+        yield ImuSample(stamp_ns, gyroscope, force + force_bias + rng.normal(0.0, noise.force_mps2, 3))
         yield JointSample(
             stamp_ns,
             trial.positions[row] + rng.normal(0.0, noise.encoder_rad, 12),

@@ -117,9 +117,10 @@ class RobustProfile:
         self._counts["no_contact"] += not reading.is_stance.any()
         if self.imu_delay is not None:
             self._models.imu_delay_s = self.imu_delay.value_s
+        rotation_before = core.mean.rotation
         self._models.predict(core, motion, dt_s, foot_noise)
         if reading.contact_shift_body is not None:
-            _move_footholds(core, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))
+            _move_footholds(core, rotation_before, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))
         expectation = self._models.expect(
             core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps, dt_s=dt_s
         )
@@ -195,8 +196,17 @@ class RobustProfile:
         expectation.update(core, expectation.rejected)
 
 
-def _move_footholds(core: SquareRootFilter, shift_body: Array) -> None:
-    """Footholds (n, 3) move with their point of contact: ``p + R s``, which leaves right-invariant errors as they are."""
+def _move_footholds(core: SquareRootFilter, rotation_before: Array, shift_body: Array) -> None:
+    """Footholds move with their point of contact, by ``(R_before s_before + R s) / 2``.
+
+    Right-invariant errors stay as they are where something measured in the body is added.
+
+    Args:
+        core: the filter after its prediction.
+        rotation_before: ``R_world_body`` before it, (3, 3).
+        shift_body: displacements in body axes before and after it, m, (2, n, 3).
+    """
     vector = core.mean.vector.copy()
-    vector[core.mean.layout.feet] += (shift_body @ core.mean.rotation.T).ravel()
+    shift_world = 0.5 * (shift_body[0] @ rotation_before.T + shift_body[1] @ core.mean.rotation.T)
+    vector[core.mean.layout.feet] += shift_world.ravel()
     core.mean = replace(core.mean, vector=vector)

@@ -36,8 +36,8 @@ class Reading:
         specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
         joint_position: as read, rad, (J,); None where it was not kept.
-        contact_shift_body: how far the point of contact of each foot went along its sole since the last reading, m, body
-            axes, (n, 3): ``feet`` are then at these points; None where they are at the feet's centres.
+        contact_shift_body: how far the point of contact of each foot went along its sole since the last reading, m, in
+            body axes of then and of now, (2, n, 3): ``feet`` are at these points; None where they are at the centres.
         is_known: legs whose kinematics are known, (n,).
         is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
     """

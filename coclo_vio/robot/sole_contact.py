@@ -32,6 +32,7 @@ class SoleContact:
     def __init__(self, robot: RobotModel) -> None:
         self._soles = [(leg, sole) for leg, sole in enumerate(robot.soles) if sole is not None and len(sole)]
         self._point_foot: Array = np.zeros((len(robot.leg_names), 3))
+        self._rotation_body_foot: Array = np.tile(np.eye(3), (len(robot.leg_names), 1, 1))
 
     def __bool__(self) -> bool:
         """Whether there is a foot whose corners are known."""
@@ -45,10 +46,12 @@ class SoleContact:
             up_body: upward direction in the body frame, (3,).
 
         Returns:
-            The feet, and displacements in body axes, m, (n, 3).
+            The feet; and the displacements, m, (2, n, 3), in the body axes of the last call and of this one. As the foot
+            pivots about the middle of the two points meanwhile, half of each counts in the world: with one of them alone
+            the noise of the encoders, which is in rotation and displacement, would lift the foothold.
         """
         position, velocity, jacobian = feet.position_body.copy(), feet.velocity_body.copy(), feet.jacobian.copy()
-        shift = np.zeros_like(position)
+        shift = np.zeros((2, *position.shape))
         for leg, sole in self._soles:
             rotation = feet.rotation_body_foot[leg]
             if np.isnan(rotation[0, 0]):
@@ -60,8 +63,9 @@ class SoleContact:
             position[leg] += arm
             velocity[leg] += np.cross(feet.angular_velocity_body[leg], arm)
             jacobian[leg, 3:] -= so3.hat(arm) @ jacobian[leg, :3]
-            shift[leg] = rotation @ (point - self._point_foot[leg])
-            self._point_foot[leg] = point
+            step = point - self._point_foot[leg]
+            shift[0, leg], shift[1, leg] = self._rotation_body_foot[leg] @ step, rotation @ step
+            self._point_foot[leg], self._rotation_body_foot[leg] = point, rotation
         moved = FeetKinematics(
             position, velocity, feet.angular_velocity_body, feet.rotation_body_foot, jacobian
         )
