@@ -145,7 +145,9 @@ def _measurements(trial: FlatTrial, noise: Noise, rng: np.random.Generator) -> I
         rate = so3.log(before[:3, :3].T @ after[:3, :3]) / (2.0 * step_s)
         acceleration = (after[:3, 3] - 2.0 * here[:3, 3] + before[:3, 3]) / step_s**2
         force = here[:3, :3].T @ (acceleration + [0.0, 0.0, 9.81])
-        gyroscope = rate + noise.rate_bias_radps + noise.rate_drift_radps2 * time_s + rng.normal(0.0, noise.rate_radps, 3)
+        gyroscope = (
+            rate + noise.rate_bias_radps + noise.rate_drift_radps2 * time_s + rng.normal(0.0, noise.rate_radps, 3)
+        )
         yield FootForceSample(stamp_ns, trial.loads_at(time_s))
         yield ImuSample(stamp_ns, gyroscope, force + force_bias + rng.normal(0.0, noise.force_mps2, 3))
         yield JointSample(

@@ -227,6 +227,11 @@ class FilterConfig(StageConfig):
         """
         return cls.parse(merged(robot.filter, changes or {}), f"filter of robot {robot.name!r}")
 
+    @property
+    def rolls_feet(self) -> bool:
+        """Whether feet roll about their point of contact: spheres, and flat feet on heel and toe."""
+        return self.profile == "robust" and self.robust.rolls_feet
+
     profile: Annotated[
         Literal["robust", "paper"], Field(description="paper: section III as printed; robust: recommended")
     ] = "robust"

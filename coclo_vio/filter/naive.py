@@ -42,6 +42,8 @@ class NaiveLegOdometry:
         self._start_rule = StartRule(config.rest_timeout_s)
         self._radii_m = robot.foot_radii_m * rolls_feet
         self._weighs_load = weighs_load
+        self._averages_rest = robot.description.has_flat_feet  # a sway begins slowly, within the last window of rest
+        self._rests = 0  # readings of the present standstill
         self._stamp_ns: int | None = None
         self._rotation: Array = np.eye(3)
         self._bias: Array = np.zeros(3)
@@ -66,8 +68,10 @@ class NaiveLegOdometry:
 
     def _has_started(self, reading: Reading) -> bool:
         rest = self._sensing.rest
+        self._rests = 0 if rest is None else self._rests + 1
         if rest is not None:
-            self._bias = rest.angular_velocity
+            earlier = self._rests - 1 if self._averages_rest else 0
+            self._bias = (earlier * self._bias + rest.angular_velocity) / (earlier + 1)
         if self._stamp_ns is not None:
             return True
         force = reading.specific_force if rest is None else rest.specific_force

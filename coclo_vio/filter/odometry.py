@@ -108,9 +108,8 @@ class LegOdometryFilter:
                 extra_blocks=(*extra, *start),
                 holds_soles=not preintegrates,
             )
-        timeout_s = self.config.force_timeout_s
-        rocks, rest = self.config.profile == "robust" and self.config.robust.rolls_feet, self.config.standstill
-        self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=rocks)
+        timeout_s, rest = self.config.force_timeout_s, self.config.standstill
+        self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
         self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
         self._stamp_ns = 0

@@ -60,7 +60,14 @@ class RobustProfile:
         imu, initial = robot.description.imu, initial or InitialConfig()
         soles = sole_block(robot, config) if holds_soles else None
         self.layout = StateLayout(
-            robust_blocks(len(robot.leg_names), config, initial, imu, has_frame=has_frame, extra=(*((soles,) if soles else ()), *extra_blocks))
+            robust_blocks(
+                len(robot.leg_names),
+                config,
+                initial,
+                imu,
+                has_frame=has_frame,
+                extra=(*((soles,) if soles else ()), *extra_blocks),
+            )
         )
         self._soles = None if soles is None else SoleRotation(robot, config, self.layout.at(SOLES).start, counts)
         self.is_wide = False

@@ -66,7 +66,5 @@ class SoleContact:
             step = point - self._point_foot[leg]
             shift[0, leg], shift[1, leg] = self._rotation_body_foot[leg] @ step, rotation @ step
             self._point_foot[leg], self._rotation_body_foot[leg] = point, rotation
-        moved = FeetKinematics(
-            position, velocity, feet.angular_velocity_body, feet.rotation_body_foot, jacobian
-        )
+        moved = FeetKinematics(position, velocity, feet.angular_velocity_body, feet.rotation_body_foot, jacobian)
         return moved, shift
