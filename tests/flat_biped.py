@@ -15,19 +15,22 @@ from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSampl
 
 RATE_HZ = 100.0
 HEEL_M, TOE_M, HALF_WIDTH_M = -0.07, 0.13, 0.045
-WEIGHT_N = 300.0
+GRAVITY = np.array([0.0, 0.0, -9.81])
 _HIP_M, _THIGH_M, _SHANK_M, _ANKLE_M = 0.09, 0.32, 0.32, 0.06
 _JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
 _AXES = ("0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0")
 _DROPS_M = (0.0, 0.0, 0.0, _THIGH_M, _SHANK_M, 0.0)
 
 
-def write_biped(folder: Path, *, has_sole_shape: bool = True, **changes: object) -> RobotDescription:
+def write_biped(
+    folder: Path, *, has_sole_shape: bool = True, sole_name: str = "sole", **changes: object
+) -> RobotDescription:
     """The description of the biped, whose URDF is written into ``folder``."""
     path = folder / "biped.urdf"
-    path.write_text(f'<robot name="biped">{_link("base", 8.0)}{"".join(_leg(s, has_sole_shape) for s in "lr")}</robot>')
+    legs_text = [_leg(side, has_sole_shape).replace("_sole", f"_{sole_name}") for side in "lr"]
+    path.write_text(f'<robot name="biped">{_link("base", 8.0)}{"".join(legs_text)}</robot>')
     legs = [
-        {"name": name, "joints": [f"{name[0]}_{joint}" for joint in _JOINTS], "foot_frame": f"{name[0]}_sole"}
+        {"name": name, "joints": [f"{name[0]}_{joint}" for joint in _JOINTS], "foot_frame": f"{name[0]}_{sole_name}"}
         for name in ("left", "right")
     ]
     contact = {"source": "force_sensor", "on_force": 40.0, "off_force": 20.0}
@@ -144,7 +147,7 @@ def _measurements(trial: FlatTrial, noise: Noise, rng: np.random.Generator) -> I
         before, here, after = (trial.body_at(time_s + offset) for offset in (-step_s, 0.0, step_s))
         rate = so3.log(before[:3, :3].T @ after[:3, :3]) / (2.0 * step_s)
         acceleration = (after[:3, 3] - 2.0 * here[:3, 3] + before[:3, 3]) / step_s**2
-        force = here[:3, :3].T @ (acceleration + [0.0, 0.0, 9.81])
+        force = here[:3, :3].T @ np.subtract(acceleration, GRAVITY)
         gyroscope = (
             rate + noise.rate_bias_radps + noise.rate_drift_radps2 * time_s + rng.normal(0.0, noise.rate_radps, 3)
         )

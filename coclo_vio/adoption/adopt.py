@@ -158,10 +158,10 @@ def _sole_field(description: RobotDescription) -> AdoptedField:
     """Whether the corners of the soles are known, by which a foot that rocks on heel or toe is followed."""
     counts = {len(leg.contact_points_m) for leg in description.legs}
     if 0 not in counts:
-        reason = "corners of the soles, by boxes or spheres at the foot"
+        reason = "corners of the soles, by boxes, spheres or frames at the foot: measure them"
         return AdoptedField("contact_points_m", f"{min(counts)} a foot", 0.9, reason)
     reason = (
-        "the URDF has no boxes or spheres at the foot: give the corners of the sole in the axes of foot_frame, heel and "
+        "the URDF has no boxes, spheres or frames at the sole: give its corners in the axes of foot_frame, heel and "
         "toe; without them a foot that rocks on heel or toe is not followed"
     )
     return AdoptedField("contact_points_m", "unknown", 0.5, reason)

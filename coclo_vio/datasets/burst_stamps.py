@@ -3,9 +3,9 @@
 
 A logger that stamps what it receives writes a pause and then several samples within a fraction of a period, as many as
 the pause is long: the joints were read at an even rate and waited in a buffer. Taken as they stand, such stamps make a
-foot jump by what it moved in the pause, and a pause of 0.1 s ends every foothold. Here the samples of a burst are spread
-over the pause before it. Foot forces and IMU samples that share their stamps are of the same rows and move with them;
-all other samples keep their own.
+foot jump by what it moved in the pause, and a pause of 0.1 s ends every foothold. Here the samples of a burst are
+spread over the pause before it. Foot forces and IMU samples that share their stamps are of the same rows and move with
+them; all other samples keep their own.
 
 Nothing changes where there is no burst: a pause without the samples that it lacks, samples that repeat one another
 (held readings) and uneven stamps in general stay as recorded.
@@ -14,6 +14,7 @@ Nothing changes where there is no burst: a pause without the samples that it lac
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -119,7 +120,7 @@ class _Spreader:
         moves = any(
             not np.array_equal(one.position, other.position, equal_nan=True)
             or not np.array_equal(one.velocity, other.velocity, equal_nan=True)
-            for one, other in zip(joints, joints[1:], strict=False)
+            for one, other in pairwise(joints)
         )
         return is_short and len(joints) <= _SURPLUS * room + 1.0 and moves
 

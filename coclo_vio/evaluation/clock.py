@@ -153,9 +153,9 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
 def _if_no_better(estimate: Trajectory, truth: GroundTruth, config: ClockConfig, fit: ClockFit) -> ClockFit | None:
     """An offset of zero, where the estimated one is no better; None where it is better.
 
-    A slow motion correlates over a wide range of offsets, and noise decides where its peak is. With N windows that share
-    no sample and correlations ``r`` at the estimated offset and ``r_0`` at none, ``N (r^2 - r_0^2) / (1 - r^2)`` is what
-    the sum of squared residuals falls by, in units of its variance.
+    A slow motion correlates over a wide range of offsets, and noise decides where its peak is. With N windows that
+    share no sample and correlations ``r`` at the estimated offset and ``r_0`` at none, ``N (r^2 - r_0^2) / (1 - r^2)``
+    is what the sum of squared residuals falls by, in units of its variance.
     """
     none = _fit_of(estimate, truth, config.model_copy(update={"offset_s": 0.0}), (0.0, None))
     if none.correlation is None or fit.correlation is None or none.correlation < config.min_correlation:

@@ -7,9 +7,9 @@ the world, and ``M = R_body_foot`` by the joints, ``M = R^T F``. The errors of `
 
     log(R_mean M F_mean^T) = e_F - e_R + noise.
 
-A sole's orientation is what body and joints show once it has come to rest on the ground: ``F = R M``, ``e_F = e_R`` plus
-noise. A rotation of the world moves both alike and is not observed, as everywhere in this filter. While the sole rests
-the rows hold the body's rotation against the drift of the gyroscope, in yaw too, which nothing else measures.
+A sole's orientation is what body and joints show once it has come to rest on the ground: ``F = R M``, ``e_F = e_R``
+plus noise. A rotation of the world moves both alike and is not observed, as everywhere in this filter. While the sole
+rests the rows hold the body's rotation against the drift of the gyroscope, in yaw too, which nothing else measures.
 
 A leg's error of rotation (backlash, bending, encoder counts) changes with load and posture, over a second and not from
 sample to sample. So there is one measurement in each ``interval_s``, with the noise that makes the measurements of one

@@ -135,9 +135,9 @@ def _sole_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[DescriptionF
             yield DescriptionFinding(
                 "sole_unknown",
                 False,
-                f"leg {leg.name!r}: its foot is flat, but the URDF has no boxes or spheres at {leg.foot_frame!r} that "
-                "show its corners, so a foot that rocks on heel or toe is not followed; set contact_points_m to the "
-                "corners of the sole",
+                f"leg {leg.name!r}: its foot is flat, but the URDF has no boxes, spheres or frames at "
+                f"{leg.foot_frame!r} that show its corners, so a foot that rocks on heel or toe is not "
+                "followed; set contact_points_m to the corners of the sole",
                 (where,),
             )
         return
@@ -155,8 +155,8 @@ def _sole_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[DescriptionF
         yield DescriptionFinding(
             "sole_differs",
             False,
-            f"leg {leg.name!r}: contact_points_m lies up to {apart_m:.3f} m away from the corners of the collision shapes "
-            f"of {leg.foot_frame!r}; measure the sole and correct one of them",
+            f"leg {leg.name!r}: contact_points_m lies up to {apart_m:.3f} m away from the corners in the URDF at "
+            f"{leg.foot_frame!r}; measure the sole and correct one of them",
             (f"{where}: [{corners}]",),
         )
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The corners of a flat foot: as described, or the lowest points of its collision shapes in the URDF."""
+"""The corners of a flat foot: as described, or the lowest points of its URDF."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -13,6 +14,7 @@ from coclo_vio.values.errors import RobotModelError
 
 _THICKNESS_M = 0.015  # points that lie higher above the lowest one are not of the sole
 _LEAST_AREA_M2 = 4e-4
+_SOLE_WORDS = re.compile(r"toe|heel|sole|skin|contact|corner")
 _SIGNS: Array = np.array(list(product((-0.5, 0.5), repeat=3)))
 
 
@@ -39,30 +41,36 @@ def _sole_of(leg: LegDescription, tree: UrdfTree | None) -> Array:
 
 
 def sole_points(tree: UrdfTree, foot_frame: str) -> Array:
-    """The corners of the sole in the axes of a link, m, (k, 3), by boxes and spheres; (0, 3) where it has no such sole.
+    """The corners of the sole in the axes of a link, m, (k, 3); (0, 3) where the URDF does not show them.
 
-    Shapes of links that are fixed to the foot's count too. Down is that of the URDF with all joints at zero.
+    Those of boxes and spheres; without these, frames that are named after parts of a sole, as toe, heel or skin. Links
+    that are fixed to the foot's count too. Down is that of the URDF with all joints at zero.
     """
     placed = tree.placements()
     T_foot_root = np.linalg.inv(placed[foot_frame])
-    down = -T_foot_root[:3, 2]
+    down = -np.asarray(T_foot_root[:3, 2], dtype=np.float64)
+    T_foot_link = {link: T_foot_root @ placed[link] for link in tree.rigid_with(foot_frame)}
     points = [
-        _lowest(shape, T_foot_root @ placed[link], down)
-        for link in tree.rigid_with(foot_frame)
+        _lowest(shape, T_foot_link[link], down)
+        for link in T_foot_link
         for shape in tree.links[link].shapes
         if shape.size_m is not None or shape.radius_m is not None
     ]
     if not points:
-        return np.zeros((0, 3))
-    lowest = np.concatenate(points)
-    depth = lowest @ down
-    lowest = lowest[depth > depth.max() - _THICKNESS_M]
+        points = [T_foot_link[link][None, :3, 3] for link in T_foot_link if _SOLE_WORDS.search(link.lower())]
+    return _corners(np.concatenate(points), down) if points else np.zeros((0, 3))
+
+
+def _corners(points: Array, down: Array) -> Array:
+    """Those of the lowest points (k, 3) that are corners seen from below."""
+    depth = points @ down
+    lowest = points[depth > depth.max() - _THICKNESS_M]
     level = np.linalg.svd(down[None])[2][1:]  # two directions in the ground
     try:
         hull = ConvexHull(lowest @ level.T)
     except (QhullError, ValueError):  # on a line, or too few
         return np.zeros((0, 3))
-    return lowest[hull.vertices] if hull.volume > _LEAST_AREA_M2 else np.zeros((0, 3))
+    return np.asarray(lowest[hull.vertices]) if hull.volume > _LEAST_AREA_M2 else np.zeros((0, 3))
 
 
 def _lowest(shape: CollisionShape, T_foot_link: Array, down: Array) -> Array:

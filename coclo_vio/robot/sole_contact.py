@@ -7,10 +7,10 @@ is taken to be at rest is the mean of its corners, those weighted that are lowes
 
     c = sum(w_k v_k) / sum(w_k),  w_k = exp(-h_k / h_0).
 
-On the ground ``c`` is the middle of the sole, on an edge that edge's. It goes from one to the other as the foot rotates,
-and the foothold goes with it: by the same displacement, so that no measurement is lost. For a foot of radius zero it
-is what rolling is for a sphere. Up is the world's: a foot that stands flat on a slope is taken to stand on its lower edge,
-which makes no difference while it does not rotate.
+On the ground ``c`` is the middle of the sole, on an edge that edge's. It goes from one to the other as the foot
+rotates, and the foothold goes with it: by the same displacement, so that no measurement is lost. For a foot of radius
+zero it is what rolling is for a sphere. Up is the world's: a foot that stands flat on a slope is taken to stand on its
+lower edge, which makes no difference while it does not rotate.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ _HEIGHT_M = 0.003
 
 
 class SoleContact:
-    """The feet at the points where they touch the ground. Feet that are not flat, or of unknown shape, stay as they are.
+    """The feet at the points where they touch the ground; those that are not flat, or of unknown shape, stay.
 
     Args:
         robot: the legs.
@@ -46,9 +46,9 @@ class SoleContact:
             up_body: upward direction in the body frame, (3,).
 
         Returns:
-            The feet; and the displacements, m, (2, n, 3), in the body axes of the last call and of this one. As the foot
-            pivots about the middle of the two points meanwhile, half of each counts in the world: with one of them alone
-            the noise of the encoders, which is in rotation and displacement, would lift the foothold.
+            The feet; and displacements, m, (2, n, 3), in the body axes of the last call and of this one. As the foot
+            pivots about the middle of the two points, half of each counts in the world: with one of them alone the
+            noise of the encoders, which is in rotation and displacement, would lift the foothold.
         """
         position, velocity, jacobian = feet.position_body.copy(), feet.velocity_body.copy(), feet.jacobian.copy()
         shift = np.zeros((2, *position.shape))

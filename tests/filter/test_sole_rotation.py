@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from flat_biped import Noise, FlatTrial, flat_trial, rocked, smooth, write_biped
+from flat_biped import FlatTrial, Noise, flat_trial, rocked, smooth, write_biped
 
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
@@ -46,7 +46,7 @@ def sway(time_s: float) -> Array:
     ramp, phase = smooth((time_s - REST_S) / 1.0), 2.0 * np.pi * 0.3 * (time_s - REST_S)
     place = ramp * np.array([0.01 * np.sin(phase), 0.03 * np.sin(0.7 * phase), 0.01 * (np.cos(phase) - 1.0)])
     turn = ramp * np.array([0.04 * np.sin(phase), 0.06 * np.sin(0.8 * phase), 0.15 * np.sin(0.6 * phase)])
-    return se3.transform(so3.exp(turn), place + [0.0, 0.0, HEIGHT_M])
+    return se3.transform(so3.exp(turn), np.add(place, [0.0, 0.0, HEIGHT_M]))
 
 
 def standing(side: float, time_s: float) -> Array:
