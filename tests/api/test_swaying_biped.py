@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A real biped that sways on both flat feet, with motion capture: 0.5 m of path, stamped on arrival for a quarter of it."""
+"""A real biped that sways on both flat feet, with motion capture: 0.5 m of path, a quarter of it stamped on arrival."""
 
 from pathlib import Path
 

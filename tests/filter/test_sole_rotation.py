@@ -154,3 +154,22 @@ def test_a_walk_over_heels_and_toes_keeps_its_length(biped: RobotModel) -> None:
     states = estimates(biped, trial, 5)
     way_m = STEPS * STRIDE_M / 2
     assert np.linalg.norm(errors(trial, states)[-1, 3:]) < 0.02 * way_m
+
+
+def test_frames_that_are_remembered_change_nothing(biped: RobotModel, swaying: FlatTrial) -> None:
+    config = FilterConfig.of_robot(biped.description)
+    plain, remembering = (LegOdometryFilter(biped, config, remembers_frames=kept) for kept in (False, True))
+    keyframe, last = None, np.zeros((2, 4, 4))
+    for number, measurement in enumerate(swaying.measurements(NOISE, 2)):
+        states = [odometry.push(measurement) for odometry in (plain, remembering)]
+        if states[0] is None or states[1] is None:
+            continue
+        last = np.array([state.nav.T_world_body for state in states if state is not None])
+        if keyframe is None:
+            keyframe = remembering.mark_frame(states[1].stamp_ns).anchor()
+        elif number % 150 == 2:
+            pair = keyframe.mark_frame(states[1].stamp_ns)
+            covariance = pair.poses().covariance
+            assert np.linalg.eigvalsh(covariance).min() > -1e-12
+            keyframe = pair.keep()
+    np.testing.assert_allclose(last[0], last[1], atol=1e-9)
