@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSampl
 
 RATE_HZ = 100.0
 HEEL_M, TOE_M, HALF_WIDTH_M = -0.07, 0.13, 0.045
+_REST_S, _STEP_S, _STRIDE_M, _STEPS = 1.0, 0.8, 0.16, 6
+WALK_M = _STEPS * _STRIDE_M / 2.0
 GRAVITY = np.array([0.0, 0.0, -9.81])
 _HIP_M, _THIGH_M, _SHANK_M, _ANKLE_M = 0.09, 0.32, 0.32, 0.06
 _JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
@@ -172,3 +175,41 @@ def rocked(place: Array, angle_rad: float) -> Array:
     pivot = np.array([TOE_M if angle_rad > 0.0 else HEEL_M, 0.0, 0.0])
     rotation = so3.exp(np.array([0.0, angle_rad, 0.0]))
     return se3.transform(rotation, place + pivot - rotation @ pivot)
+
+
+def walk(robot: RobotModel) -> FlatTrial:
+    """Six steps of 0.08 m after a second of rest; each foot leaves over its toe and lands on its heel."""
+    soles = partial(_walking, 1.0), partial(_walking, -1.0)
+    return flat_trial(robot, _walking_body, soles, _walking_loads, _REST_S + _STEPS * _STEP_S + 0.5)
+
+
+def _walking_body(time_s: float) -> Array:
+    steps = _STEPS * smooth((time_s - _REST_S) / (_STEPS * _STEP_S))
+    place = np.array([_STRIDE_M / 2 * steps, 0.0, 0.6])
+    return se3.transform(so3.exp(np.array([0.0, 0.0, 0.05 * np.sin(time_s) * smooth(time_s - _REST_S)])), place)
+
+
+def _swing(side: float, time_s: float) -> tuple[int, float]:
+    """How many swings this foot has finished, and the phase of the one it is in; 0 while it stands."""
+    phase = (time_s - _REST_S) / _STEP_S - (0.0 if side > 0.0 else 1.0)
+    number, share = int(np.floor(phase / 2.0)), phase / 2.0 % 1.0
+    if phase < 0.0 or number >= _STEPS // 2:
+        return max(0, min(number, _STEPS // 2)), 0.0
+    return (number, 2.0 * share) if share < 0.5 else (number + 1, 0.0)
+
+
+def _walking(side: float, time_s: float) -> Array:
+    """Over the toe, through the air, on to the heel and down: in one step time, the toe still carries at first."""
+    done, phase = _swing(side, time_s)
+    start = np.array([_STRIDE_M * done, side * _HIP_M, 0.0])
+    toe_off, flight = smooth(phase / 0.3), smooth((phase - 0.3) / 0.4)
+    landing = smooth((phase - 0.7) / 0.3)
+    angle = 0.3 * toe_off - 0.5 * flight + 0.2 * landing
+    pose = rocked(start, angle)
+    pose[:3, 3] += [_STRIDE_M * flight, 0.0, 0.04 * np.sin(np.pi * flight)]
+    return pose
+
+
+def _walking_loads(time_s: float) -> Array:
+    phases = [_swing(side, time_s)[1] for side in (1.0, -1.0)]
+    return np.array([0.0 if 0.3 < phase < 0.7 else 150.0 for phase in phases])

@@ -93,7 +93,8 @@ def _description(tree: UrdfTree, found: FoundLegs, legs: Sequence[FoundLeg]) -> 
         }
         if float(np.linalg.norm(leg.foot_centre_m)) > 1e-3:
             values["foot_centre_m"] = leg.foot_centre_m
-        if leg.foot_kind == "flat" and len(sole := sole_points(tree, leg.foot_frame)):
+        is_ankled = leg.foot_kind != "sphere" and len(leg.joints) > _JOINTS_WITHOUT_ANKLE
+        if (leg.foot_kind == "flat" or is_ankled) and len(sole := sole_points(tree, leg.foot_frame)):
             values["contact_points_m"] = [[round(float(value), 4) + 0.0 for value in point] for point in sole]
         described.append(LegDescription.parse(values, str(tree.path)))
     frame = {} if found.body_frame is None else {"body_frame": found.body_frame}
@@ -147,16 +148,17 @@ def _leg_fields(found: FoundLegs, joints: MatchedJoints, description: RobotDescr
         fields.append(AdoptedField("foot_radius_m", radii, 0.9, "the collision sphere of the foot; measure it"))
     elif kinds == {"flat"}:
         fields.append(AdoptedField("foot_radius_m", radii, 0.9, "flat feet"))
-        fields.append(_sole_field(description))
     else:
         reason = "the URDF has no collision sphere at the foot: measure its radius; 0 for a flat foot"
         fields.append(AdoptedField("foot_radius_m", radii, 0.3, reason))
+    if description.has_flat_feet:
+        fields.append(_sole_field(description))
     return fields
 
 
 def _sole_field(description: RobotDescription) -> AdoptedField:
     """Whether the corners of the soles are known, by which a foot that rocks on heel or toe is followed."""
-    counts = {len(leg.contact_points_m) for leg in description.legs}
+    counts = {len(leg.contact_points_m) for leg in description.legs if leg.is_flat}
     if 0 not in counts:
         reason = "corners of the soles, by boxes, spheres or frames at the foot: measure them"
         return AdoptedField("contact_points_m", f"{min(counts)} a foot", 0.9, reason)

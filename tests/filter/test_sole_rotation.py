@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from flat_biped import FlatTrial, Noise, flat_trial, rocked, smooth, write_biped
+from flat_biped import WALK_M, FlatTrial, Noise, flat_trial, rocked, smooth, walk, write_biped
 
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
@@ -18,7 +18,6 @@ from coclo_vio.values.estimates import StateEstimate
 
 REST_S, HEIGHT_M, STANCE_M = 1.0, 0.62, 0.09
 NOISE = Noise(rate_bias_radps=0.005)
-STEP_S, STRIDE_M, STEPS = 0.8, 0.16, 6
 MATCHED = {
     "slip_share": 0.0,
     "slip_turn_per_m": 0.0,
@@ -61,38 +60,6 @@ def rocking(side: float, time_s: float) -> Array:
 
 def both_carry(time_s: float) -> Array:
     return np.array([150.0, 150.0])
-
-
-def walking_body(time_s: float) -> Array:
-    steps = STEPS * smooth((time_s - REST_S) / (STEPS * STEP_S))
-    place = np.array([STRIDE_M / 2 * steps, 0.0, HEIGHT_M - 0.02])
-    return se3.transform(so3.exp(np.array([0.0, 0.0, 0.05 * np.sin(time_s) * smooth(time_s - REST_S)])), place)
-
-
-def _swing(side: float, time_s: float) -> tuple[int, float]:
-    """How many swings this foot has finished, and the phase of the one it is in; 0 while it stands."""
-    phase = (time_s - REST_S) / STEP_S - (0.0 if side > 0.0 else 1.0)
-    number, share = int(np.floor(phase / 2.0)), phase / 2.0 % 1.0
-    if phase < 0.0 or number >= STEPS // 2:
-        return max(0, min(number, STEPS // 2)), 0.0
-    return (number, 2.0 * share) if share < 0.5 else (number + 1, 0.0)
-
-
-def walking(side: float, time_s: float) -> Array:
-    """Over the toe, through the air, on to the heel and down: in one step time, the toe still carries at first."""
-    done, phase = _swing(side, time_s)
-    start = np.array([STRIDE_M * done, side * STANCE_M, 0.0])
-    toe_off, flight = smooth(phase / 0.3), smooth((phase - 0.3) / 0.4)
-    landing = smooth((phase - 0.7) / 0.3)
-    angle = 0.3 * toe_off - 0.5 * flight + 0.2 * landing
-    pose = rocked(start, angle)
-    pose[:3, 3] += [STRIDE_M * flight, 0.0, 0.04 * np.sin(np.pi * flight)]
-    return pose
-
-
-def walking_loads(time_s: float) -> Array:
-    phases = [_swing(side, time_s)[1] for side in (1.0, -1.0)]
-    return np.array([0.0 if 0.3 < phase < 0.7 else 150.0 for phase in phases])
 
 
 @pytest.fixture(scope="module")
@@ -149,11 +116,9 @@ def test_a_sole_that_rocks_on_heel_and_toe_does_no_harm(biped: RobotModel) -> No
 
 
 def test_a_walk_over_heels_and_toes_keeps_its_length(biped: RobotModel) -> None:
-    soles = partial(walking, 1.0), partial(walking, -1.0)
-    trial = flat_trial(biped, walking_body, soles, walking_loads, REST_S + STEPS * STEP_S + 0.5)
+    trial = walk(biped)
     states = estimates(biped, trial, 5)
-    way_m = STEPS * STRIDE_M / 2
-    assert np.linalg.norm(errors(trial, states)[-1, 3:]) < 0.02 * way_m
+    assert np.linalg.norm(errors(trial, states)[-1, 3:]) < 0.02 * WALK_M
 
 
 def test_frames_that_are_remembered_change_nothing(biped: RobotModel, swaying: FlatTrial) -> None:
