@@ -24,6 +24,7 @@ from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.robot.description import LegDescription, RobotDescription
 from coclo_vio.robot.leg_search import FoundLeg, FoundLegs, find_legs
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.robot.sole import sole_points
 from coclo_vio.robot.urdf_tree import UrdfTree, read_urdf_tree
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import RobotModelError
@@ -58,7 +59,13 @@ def adopt(urdf: Path, recording: Path, config: DatasetConfig | None = None) -> A
     contact = find_contact(read.robot, read.recorded)
     imu, imu_fields, imu_notes = find_imu(tree, read, joints.legs, contact.is_stance)
     changes: dict[str, object] = {"contact": contact.config, "imu": imu, "joint_aliases": joints.aliases}
-    fields = [*_leg_fields(found, joints), *joints.fields, *read.fields, *_contact_fields(contact), *imu_fields]
+    fields = [
+        *_leg_fields(found, joints, read.robot.description),
+        *joints.fields,
+        *read.fields,
+        *_contact_fields(contact),
+        *imu_fields,
+    ]
     noise = _velocity_noise(read.recorded)
     if noise is not None:
         changes["joint_velocity_noise_radps"] = noise
@@ -86,6 +93,9 @@ def _description(tree: UrdfTree, found: FoundLegs, legs: Sequence[FoundLeg]) -> 
         }
         if float(np.linalg.norm(leg.foot_centre_m)) > 1e-3:
             values["foot_centre_m"] = leg.foot_centre_m
+        is_ankled = leg.foot_kind != "sphere" and len(leg.joints) > _JOINTS_WITHOUT_ANKLE
+        if (leg.foot_kind == "flat" or is_ankled) and len(sole := sole_points(tree, leg.foot_frame)):
+            values["contact_points_m"] = [[round(float(value), 4) + 0.0 for value in point] for point in sole]
         described.append(LegDescription.parse(values, str(tree.path)))
     frame = {} if found.body_frame is None else {"body_frame": found.body_frame}
     values = {"name": tree.name, "urdf": str(tree.path.resolve()), "legs": tuple(described), **frame}
@@ -123,7 +133,7 @@ def _read(tree: UrdfTree, found: FoundLegs, joints: MatchedJoints, recording: Pa
     return ReadLog(robot, recorded, motion, tuple(fields), (*_unit_settings(units), *settings))
 
 
-def _leg_fields(found: FoundLegs, joints: MatchedJoints) -> list[AdoptedField]:
+def _leg_fields(found: FoundLegs, joints: MatchedJoints, description: RobotDescription) -> list[AdoptedField]:
     names = ", ".join(leg.name for leg in joints.legs)
     evidence = "; ".join(dict.fromkeys(leg.evidence for leg in joints.legs))
     by_names = all(leg.evidence.startswith("named") for leg in joints.legs)
@@ -141,7 +151,22 @@ def _leg_fields(found: FoundLegs, joints: MatchedJoints) -> list[AdoptedField]:
     else:
         reason = "the URDF has no collision sphere at the foot: measure its radius; 0 for a flat foot"
         fields.append(AdoptedField("foot_radius_m", radii, 0.3, reason))
+    if description.has_flat_feet:
+        fields.append(_sole_field(description))
     return fields
+
+
+def _sole_field(description: RobotDescription) -> AdoptedField:
+    """Whether the corners of the soles are known, by which a foot that rocks on heel or toe is followed."""
+    counts = {len(leg.contact_points_m) for leg in description.legs if leg.is_flat}
+    if 0 not in counts:
+        reason = "corners of the soles, by boxes, spheres or frames at the foot: measure them"
+        return AdoptedField("contact_points_m", f"{min(counts)} a foot", 0.9, reason)
+    reason = (
+        "the URDF has no boxes, spheres or frames at the sole: give its corners in the axes of foot_frame, heel and "
+        "toe; without them a foot that rocks on heel or toe is not followed"
+    )
+    return AdoptedField("contact_points_m", "unknown", 0.5, reason)
 
 
 def _unit_settings(units: JointUnits) -> tuple[str, ...]:

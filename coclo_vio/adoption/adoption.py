@@ -74,7 +74,7 @@ class Adoption:
         ]
         if robot.body_frame is not None:
             lines += [*self._comments("body_frame"), f"body_frame: {_quoted(robot.body_frame)}"]
-        lines += [*self._comments("legs", "joints", "foot_radius_m", "joint_signs"), "legs:"]
+        lines += [*self._comments("legs", "joints", "foot_radius_m", "contact_points_m", "joint_signs"), "legs:"]
         for leg in robot.legs:
             lines += _leg_lines(leg)
         contact = robot.contact.model_dump(exclude_unset=True)
@@ -135,6 +135,9 @@ def _leg_lines(leg: LegDescription) -> list[str]:
     ]
     if any(leg.foot_centre_m):
         lines.append(f"    foot_centre_m: [{', '.join(f'{value:g}' for value in leg.foot_centre_m)}]")
+    if leg.contact_points_m:
+        corners = ", ".join(f"[{', '.join(f'{value:g}' for value in point)}]" for point in leg.contact_points_m)
+        lines.append(f"    contact_points_m: [{corners}]")
     return lines
 
 

@@ -34,7 +34,8 @@ class InvariantLegOdometry:
         self.config = config or InvariantConfig()
         self._robot, self._legs = robot, len(robot.leg_names)
         contact, timeout_s = robot.description.contact, self.config.force_timeout_s
-        self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
+        rest = self.config.standstill
+        self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=True)
         self._start_rule = StartRule(self.config.rest_timeout_s)
         self._counts: Counter[str] = Counter()
         self._T_body_imu = robot.description.imu.T_body_imu
@@ -44,6 +45,7 @@ class InvariantLegOdometry:
         self._feet_body: Array = np.zeros((self._legs, 3))  # last known
         self._rolled: Array = np.zeros((self._legs, 3))  # since touchdown, m, world
         self._R_world_foot: Array = np.tile(np.eye(3), (self._legs, 1, 1))
+        self._R_world_body: Array = np.eye(3)  # at the last reading
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -134,18 +136,27 @@ class InvariantLegOdometry:
         self._feet_body = np.where(is_known[:, None], feet.position_body, self._feet_body)
         is_held = (reading.contact.is_stance | reading.is_stationary) & is_known
         points = feet.position_body
-        if self.config.rolling_feet:
-            points = self._unrolled(core.T_world_body[:3, :3], feet, is_held & core.is_stance)
+        shift = reading.contact_shift_body
+        if self.config.rolling_feet or shift is not None:
+            points = self._unrolled(core.T_world_body[:3, :3], feet, is_held & core.is_stance, shift)
         core.correct(points, is_held)
 
-    def _unrolled(self, rotation_world_body: Array, feet: FeetKinematics, is_rolling: BoolArray) -> Array:
+    def _unrolled(
+        self, rotation_world_body: Array, feet: FeetKinematics, is_rolling: BoolArray, shift_body: Array | None
+    ) -> Array:
         """Feet less what they have rolled since touchdown, m, body frame, (legs, 3): points at rest in the world.
 
-        A sphere that turns by the small rotation ``theta`` on flat ground moves by ``theta x r e_z``.
+        A sphere that turns by the small rotation ``theta`` on flat ground moves by ``theta x r e_z``; the point of
+        contact of a sole that rocks goes along the sole by ``shift_body``, as in ``Reading``.
         """
-        now = rotation_world_body @ feet.rotation_body_foot
-        turned = so3.log_below_pi(now @ np.swapaxes(self._R_world_foot, 1, 2))
-        step = np.cross(turned, self._robot.foot_radii_m[:, None] * np.array([0.0, 0.0, 1.0]))
+        step = np.zeros((self._legs, 3))
+        if self.config.rolling_feet:
+            now = rotation_world_body @ feet.rotation_body_foot
+            turned = so3.log_below_pi(now @ np.swapaxes(self._R_world_foot, 1, 2))
+            step = np.cross(turned, self._robot.foot_radii_m[:, None] * np.array([0.0, 0.0, 1.0]))
+            self._R_world_foot = now
+        if shift_body is not None:
+            step = step + 0.5 * (shift_body[0] @ self._R_world_body.T + shift_body[1] @ rotation_world_body.T)
+            self._R_world_body = rotation_world_body
         self._rolled = np.where(is_rolling[:, None], self._rolled + step, 0.0)
-        self._R_world_foot = now
         return np.asarray(feet.position_body - self._rolled @ rotation_world_body)

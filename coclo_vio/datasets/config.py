@@ -22,6 +22,13 @@ class DatasetConfig(StageConfig):
     sort: Annotated[
         bool, Field(description="sort measurements by time (holds all of them in memory); otherwise as in the file")
     ] = False
+    spreads_bursts: Annotated[
+        bool,
+        Field(
+            description="spread joint samples that came in a burst evenly over the pause before it: they were stamped "
+            "on arrival"
+        ),
+    ] = True
     corrections: Annotated[
         Corrections, Field(description="units, axes and clocks of the recording that are not as they should be")
     ] = Corrections()

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from coclo_vio.datasets.burst_stamps import spread_bursts
 from coclo_vio.datasets.config import DatasetConfig
 from coclo_vio.datasets.image_pairs import ImagePair, ImagePairSource
 from coclo_vio.datasets.joint_velocity import fill_velocities
@@ -141,6 +142,8 @@ class RecordingReader:
         stream: Iterator[Measurement] = merge_streams([table.measurements(tally) for table in tables])
         if self._config.sort:
             stream = self._sorted(stream, tally)
+        if self._config.spreads_bursts and any(table.joints is not None for table in tables):
+            stream = spread_bursts(stream, tally.note)
         for table in tables:
             if table.joints is not None and not table.joints.velocity.is_present.all():
                 is_absent = np.logical_not(table.joints.velocity.is_present)

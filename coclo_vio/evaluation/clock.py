@@ -41,6 +41,7 @@ from coclo_vio.values.trajectory import GroundTruth, Trajectory
 from coclo_vio.values.units import NS_PER_S
 
 _RATE_STEP = 0.01
+_LEAST_GAIN = 9.0  # three standard deviations
 
 
 class ClockConfig(StageConfig):
@@ -134,6 +135,8 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
     if problem is None:
         search = _search_rate if not truth.has_stamps else _search_offset
         fit = _fit_of(estimate, truth, config, search(estimate, truth.trajectory, config))
+        if truth.has_stamps and (same := _if_no_better(estimate, truth, config, fit)) is not None:
+            return same
         if fit.correlation is not None and fit.correlation >= config.min_correlation:
             return fit
         problem = (
@@ -146,6 +149,23 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
             "set clock.offset_s and clock.rate_hz"
         )
     return ClockFit(0.0, None, False, None, None, f"clock offset taken as 0: {problem}")
+
+
+def _if_no_better(estimate: Trajectory, truth: GroundTruth, config: ClockConfig, fit: ClockFit) -> ClockFit | None:
+    """An offset of zero, where the estimated one is no better; None where it is better.
+
+    A slow motion correlates over a wide range of offsets, and noise decides where its peak is. With N windows that
+    share no sample and correlations ``r`` at the estimated offset and ``r_0`` at none, ``N (r^2 - r_0^2) / (1 - r^2)``
+    is what the sum of squared residuals falls by, in units of its variance.
+    """
+    none = _fit_of(estimate, truth, config.model_copy(update={"offset_s": 0.0}), (0.0, None))
+    if none.correlation is None or fit.correlation is None or none.correlation < config.min_correlation:
+        return None
+    span_s = min(estimate.times_s[-1], truth.trajectory.times_s[-1])
+    gain = fit.correlation**2 - none.correlation**2
+    if span_s / config.window_s * gain / max(1.0 - fit.correlation**2, 1e-12) > _LEAST_GAIN:
+        return None
+    return replace(none, is_estimated=True)
 
 
 def _check_given(truth: GroundTruth, config: ClockConfig) -> None:

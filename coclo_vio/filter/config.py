@@ -54,6 +54,21 @@ class RobustConfig(StageConfig):
     foothold_creep: Annotated[
         float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
     ] = 0.003
+    holds_soles: Annotated[
+        bool, Field(description="whether a flat foot that rests holds its orientation, not its place alone")
+    ] = True
+    foot_rotation_noise_rad: Annotated[
+        float, Field(gt=0, lt=0.5, description="one sigma of a flat foot's rotation beyond its encoders, rad")
+    ] = 0.003
+    foot_rotation_memory_s: Annotated[
+        float, Field(ge=0, description="that error lasts so long: rotations within this time count as one, s")
+    ] = 1.0
+    sole_creep_rad: Annotated[
+        float, Field(gt=0, description="random walk of the orientation of a resting sole, rad/sqrt(s)")
+    ] = 0.0005
+    sole_steady_radps: Annotated[
+        float, Field(gt=0, le=10, description="a sole that rotates faster stands on its heel, toe or edge, rad/s")
+    ] = 0.15
     foot_position_noise_m: Annotated[
         float, Field(gt=0, description="one sigma of a foot position beyond its encoders (bending), m")
     ] = 0.0005
@@ -211,6 +226,11 @@ class FilterConfig(StageConfig):
             ConfigError: a key that does not exist, or a value out of bounds.
         """
         return cls.parse(merged(robot.filter, changes or {}), f"filter of robot {robot.name!r}")
+
+    @property
+    def rolls_feet(self) -> bool:
+        """Whether feet roll about their point of contact: spheres, and flat feet on heel and toe."""
+        return self.profile == "robust" and self.robust.rolls_feet
 
     profile: Annotated[
         Literal["robust", "paper"], Field(description="paper: section III as printed; robust: recommended")

@@ -36,10 +36,14 @@ class NaiveLegOdometry:
     def __init__(self, robot: RobotModel, config: FilterConfig, *, rolls_feet: bool, weighs_load: bool) -> None:
         self._counts: Counter[str] = Counter()
         contact = robot.description.contact
-        self._sensing = LegSensing(robot, contact, config.standstill, force_timeout_s=config.force_timeout_s)
+        self._sensing = LegSensing(
+            robot, contact, config.standstill, force_timeout_s=config.force_timeout_s, rocks_soles=rolls_feet
+        )
         self._start_rule = StartRule(config.rest_timeout_s)
         self._radii_m = robot.foot_radii_m * rolls_feet
         self._weighs_load = weighs_load
+        self._averages_rest = robot.description.has_flat_feet  # a sway begins slowly, within the last window of rest
+        self._rests = 0  # readings of the present standstill
         self._stamp_ns: int | None = None
         self._rotation: Array = np.eye(3)
         self._bias: Array = np.zeros(3)
@@ -64,8 +68,10 @@ class NaiveLegOdometry:
 
     def _has_started(self, reading: Reading) -> bool:
         rest = self._sensing.rest
+        self._rests = 0 if rest is None else self._rests + 1
         if rest is not None:
-            self._bias = rest.angular_velocity
+            earlier = self._rests - 1 if self._averages_rest else 0
+            self._bias = (earlier * self._bias + rest.angular_velocity) / (earlier + 1)
         if self._stamp_ns is not None:
             return True
         force = reading.specific_force if rest is None else rest.specific_force

@@ -106,9 +106,10 @@ class LegOdometryFilter:
                 initial=initial,
                 has_frame=remembers_frames,
                 extra_blocks=(*extra, *start),
+                holds_soles=not preintegrates,
             )
-        timeout_s = self.config.force_timeout_s
-        self._sensing = LegSensing(robot, contact, self.config.standstill, force_timeout_s=timeout_s)
+        timeout_s, rest = self.config.force_timeout_s, self.config.standstill
+        self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
         self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
         self._stamp_ns = 0

@@ -3,6 +3,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,6 +18,7 @@ from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.leg_intervals import IntervalNoise
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustModels
+from coclo_vio.filter.sole_rotation import SOLES, SoleRotation, sole_block
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
 from coclo_vio.filter.state import GYROSCOPE_BIAS, StateLayout
@@ -40,6 +42,7 @@ class RobustProfile:
         initial: InitialConfig | None = None,
         has_frame: bool = False,
         extra_blocks: Sequence[StateBlock] = (),
+        holds_soles: bool = True,
         is_compiled: bool = IS_COMPILED,
     ) -> None:
         """Take a robot and parameters.
@@ -51,12 +54,22 @@ class RobustProfile:
             initial: sigmas at the start; the defaults if None.
             has_frame: whether camera frames are remembered.
             extra_blocks: further blocks of the state.
+            holds_soles: whether the orientations of flat feet are states.
             is_compiled: by kernels, or by NumPy.
         """
         imu, initial = robot.description.imu, initial or InitialConfig()
+        soles = sole_block(robot, config) if holds_soles else None
         self.layout = StateLayout(
-            robust_blocks(len(robot.leg_names), config, initial, imu, has_frame=has_frame, extra=extra_blocks)
+            robust_blocks(
+                len(robot.leg_names),
+                config,
+                initial,
+                imu,
+                has_frame=has_frame,
+                extra=(*((soles,) if soles else ()), *extra_blocks),
+            )
         )
+        self._soles = None if soles is None else SoleRotation(robot, config, self.layout.at(SOLES).start, counts)
         self.is_wide = False
         self.can_coast = True
         self.leg_check: LegCheck | None = None
@@ -111,7 +124,10 @@ class RobustProfile:
         self._counts["no_contact"] += not reading.is_stance.any()
         if self.imu_delay is not None:
             self._models.imu_delay_s = self.imu_delay.value_s
+        rotation_before = core.mean.rotation
         self._models.predict(core, motion, dt_s, foot_noise)
+        if reading.contact_shift_body is not None:
+            _move_footholds(core, rotation_before, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))
         expectation = self._models.expect(
             core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps, dt_s=dt_s
         )
@@ -122,6 +138,8 @@ class RobustProfile:
         rejected = self._rejected(expectation, self._footholds, reading, dt_s)
         expectation.update(core, rejected)
         self._update_gravity(core, reading, is_gap=is_gap)
+        if self._soles is not None:
+            self._soles.update(core, reading, reading.is_stance & ~rejected, is_gap=is_gap)
         self._compare_legs(core, reading, is_gap=is_gap)
         if self.imu_delay is not None and self._config.imu_delay_sigma_s > 0.0:
             self.imu_delay.push(reading, core.mean.rotation[2], core.mean.vector[GYROSCOPE_BIAS])
@@ -183,3 +201,19 @@ class RobustProfile:
             self._counts["gravity_rejected"] += 1
             return
         expectation.update(core, expectation.rejected)
+
+
+def _move_footholds(core: SquareRootFilter, rotation_before: Array, shift_body: Array) -> None:
+    """Footholds move with their point of contact, by ``(R_before s_before + R s) / 2``.
+
+    Right-invariant errors stay as they are where something measured in the body is added.
+
+    Args:
+        core: the filter after its prediction.
+        rotation_before: ``R_world_body`` before it, (3, 3).
+        shift_body: displacements in body axes before and after it, m, (2, n, 3).
+    """
+    vector = core.mean.vector.copy()
+    shift_world = 0.5 * (shift_body[0] @ rotation_before.T + shift_body[1] @ core.mean.rotation.T)
+    vector[core.mean.layout.feet] += shift_world.ravel()
+    core.mean = replace(core.mean, vector=vector)

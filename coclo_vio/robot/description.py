@@ -9,6 +9,7 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from coclo_vio.robot.contact import ContactConfig
@@ -18,6 +19,8 @@ from coclo_vio.values.errors import ConfigError, RobotModelError, listing, short
 
 EXTRA_SCHEME = "example-robot-data:"
 _PRESETS = Path(str(resources.files("coclo_vio.robot") / "presets"))
+_LEAST_SOLE_M = 0.005
+_SOLE_JOINTS = 5
 _EXTRA_DISTRIBUTION = "example-robot-data"
 _EXTRA_FOLDER = "/example-robot-data/robots/"
 
@@ -34,6 +37,39 @@ class LegDescription(StageConfig):
         Triple, Field(description="centre of the foot in the axes of foot_frame, where that is not at the centre, m")
     ] = (0.0, 0.0, 0.0)
     foot_radius_m: Annotated[float, Field(ge=0, lt=1, description="radius of a spherical foot, 0 for a point, m")] = 0.0
+    contact_points_m: Annotated[
+        tuple[Triple, ...],
+        Field(
+            description="corners of a flat sole, heel and toe, in the axes of foot_frame, m; by default those of the "
+            "URDF's collision shapes where the foot is flat: foot_radius_m is 0 and the leg has five joints or more"
+        ),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _sole_is_a_surface(self) -> Self:
+        points = self.contact_points_m
+        if not points:
+            return self
+        if self.foot_radius_m > 0.0:
+            raise ValueError(
+                f"foot_radius_m = {self.foot_radius_m} is that of a sphere, contact_points_m are those of a flat sole; "
+                "give one of the two"
+            )
+        edges = np.array(points) - points[0]
+        if len(points) < 3 or np.linalg.matrix_rank(edges, tol=_LEAST_SOLE_M) < 2:
+            raise ValueError(
+                f"contact_points_m has {len(points)} points, which span no surface; give three corners of the sole or "
+                "more that do not lie on a line"
+            )
+        return self
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the foot stands on a surface, not on a point or a sphere, so that it holds its orientation too.
+
+        A leg of five joints or more sets the orientation of its foot; where that is no sphere it is a sole.
+        """
+        return bool(self.contact_points_m) or (self.foot_radius_m == 0.0 and len(self.joints) >= _SOLE_JOINTS)
 
 
 class RobotDescription(StageConfig):
@@ -86,6 +122,11 @@ class RobotDescription(StageConfig):
     def leg_names(self) -> tuple[str, ...]:
         """Leg names, in the order of every per-leg array."""
         return tuple(leg.name for leg in self.legs)
+
+    @property
+    def has_flat_feet(self) -> bool:
+        """Whether any foot is flat."""
+        return any(leg.is_flat for leg in self.legs)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from coclo_vio.robot.description import LegDescription
 from coclo_vio.robot.description_finding import DescriptionFinding
 from coclo_vio.robot.leg_search import MIN_MASS_KG, foot_shape
+from coclo_vio.robot.sole import sole_points
 from coclo_vio.robot.urdf_tree import UrdfTree
 from coclo_vio.values.arrays import Array
 
@@ -19,6 +20,7 @@ _WRONG_M = 0.08  # an ankle above a flat sole stands still with it; a knee above
 _RADIUS_SHARE = 0.25  # of the sphere's radius, by which a measured radius may differ from it
 _CENTRE_M = 0.01
 _LARGEST_RADIUS_M = 0.1
+_LARGEST_SOLE_M = 0.5
 
 
 def foot_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[DescriptionFinding]:
@@ -71,6 +73,9 @@ def _reach(T_root_link: Array, knee: Array) -> float:
 
 
 def _radius_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[DescriptionFinding]:
+    yield from _sole_findings(tree, leg)
+    if leg.contact_points_m:
+        return
     kind, radius_m, centre = foot_shape(tree, leg.foot_frame)
     given = leg.foot_radius_m
     where = f"legs[{leg.name}].foot_radius_m"
@@ -117,3 +122,46 @@ def _radius_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[Descriptio
             "the spherical foot in metres, or 0",
             (where,),
         )
+
+
+def _sole_findings(tree: UrdfTree, leg: LegDescription) -> Iterator[DescriptionFinding]:
+    """Corners of a sole that is flat: against those of the URDF, and below the last joint."""
+    where, sole = f"legs[{leg.name}].contact_points_m", sole_points(tree, leg.foot_frame)
+    given = np.array(leg.contact_points_m)
+    if not leg.is_flat:
+        return
+    if not len(given):
+        if not len(sole):
+            yield DescriptionFinding(
+                "sole_unknown",
+                False,
+                f"leg {leg.name!r}: its foot is flat, but the URDF has no boxes, spheres or frames at "
+                f"{leg.foot_frame!r} that show its corners, so a foot that rocks on heel or toe is not "
+                "followed; set contact_points_m to the corners of the sole",
+                (where,),
+            )
+        return
+    largest_m = float(np.linalg.norm(given, axis=1).max())
+    if largest_m > _LARGEST_SOLE_M:
+        yield DescriptionFinding(
+            "sole_implausible",
+            False,
+            f"leg {leg.name!r}: a corner of its sole is {largest_m:.3g} m from {leg.foot_frame!r}, more than "
+            f"{_LARGEST_SOLE_M:g} m; give contact_points_m in metres, in the axes of foot_frame",
+            (where,),
+        )
+    elif len(sole) and (apart_m := _apart_m(given, sole)) > _CENTRE_M:
+        corners = ", ".join(f"[{', '.join(f'{value:.4g}' for value in point)}]" for point in sole + 0.0)
+        yield DescriptionFinding(
+            "sole_differs",
+            False,
+            f"leg {leg.name!r}: contact_points_m lies up to {apart_m:.3f} m away from the corners in the URDF at "
+            f"{leg.foot_frame!r}; measure the sole and correct one of them",
+            (f"{where}: [{corners}]",),
+        )
+
+
+def _apart_m(given: Array, sole: Array) -> float:
+    """Largest difference of the two sets of corners in their bounds, m."""
+    bounds = [np.array([points.min(axis=0), points.max(axis=0)]) for points in (given, sole)]
+    return float(np.abs(bounds[0] - bounds[1]).max())

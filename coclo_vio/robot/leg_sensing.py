@@ -14,6 +14,7 @@ import numpy as np
 from coclo_vio.robot.contact import ContactConfig, ContactDetector, ContactState
 from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.model import FeetKinematics, RobotModel
+from coclo_vio.robot.sole_contact import SoleContact
 from coclo_vio.robot.standstill import ImuMeans, StandstillConfig, StandstillDetector
 from coclo_vio.values.arrays import Array, BoolArray, frozen
 from coclo_vio.values.errors import RobotModelError
@@ -35,6 +36,8 @@ class Reading:
         specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
         joint_position: as read, rad, (J,); None where it was not kept.
+        contact_shift_body: how far the point of contact of each foot went along its sole since the last reading, m, in
+            body axes of then and of now, (2, n, 3): ``feet`` are at these points; None where they are at the centres.
         is_known: legs whose kinematics are known, (n,).
         is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
     """
@@ -47,6 +50,7 @@ class Reading:
     specific_force: Array | None
     is_stationary: bool
     joint_position: Array | None = None
+    contact_shift_body: Array | None = None
     is_known: BoolArray = field(init=False)
     is_stance: BoolArray = field(init=False)
 
@@ -63,7 +67,13 @@ class LegSensing:
     """
 
     def __init__(
-        self, robot: RobotModel, contact: ContactConfig, standstill: StandstillConfig, *, force_timeout_s: float
+        self,
+        robot: RobotModel,
+        contact: ContactConfig,
+        standstill: StandstillConfig,
+        *,
+        force_timeout_s: float,
+        rocks_soles: bool = False,
     ) -> None:
         """Take a robot.
 
@@ -72,10 +82,12 @@ class LegSensing:
             contact: how the load on a foot becomes contact.
             standstill: limits of a standstill.
             force_timeout_s: foot forces older than this count as missing, s.
+            rocks_soles: whether a flat foot is taken at the point where it touches the ground, not at its centre.
         """
         self._robot = robot
+        self._soles = SoleContact(robot) if rocks_soles else None
         self._contact = ContactDetector(contact, len(robot.leg_names))
-        self._standstill = StandstillDetector(standstill.limits)
+        self._standstill = StandstillDetector(standstill.limits_of(has_flat_feet=robot.description.has_flat_feet))
         self._load = FootLoad(robot, contact, force_timeout_s)
         self._counts: Counter[str] = Counter()
         self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
@@ -154,11 +166,11 @@ class LegSensing:
         self._counts["foot_force_stamp_refused"] += not self._load.push(sample)
 
     def _take_joints(self, sample: JointSample, up_body: Array | None) -> Reading | None:
-        joints = len(self._robot.joint_names)
-        if len(sample.position) != joints:
+        count = len(self._robot.joint_names)
+        if len(sample.position) != count:
             raise RobotModelError(
                 f"a joint sample has {len(sample.position)} joints, robot {self._robot.description.name!r} has "
-                f"{joints}; give them in the order of its joint_names"
+                f"{count}; give them in the order of its joint_names"
             )
         if self._joint_ns is not None and sample.stamp_ns <= self._joint_ns:
             self._counts["joint_stamp_refused"] += 1
@@ -172,12 +184,14 @@ class LegSensing:
         rate = _mean([each for _, each in rates]) if rates else None
         load = self._load.loads_at(sample, up_body, rate, feet.jacobian)
         contact = self._contact.update(sample.stamp_ns, load)
+        feet, shift = self._soles.moved(feet, up_body) if self._soles else (feet, None)
         self._rest = self._rest_now()
         self._counts["imu_missing"] += rate is None
         self._rates = []
         self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
-        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, self._rest is not None, sample.position)
+        is_stationary, joints = self._rest is not None, sample.position
+        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, is_stationary, joints, shift)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading

@@ -14,6 +14,7 @@ from coclo_vio.robot import leg_kernels
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.leg_kernels import SINGULAR_M
 from coclo_vio.robot.pinocchio_legs import PinocchioLegs, joint_slices
+from coclo_vio.robot.sole import soles_of
 from coclo_vio.values.arrays import Array
 
 
@@ -57,6 +58,7 @@ class RobotModel:
         self.leg_names = description.leg_names
         self.joint_names = description.joint_names
         self.foot_radii_m: Array = np.array([leg.foot_radius_m for leg in description.legs])
+        self.soles = soles_of(description)
         self.leg_joint_slices = joint_slices(description.legs)
         self._legs = PinocchioLegs(description)
         self._chains = self._legs.chains() if is_compiled else None

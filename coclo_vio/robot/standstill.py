@@ -8,7 +8,7 @@ them, and later uses the standstill itself as a measurement.
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -21,6 +21,7 @@ from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _MIN_SAMPLES = 5
 _FAST_JOINT = 3.0  # times the joint speed limit: one joint this fast ends a standstill at once, for a window
+_FLAT_TRAVEL_RAD = 0.003  # two counts of an encoder of 12 bits; a sway that has less moves the body by 2 mm
 _MIN_SPAN = 0.8  # share of the window that samples have to span; those of slow sensors never span all of it
 
 
@@ -41,6 +42,15 @@ class StandstillConfig(StageConfig):
     joint_speed_radps: Annotated[
         float, Field(gt=0, le=10, description="largest root-mean-square speed of any joint, rad/s")
     ] = 0.1
+    joint_travel_rad: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            le=1,
+            description="furthest that any joint may travel in two windows, rad: a slow sway is as smooth as rest; "
+            "null: 0.003 for a robot with flat feet, no limit otherwise",
+        ),
+    ] = None
 
     @property
     def limits(self) -> "StandstillLimits":
@@ -51,7 +61,14 @@ class StandstillConfig(StageConfig):
             accelerometer_std_mps2=self.accelerometer_std_mps2,
             gyroscope_mean_radps=self.gyroscope_mean_radps,
             joint_speed_radps=self.joint_speed_radps,
+            joint_travel_rad=math.inf if self.joint_travel_rad is None else self.joint_travel_rad,
         )
+
+    def limits_of(self, *, has_flat_feet: bool) -> "StandstillLimits":
+        """The limits for a robot that has flat feet, and so may sway slowly over them, or has none."""
+        if has_flat_feet and self.joint_travel_rad is None:
+            return replace(self.limits, joint_travel_rad=_FLAT_TRAVEL_RAD)
+        return self.limits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +81,7 @@ class StandstillLimits:
         accelerometer_std_mps2: of the scatter of the specific force, all axes together, m/s^2.
         gyroscope_mean_radps: of the mean angular velocity, rad/s.
         joint_speed_radps: of the root-mean-square speed of any joint, rad/s.
+        joint_travel_rad: of the range of any joint's position over two windows, rad.
         force_error_mps2: of the difference between the mean specific force and gravity in size, m/s^2.
     """
 
@@ -72,6 +90,7 @@ class StandstillLimits:
     accelerometer_std_mps2: float
     gyroscope_mean_radps: float = math.inf
     joint_speed_radps: float = math.inf
+    joint_travel_rad: float = math.inf
     force_error_mps2: float = math.inf
 
 
@@ -112,6 +131,7 @@ class StandstillDetector:
         window_ns = round(limits.window_s * NS_PER_S)
         self._imu = _SlidingMoments(window_ns)
         self._joints = _SlidingMoments(window_ns)
+        self._travel = _Travel(2 * window_ns, limits.joint_travel_rad)
         self._fast_ns: int | None = None
         self._counts = {"standstill_stamp_refused": 0}
 
@@ -130,6 +150,8 @@ class StandstillDetector:
                 velocity = np.nan_to_num(sample.velocity, nan=0.0) if has_nan(sample.velocity) else sample.velocity
                 is_taken = self._joints.push(sample.stamp_ns, velocity)
                 fast = _FAST_JOINT * self.limits.joint_speed_radps
+                if is_taken and math.isfinite(self.limits.joint_travel_rad):
+                    self._travel.push(sample.stamp_ns, sample.position)
                 if is_taken and max(velocity.max(initial=0.0), -velocity.min(initial=0.0)) > fast:
                     self._fast_ns = sample.stamp_ns
         if not is_taken:
@@ -143,7 +165,7 @@ class StandstillDetector:
             return False
         if self._fast_ns is not None and self._fast_ns > imu.newest_ns - imu.window_ns:
             return False
-        if not self._is_imu_at_rest():
+        if not self._is_imu_at_rest() or self._travel.is_moving(imu.newest_ns):
             return False
         self._joints.drop_before(imu.newest_ns - imu.window_ns)
         return self._joints.count == 0 or float(self._joints.mean_square().max()) <= limits.joint_speed_radps**2
@@ -253,3 +275,43 @@ class _SlidingMoments:
         self._reference, self._dropped = reference, 0
         self._sum = deviations.sum(axis=0)
         self._sum_of_squares = (deviations**2).sum(axis=0)
+
+
+class _Travel:
+    """How far joints go within a span, as multiples of a limit.
+
+    Twice: the range of their means over tenths of the span, in which encoder noise is small, against the limit; and
+    the newest position against these means and twice the limit, so that motion shows as soon as it begins.
+    """
+
+    def __init__(self, span_ns: int, limit_rad: float) -> None:
+        self._span_ns, self._part_ns, self._limit_rad = span_ns, span_ns // 10, limit_rad
+        self._first_ns = 0
+        self._sum: Array = np.zeros(0)
+        self._count = 0
+        self._means: deque[tuple[int, Array]] = deque()
+        self._moved_ns: int | None = None  # when a joint last was too far from where it had been
+
+    def push(self, stamp_ns: int, position: Array) -> None:
+        """Take the joints' positions (J,), rad; NaN is unknown."""
+        if self._count and stamp_ns - self._first_ns >= self._part_ns:
+            self._means.append((stamp_ns, self._sum / self._count))
+            while self._means[0][0] <= stamp_ns - self._span_ns:
+                self._means.popleft()
+            self._count = 0
+            if self._exceeds(self._means[-1][1], self._limit_rad):
+                self._moved_ns = stamp_ns
+        if not self._count:
+            self._first_ns, self._sum = stamp_ns, np.zeros(len(position))
+        self._sum = self._sum + position
+        self._count += 1
+        if self._means and self._exceeds(position, 2.0 * self._limit_rad):
+            self._moved_ns = stamp_ns
+
+    def is_moving(self, stamp_ns: int) -> bool:
+        """Whether a joint went too far at less than half a span before a time."""
+        return self._moved_ns is not None and self._moved_ns > stamp_ns - self._span_ns // 2
+
+    def _exceeds(self, position: Array, limit_rad: float) -> bool:
+        away = np.array([mean for _, mean in self._means]) - position
+        return bool((np.abs(away) > limit_rad).any())  # NaN is not above

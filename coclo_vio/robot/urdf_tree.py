@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -27,11 +27,15 @@ class CollisionShape:
         kind: sphere, box, cylinder, capsule or mesh.
         position_link: its centre, m, link frame, (3,).
         radius_m: of a sphere, otherwise None.
+        size_m: of a box along its own axes, otherwise None.
+        rotation_link: from its own axes to those of the link, (3, 3).
     """
 
     kind: str
     position_link: Array
     radius_m: float | None
+    size_m: tuple[float, float, float] | None = None
+    rotation_link: Array = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,9 +189,15 @@ def _link(element: ElementTree.Element) -> UrdfLink:
 
 
 def _shapes(collision: ElementTree.Element) -> list[CollisionShape]:
-    position = _placement(collision.find("origin"))[:3, 3]
+    placed = _placement(collision.find("origin"))
     return [
-        CollisionShape(shape.tag, position, float(shape.get("radius", "0")) if shape.tag == "sphere" else None)
+        CollisionShape(
+            shape.tag,
+            placed[:3, 3],
+            float(shape.get("radius", "0")) if shape.tag == "sphere" else None,
+            tuple(_vector(shape.get("size", "0 0 0")).tolist()) if shape.tag == "box" else None,
+            placed[:3, :3],
+        )
         for shape in collision.findall("geometry/*")
     ]
 
