@@ -41,7 +41,7 @@ COMMANDS = {
     "evaluate": _Entry("estimating", "Measure trajectories against ground truth."),
     "simulate": _Entry(
         "simulating",
-        "Simulate one of the paper's trials: a Daisy walks, records and is tracked by Vicon; the truth is kept apart.",
+        "Simulate a trial: a robot walks, records and is tracked by Vicon; the truth is kept apart.",
     ),
     "table": _Entry("tabling", "The paper's Table I over simulated trials; a stopped run is resumed."),
     "inspect": _Entry(

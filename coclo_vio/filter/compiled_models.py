@@ -28,6 +28,7 @@ from coclo_vio.values.arrays import Array, BoolArray
 _BLOCK = 32  # columns that LAPACK reflects together
 _CONSIDERED = (SLIP.start, SLIP.stop)
 _NO_RATE = np.zeros(3)
+_NO_PRIOR = np.zeros((0, 0))
 
 
 class CompiledModels:
@@ -37,6 +38,7 @@ class CompiledModels:
         self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float], layout: StateLayout
     ) -> None:
         self._config = config = sensing.config
+        self._is_conditional = sensing.takes_slip_for_known
         self.imu_delay_s = 0.0
         self._encoder_noise_rad = float(encoder_noise_rad)
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
@@ -119,7 +121,9 @@ class CompiledModels:
             core.spread(mean.layout.curved_in_measurement).width_squared,
             self._sensing,
         )
-        return CompiledExpectation(measured, _CONSIDERED) if len(measured.innovation) else None
+        if not len(measured.innovation):
+            return None
+        return CompiledExpectation(measured, _CONSIDERED, is_conditional=self._is_conditional)
 
     def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "CompiledExpectation":
         """By ``measurement_kernel``."""
@@ -145,10 +149,12 @@ class CompiledExpectation:
     Attributes:
         measured: the measurements.
         considered: first error that is only considered, and the one after the last.
+        is_conditional: whether all others are corrected as if those were known.
     """
 
     measured: Measured
     considered: tuple[int, int]
+    is_conditional: bool = False
 
     @property
     def rejected(self) -> BoolArray:
@@ -175,9 +181,13 @@ class CompiledExpectation:
         )
         if not len(innovation):
             return
+        prior = _NO_PRIOR
+        if self.is_conditional:
+            known = core.active_factor[slice(*self.considered)]
+            prior = np.concatenate((core.active_factor @ known.T, core.passive.cross[slice(*self.considered)].T))
         triangle, _, _, _ = lapack.dgeqrf(stacked, lwork=_BLOCK * stacked.shape[1], overwrite_a=1)
         step, factor = correction_kernel.solved(
-            triangle, innovation, self.considered, observed, core.passive.cross, core.passive.own
+            triangle, innovation, self.considered, prior, observed, core.passive.cross, core.passive.own
         )
         core.replace_active(factor)
         moved = state_kernels.corrected(

@@ -122,6 +122,13 @@ class RobustConfig(StageConfig):
         ),
     ] = 0.01
     slip_memory_s: Annotated[float, Field(gt=0, description="time constant of that slip, s")] = 10.0
+    takes_slip_for_known: Annotated[
+        bool | None,
+        Field(
+            description="whether legs correct the state as if that slip, which they do not measure, were known; "
+            "null: with at most four legs"
+        ),
+    ] = None
     learns_slip: Annotated[
         bool, Field(description="whether the size of that slip is learnt where vision corrects the filter")
     ] = True

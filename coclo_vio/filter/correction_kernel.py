@@ -7,7 +7,7 @@ The readable form is ``unscented_transform.correct``.
 import numpy as np
 
 from coclo_vio.filter.measurement_table import Triples
-from coclo_vio.filter.triangle_kernels import lower_of, reflect
+from coclo_vio.filter.triangle_kernels import cholesky_in_place, lower_of, reflect, substitute, substitute_back
 from coclo_vio.geometry.array_types import Array, BoolArray
 from coclo_vio.geometry.compiled import compiled, inlined
 
@@ -56,7 +56,13 @@ def stacked(
 
 @compiled
 def solved(
-    triangle: Array, innovation: Array, considered: tuple[int, int], observed: Array, cross: Array, own: Array
+    triangle: Array,
+    innovation: Array,
+    considered: tuple[int, int],
+    prior: Array,
+    observed: Array,
+    cross: Array,
+    own: Array,
 ) -> tuple[Array, Array]:
     """Correction (L + p,) and new lower factor (L, L); ``correct``, and ``PassiveStates.correct``.
 
@@ -64,6 +70,8 @@ def solved(
         triangle: of the array above, (M + L, M + L) or more rows; what is below the diagonal is not read.
         innovation: (M,).
         considered: first error that is only considered, and the one after the last.
+        prior: covariance of all errors with those before the update, (L + p, k), where all others are corrected as if
+            those were known (``unscented_transform.change_of_gain``); (0, 0) where they are not.
         observed: covariance of the measurement with the passive errors, (M, p); is overwritten.
         cross: covariance of the active errors with the passive ones, (L, p); is updated.
         own: covariance of the passive errors, (p, p); is updated.
@@ -84,6 +92,8 @@ def solved(
     first, last = considered
     if last == first:
         return step, lower_of(triangle, size, size + length)
+    if len(prior):
+        return step, _conditional_factor(step, triangle, whitened, first, prior, observed, cross, own)
     for i in range(first, last):
         step[i] = 0.0
     return step, _considered_factor(triangle, size, first, last)
@@ -107,6 +117,81 @@ def _correct_passive(step: Array, triangle: Array, whitened: Array, observed: Ar
         for k in range(size):
             for p in range(passive):
                 cross[i, p] -= triangle[k, size + i] * observed[k, p]
+
+
+@inlined
+def _conditional_factor(
+    step: Array, triangle: Array, whitened: Array, first: int, prior: Array, gains: Array, cross: Array, own: Array
+) -> Array:
+    """The new lower factor with the gains that take the considered errors for known; changes step and covariances."""
+    size, few, passive = len(whitened), prior.shape[1], len(own)
+    length = triangle.shape[1] - size
+    change, shares = _change_of_gain(triangle, gains, prior, first)
+    for j in range(few):
+        total = 0.0
+        for r in range(size):
+            total += shares[r, j] * whitened[r]
+        for i in range(length + passive):
+            step[i] += change[i, j] * total
+    for j in range(few):
+        step[first + j] = 0.0
+        reflect(shares, j, j, j + 1, size)
+    rows = np.zeros((length + few, length))
+    for i in range(length):
+        for j in range(i, length):
+            rows[i, j] = triangle[size + i, size + j]
+    added = np.zeros((few, length + passive))
+    for k in range(few):
+        for i in range(length + passive):
+            for j in range(k, few):
+                added[k, i] += shares[k, j] * change[i, j]
+        rows[length + k] = added[k, :length]
+        _add_outer_product(added[k, :length], added[k, length:], cross)
+        _add_outer_product(added[k, length:], added[k, length:], own)
+    for k in range(length):
+        reflect(rows, k, k, length, length + few)
+    return lower_of(rows, 0, length)
+
+
+@inlined
+def _add_outer_product(left: Array, right: Array, matrix: Array) -> None:
+    for i in range(len(left)):
+        for j in range(len(right)):
+            matrix[i, j] += left[i] * right[j]
+
+
+@inlined
+def _change_of_gain(triangle: Array, gains: Array, prior: Array, first: int) -> tuple[Array, Array]:
+    """``unscented_transform.change_of_gain``: (L + p, k), and its shares transposed, (M, k)."""
+    (size, passive), few = gains.shape, prior.shape[1]
+    length = len(prior) - passive
+    root, units, shares = prior[first : first + few].copy(), prior.copy(), np.empty((size, few))
+    cholesky_in_place(root)
+    for r in range(size):
+        for j in range(few):
+            shares[r, j] = triangle[r, size + first + j]
+    substitute(root, units)
+    substitute(root, shares)
+    squared, left = np.zeros((few, few)), np.zeros((few, few))
+    for i in range(few):
+        for j in range(few):
+            for r in range(size):
+                squared[i, j] += shares[r, i] * shares[r, j]
+            left[i, j] = (1.0 if i == j else 0.0) - squared[i, j]
+    cholesky_in_place(left)
+    change = np.zeros((len(prior), few))
+    for i in range(len(prior)):
+        for j in range(few):
+            for r in range(size):
+                change[i, j] += shares[r, j] * (triangle[r, size + i] if i < length else gains[r, i - length])
+            for k in range(few):
+                change[i, j] -= units[i, k] * squared[k, j]
+    substitute(left, change)
+    substitute_back(left, change)
+    for i in range(len(prior)):
+        for j in range(few):
+            change[i, j] -= units[i, j]
+    return change, shares
 
 
 @inlined

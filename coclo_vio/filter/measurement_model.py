@@ -30,6 +30,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 
+_FEW_LEGS = 4  # in a trot two of them stand: their measurements contradict each other with one sign for long
 NO_LEG = -1
 
 
@@ -127,6 +128,12 @@ class LegConstants:
     hips_body: Array
     joint_velocity_noise_radps: float
     config: RobustConfig
+
+    @property
+    def takes_slip_for_known(self) -> bool:
+        """As in ``RobustConfig``: whether legs correct the state as if the slip were known."""
+        chosen = self.config.takes_slip_for_known
+        return len(self.radii_m) <= _FEW_LEGS if chosen is None else chosen
 
 
 def blocks(

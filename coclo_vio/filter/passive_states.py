@@ -71,10 +71,22 @@ class PassiveStates:
             whitened: the innovation in units of its factor, (M,).
         """
         width = len(whitened)
-        gains = blas.dtrsm(1.0, triangle[:width, :width], observed, trans_a=1)
+        gains = self.gains(observed, triangle, width)
         self.cross = self.cross - triangle[:width, width:].T @ gains
         self.own = self.own - gains.T @ gains
         return np.asarray(whitened @ gains)
+
+    @staticmethod
+    def gains(observed: Array, triangle: Array, width: int) -> Array:
+        """Optimal gains of the passive errors in units of the innovation, ``S_y^T K^T``, (M, p); ``width`` is M."""
+        gains: Array = blas.dtrsm(1.0, triangle[:width, :width], observed, trans_a=1)
+        return gains
+
+    def change_gain(self, active: Array, passive: Array, shares: Array) -> None:
+        """Follow a change of the gains, ``unscented_transform.change_of_gain``: (a, k), (p, k) and (k, M)."""
+        along = shares @ shares.T @ passive.T
+        self.cross = self.cross + active @ along
+        self.own = self.own + passive @ along
 
     def scale_active(self, errors: slice, scales: Array) -> None:
         """Scale some active errors (k,)."""

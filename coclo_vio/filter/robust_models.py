@@ -131,7 +131,8 @@ class DirectModels:
         noise = noise_rows_of(np.concatenate([block.noise for block in blocks]))
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
         rejected = self._rejected(rows.T @ rows + noise.T @ noise, innovation, owner)
-        return DirectExpectation(rows, noise, innovation, owner, rejected, SLIP)
+        is_conditional = self._sensing.takes_slip_for_known
+        return DirectExpectation(rows, noise, innovation, owner, rejected, SLIP, is_conditional)
 
     def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "DirectExpectation":
         """By ``measurement_model``."""
@@ -167,6 +168,7 @@ class DirectExpectation:
         owner: the leg of each row, (M,); ``NO_LEG`` where none.
         rejected: as in ``Expectation``.
         considered: errors whose mean is not corrected.
+        is_conditional: whether all others are corrected as if those were known.
     """
 
     rows: Array
@@ -175,6 +177,7 @@ class DirectExpectation:
     owner: IntArray
     rejected: BoolArray
     considered: slice
+    is_conditional: bool = False
 
     @property
     def innovation_squared(self) -> float:
@@ -193,7 +196,7 @@ class DirectExpectation:
         if not keep.all():
             rows, noise, innovation = rows[:, keep], noise[np.ix_(keep, keep)], innovation[keep]
         if len(innovation):
-            core.update(rows, noise, innovation, considered=self.considered)
+            core.update(rows, noise, innovation, considered=self.considered, is_conditional=self.is_conditional)
 
 
 def noise_rows_of(factors: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from coclo_vio.filter.passive_states import PassiveStates
 from coclo_vio.filter.state import POSITION, RATE, ROTATION, VELOCITY, State
 from coclo_vio.filter.state_blocks import ANCHOR, FRAME
-from coclo_vio.filter.unscented_transform import Correction, SigmaSpread, correct, lower_factor
+from coclo_vio.filter.unscented_transform import Correction, SigmaSpread, change_of_gain, correct, lower_factor
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
@@ -107,16 +107,47 @@ class SquareRootFilter:
         mean = points.mean(images)
         return mean, points.rows(images - mean)
 
-    def update(self, rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)) -> Correction:
+    def update(
+        self,
+        rows: Array,
+        noise_rows: Array,
+        innovation: Array,
+        considered: slice = slice(0, 0),
+        *,
+        is_conditional: bool = False,
+    ) -> Correction:
         """Update by a measurement with the ``rows`` of ``observe``; ``noise_rows`` ``N`` has ``N^T N = R``.
 
-        Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean is not corrected.
+        Errors that are only considered (Schmidt, 1966) count in the uncertainty, but their mean is not corrected. If it
+        is conditional, the others are corrected as if the considered ones were known: ``change_of_gain``.
         """
         observed = self.passive.observed(self.active_factor, rows[: len(self.active_factor)])
+        if is_conditional:
+            return self._update_conditionally(rows, noise_rows, innovation, considered, observed)
         correction = correct(self.active_factor, rows, noise_rows, innovation, considered)
         step = self.passive.correct(observed, correction.triangle, correction.whitened)
         self.replace_active(correction.factor)
         self.mean = self.mean.corrected(np.concatenate((correction.step, step)))
+        return correction
+
+    def _update_conditionally(
+        self, rows: Array, noise_rows: Array, innovation: Array, considered: slice, observed: Array
+    ) -> Correction:
+        factor, active = self.active_factor, len(self.active_factor)
+        covariance = np.concatenate((factor @ factor[considered].T, self.passive.cross[considered].T))
+        correction = correct(factor, rows, noise_rows, innovation)
+        own_gains = self.passive.gains(observed, correction.triangle, len(innovation))
+        gains = np.concatenate((correction.triangle[:, len(innovation) :], own_gains), axis=1)
+        step = np.concatenate(
+            (correction.step, self.passive.correct(observed, correction.triangle, correction.whitened))
+        )
+        change, shares = change_of_gain(covariance, gains, considered)
+        self.passive.change_gain(change[:active], change[active:], shares)
+        added = np.linalg.qr(shares.T, mode="r") @ change[:active].T
+        self.replace_active(lower_factor(np.concatenate((correction.factor.T, added))))
+        step += change @ (shares @ correction.whitened)
+        step[considered] = 0.0
+        self.mean = self.mean.corrected(step)
         return correction
 
     def apply(self, correction: Correction) -> None:

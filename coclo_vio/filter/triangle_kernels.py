@@ -69,6 +69,26 @@ def cholesky_in_place(matrix: Array) -> None:
 
 
 @compiled
+def substitute(factor: Array, rows: Array) -> None:
+    """Each row ``x`` becomes ``S^-1 x`` of a lower factor ``S``."""
+    for row in range(len(rows)):
+        for j in range(len(factor)):
+            for k in range(j):
+                rows[row, j] -= factor[j, k] * rows[row, k]
+            rows[row, j] /= factor[j, j]
+
+
+@compiled
+def substitute_back(factor: Array, rows: Array) -> None:
+    """Each row ``x`` becomes ``S^-T x`` of a lower factor ``S``."""
+    for row in range(len(rows)):
+        for j in range(len(factor) - 1, -1, -1):
+            for k in range(j + 1, len(factor)):
+                rows[row, j] -= factor[k, j] * rows[row, k]
+            rows[row, j] /= factor[j, j]
+
+
+@compiled
 def squared_norm(factor: Array, vector: Array) -> float:
     """``v^T (S S^T)^-1 v`` of a lower factor ``S`` and a vector, by substitution; overwrites the vector."""
     squared = 0.0

@@ -103,6 +103,31 @@ class Correction:
         return float(self.whitened @ self.whitened)
 
 
+def change_of_gain(covariance: Array, gains: Array, considered: slice) -> tuple[Array, Array]:
+    """From the optimal gain to the one of a filter that takes some errors for known, and for exactly what it expects.
+
+    With ``u`` the considered errors, ``P_uu = C C^T``, ``B = K S_y`` the optimal gain in units of the innovation,
+    ``W = C^-1 B_u`` and ``E = P_xu C^-T``, the gain by the covariance given ``u`` is
+    ``K' S_y = (B - E W) (I - W^T W)^-1``, and ``K' S_y - B = F W`` with ``F = (B - E W) W^T (I - W W^T)^-1 - E``: of
+    the rank of ``u``. Errors ``u`` themselves have the gain zero.
+
+    Args:
+        covariance: of all errors with the considered ones, before the update, (n, k).
+        gains: ``B^T``, (M, n).
+        considered: which errors.
+
+    Returns:
+        ``F``, (n, k), and ``W``, (k, M).
+    """
+    root = np.linalg.cholesky(covariance[considered])
+    units, _ = lapack.dtrtrs(root, covariance.T, lower=1)
+    shares, _ = lapack.dtrtrs(root, gains[:, considered].T, lower=1)
+    squared = shares @ shares.T
+    toward = shares @ gains - squared @ units
+    change = np.linalg.solve(np.eye(len(root)) - squared, toward) - units
+    return np.ascontiguousarray(change.T), shares
+
+
 def correct(
     factor: Array, observed_rows: Array, noise_rows: Array, innovation: Array, considered: slice = slice(0, 0)
 ) -> Correction:

@@ -87,13 +87,21 @@ def assert_equal(core: SquareRootFilter, expected: SquareRootFilter) -> None:
     assert np.array_equal(core.factor, np.tril(core.factor))
 
 
-@pytest.mark.parametrize("is_wide", [False, True])
-@pytest.mark.parametrize("has_frame", [False, True])
+@pytest.mark.parametrize(
+    ("is_wide", "has_frame", "takes_slip_for_known"),
+    [(False, False, None), (True, False, None), (False, True, None), (True, True, None), (False, True, True)],
+)
 def test_every_step_equals_that_in_numpy(
-    is_wide: bool, has_frame: bool, daisy: RobotModel, noisy_walk: AnalyticTrial, readings_of: Readings
+    is_wide: bool,
+    has_frame: bool,
+    takes_slip_for_known: bool | None,
+    daisy: RobotModel,
+    noisy_walk: AnalyticTrial,
+    readings_of: Readings,
 ) -> None:
     readings = disturbed(readings_of(noisy_walk.measurements)[FIRST : FIRST + STEPS])
-    config, counts = RobustConfig(estimates_leg_scale=True), (Counter[str](), Counter[str]())
+    config = RobustConfig(estimates_leg_scale=True, takes_slip_for_known=takes_slip_for_known)
+    counts = Counter[str](), Counter[str]()
     direct = RobustProfile(daisy, config, counts[0], has_frame=has_frame, is_compiled=False)
     ours = RobustProfile(daisy, config, counts[1], has_frame=has_frame, is_compiled=True)
     prior = direct.foot_prior(readings[0])

@@ -70,13 +70,23 @@ class DenseFilter:
         return np.diag(self.covariance)[errors]
 
     def update(
-        self, rows: np.ndarray, noise_rows: np.ndarray, innovation: np.ndarray, considered: slice = slice(0, 0)
+        self,
+        rows: np.ndarray,
+        noise_rows: np.ndarray,
+        innovation: np.ndarray,
+        considered: slice = slice(0, 0),
+        *,
+        is_conditional: bool = False,
     ) -> None:
         """``rows`` are columns of what ``observe`` gave; the places of these columns are found again."""
         kept = [int(np.flatnonzero((self._rows == column[:, None]).all(axis=0))[0]) for column in rows.T]
         S = rows.T @ rows + noise_rows.T @ noise_rows
         cross = self._cross[:, kept]
         gain = np.linalg.solve(S, cross.T).T
+        if is_conditional:  # the gain by the covariances given the considered errors
+            own = np.linalg.inv(self.covariance[considered, considered])
+            given = cross - self.covariance[:, considered] @ own @ cross[considered]
+            gain = np.linalg.solve(S - cross[considered].T @ own @ cross[considered], given.T).T
         gain[considered] = 0.0
         covariance = self.covariance - gain @ cross.T - cross @ gain.T + gain @ S @ gain.T
         self.covariance = 0.5 * (covariance + covariance.T)
@@ -141,9 +151,10 @@ def compare(
     return counts[0]
 
 
-@pytest.mark.parametrize("is_wide", [False, True])
+@pytest.mark.parametrize(("is_wide", "takes_slip_for_known"), [(False, None), (True, None), (False, True)])
 def test_robust_steps_equal_a_dense_ukf(
     is_wide: bool,
+    takes_slip_for_known: bool | None,
     daisy: RobotModel,
     noisy_walk: AnalyticTrial,
     readings_of: Callable[[Iterable[Measurement]], list[Reading]],
@@ -154,7 +165,7 @@ def test_robust_steps_equal_a_dense_ukf(
     assert stances.all(axis=1).any(), "some steps use gravity"
     assert (np.diff(stances.astype(int), axis=0) == 1).any(), "feet land"
     assert (np.diff(stances.astype(int), axis=0) == -1).any(), "feet lift off"
-    config = RobustConfig(estimates_leg_scale=True)
+    config = RobustConfig(estimates_leg_scale=True, takes_slip_for_known=takes_slip_for_known)
     counts = compare(
         lambda counts, is_compiled: RobustProfile(daisy, config, counts, is_compiled=is_compiled),
         readings,

@@ -67,13 +67,19 @@ def assert_same(core: SquareRootFilter, oracle: SquareRootFilter) -> None:
 @pytest.mark.parametrize(
     "is_compiled", [False, pytest.param(True, marks=pytest.mark.skipif(not IS_COMPILED, reason="no numba"))]
 )
-@pytest.mark.parametrize("estimates_leg_scale", [False, True])
+@pytest.mark.parametrize(("estimates_leg_scale", "takes_slip_for_known"), [(False, None), (True, None), (False, True)])
 def test_passive_states_equal_such_that_take_part_in_every_step(
-    estimates_leg_scale: bool, is_compiled: bool, daisy: RobotModel, noisy_walk: AnalyticTrial, readings_of: Readings
+    estimates_leg_scale: bool,
+    takes_slip_for_known: bool | None,
+    is_compiled: bool,
+    daisy: RobotModel,
+    noisy_walk: AnalyticTrial,
+    readings_of: Readings,
 ) -> None:
     """Over many steps with frames, keyframes, slip that is only considered, and evidence on the poses."""
     readings = readings_of(noisy_walk.measurements)[FIRST : FIRST + STEPS]
-    config, cores, gates = RobustConfig(estimates_leg_scale=estimates_leg_scale), [], []
+    config = RobustConfig(estimates_leg_scale=estimates_leg_scale, takes_slip_for_known=takes_slip_for_known)
+    cores, gates = [], []
     profiles = [
         RobustProfile(daisy, config, Counter(), has_frame=True, is_compiled=compiled)
         for compiled in (is_compiled, False)

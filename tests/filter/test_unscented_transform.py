@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coclo_vio.filter.unscented_transform import SigmaSpread, correct, lower_factor
+from coclo_vio.filter.unscented_transform import SigmaSpread, change_of_gain, correct, lower_factor
 
 STATES, STEPS = 9, 60
 
@@ -163,3 +163,26 @@ def test_considered_errors_keep_their_mean_and_reduce_the_gain_of_the_others() -
         correction.factor @ correction.factor.T, rest @ prior @ rest.T + gain @ R @ gain.T, atol=1e-9
     )
     np.testing.assert_allclose(np.diag(correction.factor @ correction.factor.T)[considered], np.diag(prior)[considered])
+
+
+def test_a_conditional_gain_is_that_of_the_covariance_given_the_considered_errors() -> None:
+    """Joseph's form with the gain of a filter that knows two errors exactly; they themselves keep mean and variance."""
+    random = np.random.default_rng(22)
+    root = random.normal(size=(6, 6))
+    prior, H, R = root @ root.T, random.normal(size=(3, 6)), 0.1 * np.eye(3)
+    factor, innovation = np.linalg.cholesky(prior), random.normal(size=3)
+    considered = slice(2, 4)
+    known = prior[:, considered] @ np.linalg.inv(prior[considered, considered])
+    given = prior - known @ prior[considered]
+    gain = given @ H.T @ np.linalg.inv(H @ given @ H.T + R)
+    np.testing.assert_allclose(gain[considered], 0.0, atol=1e-10)
+    optimal = correct(factor, (H @ factor).T, np.sqrt(0.1) * np.eye(3), innovation)
+    change, shares = change_of_gain(prior[:, considered], optimal.triangle[:, 3:], considered)
+    np.testing.assert_allclose(optimal.step + change @ (shares @ optimal.whitened), gain @ innovation, atol=1e-9)
+    rest = np.eye(6) - gain @ H
+    changed = change @ shares
+    np.testing.assert_allclose(
+        optimal.factor @ optimal.factor.T + changed @ changed.T,
+        rest @ prior @ rest.T + gain @ R @ gain.T,
+        atol=1e-8,
+    )
