@@ -114,7 +114,8 @@ def _run(
         )
         for name in mode_of(job.estimator).trajectory_names
     }
-    return _cpu_ms(run, share), trajectories
+    is_whole = all(trajectory.failure is None for trajectory in trajectories.values())
+    return _cpu_ms(run, share) if is_whole else None, trajectories
 
 
 def _cpu_ms(run: RunRecord, share: float) -> float | None:

@@ -19,7 +19,7 @@ class _Part(BaseModel):
 
 
 class ImpactStrength(_Part):
-    """How far the size of the specific force is from gravity, m/s^2: standard deviation and 99th percentile."""
+    """How far the size of the specific force is from gravity in motion, m/s^2: standard deviation, 99th percentile."""
 
     std_mps2: float
     peak_mps2: float
