@@ -17,7 +17,7 @@ _MARKERS = "os^D"
 
 
 def impact_figure(record: LeggedRecord) -> "Figure":
-    """Drift, RPE and ANEES of both estimators over the standard deviation of the accelerometer, a marker a robot.
+    """Drift, RPE and ANEES of both estimators over the 99th percentile of the accelerometer, a marker a robot.
 
     Raises:
         EvaluationError: matplotlib is missing, or impacts were not varied.
@@ -35,13 +35,13 @@ def impact_figure(record: LeggedRecord) -> "Figure":
         for number, robot in enumerate(robots):
             of_robot = [pair for pair in pairs if pair[0].group.startswith(f"{robot} ")]
             for name, rows in zip(("coclo", "inekf"), zip(*of_robot, strict=True), strict=True):
-                points = [(_std(row), getattr(row.figures, key)) for row in rows]
+                points = [(_strength(row), getattr(row.figures, key)) for row in rows]
                 shown = [(x, y) for x, y in points if y is not None]
                 style = {**style_of(name), "label": f"{name}, {robot}", "linestyle": "-" if number == 0 else ":"}
                 panel.plot([x for x, _ in shown], [y for _, y in shown], marker=_MARKERS[number], markersize=4, **style)
-    label = "standard deviation of the accelerometer [m/s$^2$]"
+    label = "99th percentile of the accelerometer beyond gravity [m/s$^2$]"
     return finish(figure, panels, label, labelled=panels[:-1])
 
 
-def _std(row: LeggedRow) -> float:
-    return 0.0 if row.impacts is None else row.impacts.std_mps2
+def _strength(row: LeggedRow) -> float:
+    return 0.0 if row.impacts is None else row.impacts.peak_mps2

@@ -7,7 +7,7 @@ import numpy as np
 
 from coclo_vio.experiments.legged.legged_record import ImpactStrength
 from coclo_vio.values.measurements import ImuSample, Measurement
-from coclo_vio.values.units import GRAVITY_MPS2
+from coclo_vio.values.units import GRAVITY_MPS2, NS_PER_S
 
 _PEAK_PERCENTILE = 99.0
 _WINDOW_S = 0.5  # about a stride

@@ -62,13 +62,13 @@ class LeggedPlan:
                     yield job
 
     def work(self, only: str = "") -> list["LeggedUnit"]:
-        """What is left to do, a recording each; failed jobs are finished ones.
+        """What is left to do, a recording each; failed jobs are finished ones, those without a recording are not.
 
         Raises:
             DatasetError: a folder cannot be made, or a job was written by another release.
         """
         self.files.prepare()
-        left = [job for job in self.jobs(only) if self.files.read(job.name) is None]
+        left = [job for job in self.jobs(only) if not self._is_finished(job)]
         return [
             LeggedUnit(tuple(jobs), self.places, self.files) for _, jobs in groupby(left, lambda job: job.recording)
         ]
@@ -81,6 +81,10 @@ class LeggedPlan:
         """
         records = (self.files.read(job.name) for job in self.jobs())
         return [record for record in records if record is not None]
+
+    def _is_finished(self, job: LeggedJob) -> bool:
+        record = self.files.read(job.name)
+        return record is not None and record.not_recorded is None
 
 
 @dataclass(frozen=True, slots=True)

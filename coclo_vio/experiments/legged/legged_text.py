@@ -62,7 +62,7 @@ def impact_pairs(record: LeggedRecord) -> list[tuple[LeggedRow, LeggedRow]]:
     for rows in _by_group(record, impacts=True).values():
         ours, theirs = rows.get("coclo"), rows.get("inekf")
         if ours is not None and theirs is not None and ours.impacts is not None:
-            pairs.append((ours.impacts.std_mps2, ours, theirs))
+            pairs.append((ours.impacts.peak_mps2, ours, theirs))
     return [(ours, theirs) for _, ours, theirs in sorted(pairs, key=lambda pair: pair[0])]
 
 
