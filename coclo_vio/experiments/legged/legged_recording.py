@@ -43,7 +43,7 @@ class LeggedRecording:
         robot: name of the robot, or path of its description.
         ground: of a simulated one.
         seed: of a simulated one; None of a log.
-        gait: changes of a trot's gait.
+        trial: changes of a trot's trial, such as ``{"gait": {"speed_mps": 0.9}}``.
         images: whether cameras record.
         log: folder of a real one.
     """
@@ -53,7 +53,7 @@ class LeggedRecording:
     robot: str
     ground: str = ""
     seed: int | None = None
-    gait: Mapping[str, float] = field(default_factory=dict)
+    trial: Mapping[str, Any] = field(default_factory=dict)
     images: bool = False
     log: Path | None = None
 
@@ -153,20 +153,20 @@ def _trots(seed: int, distance_m: float | None, *, images: bool) -> Iterator[Leg
     for robot in TROT_ROBOTS:
         for ground in GROUNDS:
             along_m = distance_m or DISTANCES_M[ground]
-            group, gait = f"{robot} {ground} {along_m:g} m", {"distance_m": along_m}
-            yield LeggedRecording("trot", group, robot, ground, seed, gait, images)
+            group, trial = f"{robot} {ground} {along_m:g} m", {"gait": {"distance_m": along_m}}
+            yield LeggedRecording("trot", group, robot, ground, seed, trial, images)
 
 
 def _impacts(seed: int, distance_m: float | None) -> Iterator[LeggedRecording]:
     along_m = distance_m or IMPACT_DISTANCE_M
     for robot in TROT_ROBOTS:
         for name, change in IMPACT_CHANGES.items():
-            group, gait = f"{robot} {name} {along_m:g} m", {"distance_m": along_m, **change}
-            yield LeggedRecording("impacts", group, robot, "flat", seed, gait)
+            group, trial = f"{robot} {name} {along_m:g} m", {"gait": {"distance_m": along_m, **change}}
+            yield LeggedRecording("impacts", group, robot, "flat", seed, trial)
 
 
 def _trot_changes(recording: LeggedRecording) -> Mapping[str, Any]:
-    return {"trial": {"robot": recording.robot, "ground": recording.ground, "gait": dict(recording.gait)}}
+    return {"trial": {"robot": recording.robot, "ground": recording.ground, **recording.trial}}
 
 
 def _terrain(name: str) -> TerrainName:
