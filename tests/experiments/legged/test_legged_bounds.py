@@ -48,12 +48,12 @@ def test_a_short_trot_keeps_its_bounds(trot: Mapping[str, LeggedJobRecord]) -> N
     ours, theirs = figures_of(trot["coclo"]), figures_of(trot["inekf"])
     assert ours.drift_percent is not None
     assert ours.anees_pose is not None
-    assert ours.drift_percent < 5.0
-    assert 0.1 < ours.anees_pose < 3.0
+    assert ours.drift_percent < 6.0
+    assert 0.1 < ours.anees_pose < 4.0
     assert theirs.drift_percent is not None
     assert theirs.anees_pose is not None
     assert theirs.drift_percent < 9.0
-    assert theirs.anees_pose < 25.0
+    assert theirs.anees_pose < 70.0
 
 
 def test_coclo_is_better_than_inekf_on_a_short_trot(trot: Mapping[str, LeggedJobRecord]) -> None:
@@ -89,7 +89,7 @@ def test_the_real_logs_keep_their_bounds(shared_data: Path, tmp_path: Path) -> N
     ours, theirs = figures_of(go1["coclo"]), figures_of(go1["inekf"])
     assert ours.ate_planar_m is not None
     assert theirs.ate_planar_m is not None
-    assert ours.ate_planar_m < 0.15
+    assert ours.ate_planar_m < 0.2
     assert ours.ate_planar_m < theirs.ate_planar_m < 0.35
     icub = figures_of(run(logs["icub_sway"], ("coclo",), tmp_path)["coclo"])
     assert icub.drift_percent is not None
