@@ -221,3 +221,18 @@ def test_the_smoother_is_a_mode_for_the_time_of_the_benchmark_only() -> None:
 def test_a_job_has_the_name_of_its_recording_and_mode() -> None:
     recording = LeggedRecording("trot", "go1 flat 50 m", "go1", "flat", 11, images=True)
     assert LeggedJob(recording, "tight").name == "go1_flat_50_m_images_11-tight"
+
+
+def test_the_command_says_what_is_left_and_that_nothing_is_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match=r"legged: no job of commit .* is finished in"):
+        command.main(["-o", str(tmp_path), "--data", str(tmp_path), "--only", "no such recording"])
+    assert "0 jobs on 0 recordings are left" in capsys.readouterr().err
+
+
+def test_the_line_of_the_record_repeats_the_benchmark() -> None:
+    line = "-o out --seeds 3 --distance 4 --only go1 --impacts --workers 2 --publish"
+    options = command._parser().parse_args(line.split())
+    expected = "-o OUT --seeds 3 --first-seed 11 --distance 4 --only go1 --impacts"
+    assert command._command(options) == f"python -m coclo_vio.experiments.legged {expected}"
