@@ -5,9 +5,8 @@ Observed of the class in GTSAM 4.3:
 
 * Contacts at each joint sample of 500 Hz make it stop with "indeterminate linear system" after seconds, and cost ten
   times as much; contacts at 100 Hz do not, with the IMU integrated in between.
-* Without a covariance of integration its IMU factors are singular.
-* A yaw and a position that are certain to 1e-6 at the start make its first correction stop likewise where the IMU is
-  turned in the body, as an iCub's is; certain to 1e-3 they do not.
+* A yaw and a position that are certain to 1e-6 at the start, or no covariance of integration, make it stop likewise at
+  its first correction on a log of an iCub; certain to 1e-3, and with a small covariance, it goes through.
 * It has no covariance to ask for: that of the start is given out, which says nothing about errors.
 """
 
