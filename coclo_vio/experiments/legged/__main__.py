@@ -117,12 +117,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _command(options: argparse.Namespace) -> str:
-    """The line that runs the same benchmark, without where its files are and how many processes work."""
+    """The line that runs the whole benchmark, without where its files are and how many processes work."""
     words = ["python", "-m", "coclo_vio.experiments.legged", "-o", "OUT", "--seeds", str(options.seeds)]
     words += ["--first-seed", str(options.first_seed)]
     words += [] if options.distance is None else ["--distance", f"{options.distance:g}"]
-    words += [*(["--only", options.only] if options.only else []), *(["--images"] if options.images else [])]
-    return shlex.join([*words, *(["--impacts"] if options.impacts else [])])
+    words += [*(["--images"] if options.images else []), *(["--impacts"] if options.impacts else [])]
+    return shlex.join(words)
 
 
 if __name__ == "__main__":

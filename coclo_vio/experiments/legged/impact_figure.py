@@ -32,14 +32,17 @@ def impact_figure(record: LeggedRecord) -> "Figure":
     for panel, (key, title) in zip(panels, _PANELS, strict=True):
         panel.set_title(title, fontsize=9, loc="left")
         panel.set_yscale("log")
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.yaxis.set_minor_formatter("{x:g}")
+        panel.tick_params(axis="y", which="both", labelsize="small")
         for number, robot in enumerate(robots):
             of_robot = [pair for pair in pairs if pair[0].group.startswith(f"{robot} ")]
             for name, rows in zip(("coclo", "inekf"), zip(*of_robot, strict=True), strict=True):
                 points = [(_strength(row), getattr(row.figures, key)) for row in rows]
                 shown = [(x, y) for x, y in points if y is not None]
-                style = {**style_of(name), "label": f"{name}, {robot}", "linestyle": "-" if number == 0 else ":"}
-                panel.plot([x for x, _ in shown], [y for _, y in shown], marker=_MARKERS[number], markersize=4, **style)
-    label = "99th percentile of the accelerometer beyond gravity [m/s$^2$]"
+                style = {**style_of(name), "label": f"{name}, {robot}", "linestyle": ""}
+                panel.plot([x for x, _ in shown], [y for _, y in shown], marker=_MARKERS[number], markersize=5, **style)
+    label = "accelerometer, 99 % [m/s$^2$]"
     return finish(figure, panels, label, labelled=panels[:-1])
 
 

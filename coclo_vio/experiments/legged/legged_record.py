@@ -126,6 +126,8 @@ class LeggedRecord(Record):
         seeds: of the simulated recordings.
         rows: by recording and trajectory.
         not_recorded: why there is no recording, by its name.
+        finished: how many of the jobs.
+        planned: how many there are.
     """
 
     next_step: ClassVar[str] = "publish again with `python -m coclo_vio.experiments.legged --publish`"
@@ -136,3 +138,5 @@ class LeggedRecord(Record):
     seeds: tuple[int, ...]
     rows: tuple[LeggedRow, ...]
     not_recorded: dict[str, str]
+    finished: int
+    planned: int

@@ -40,6 +40,8 @@ def summarise(plan: LeggedPlan, command: str) -> LeggedRecord:
         seeds=tuple(sorted({record.seed for record in records if record.seed is not None})),
         rows=tuple(rows_of(records)),
         not_recorded={_title(record): record.not_recorded for record in records if record.not_recorded is not None},
+        finished=len(records),
+        planned=sum(1 for _ in plan.jobs()),
     )
 
 

@@ -22,6 +22,8 @@ def _legged(files: ResultFiles) -> str:
     """Recordings by estimators, and what failed."""
     record = LeggedRecord.read(files.folder / _FILE)
     table = markdown_table(overview_head(record), overview_rows(record))
+    if record.finished < record.planned:
+        table += f"\n\nOf {record.planned} jobs {record.finished} are finished."
     return "\n\n".join([table, *(["\n".join(failures)] if (failures := failure_lines(record)) else []), _origin(files)])
 
 

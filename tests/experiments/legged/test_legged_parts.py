@@ -62,7 +62,9 @@ def job_record(
 
 def record_of(*jobs: LeggedJobRecord) -> LeggedRecord:
     rows = tuple(rows_of(jobs))
-    return LeggedRecord(command="a command", commit="abc1234", seeds=(11,), rows=rows, not_recorded={})
+    return LeggedRecord(
+        command="a command", commit="abc1234", seeds=(11,), rows=rows, not_recorded={}, finished=1, planned=1
+    )
 
 
 def test_every_robot_trots_on_every_ground_and_the_daisy_walks(tmp_path: Path) -> None:
@@ -86,7 +88,9 @@ def test_jobs_are_chosen_by_a_part_of_their_name_and_finished_ones_are_left_out(
     assert len(plan.work("go1_flat")[0].jobs) == len(LEG_ESTIMATORS)
     plan.files.write("go1_flat_3_m_11-coclo", job_record("go1 flat 3 m", 11, {"coclo": 1.0}))
     assert [job.estimator for job in plan.work("go1_flat")[0].jobs] == list(LEG_ESTIMATORS[1:])
-    assert [row.trajectory for row in summarise(plan, "a command").rows] == ["coclo"]
+    record = summarise(plan, "a command")
+    assert [row.trajectory for row in record.rows] == ["coclo"]
+    assert (record.finished, record.planned) == (1, len(list(plan.jobs())))
     with pytest.raises(DatasetError, match=r"no job of commit 0000000 is finished in .*; run the benchmark first"):
         summarise(LeggedPlan(tmp_path, plan.recordings, "0000000", "def5678"), "a command")
 
@@ -234,5 +238,5 @@ def test_the_command_says_what_is_left_and_that_nothing_is_finished(
 def test_the_line_of_the_record_repeats_the_benchmark() -> None:
     line = "-o out --seeds 3 --distance 4 --only go1 --impacts --workers 2 --publish"
     options = command._parser().parse_args(line.split())
-    expected = "-o OUT --seeds 3 --first-seed 11 --distance 4 --only go1 --impacts"
+    expected = "-o OUT --seeds 3 --first-seed 11 --distance 4 --impacts"
     assert command._command(options) == f"python -m coclo_vio.experiments.legged {expected}"
