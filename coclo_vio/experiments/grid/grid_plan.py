@@ -3,6 +3,7 @@
 
 import hashlib
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,7 +24,8 @@ from coclo_vio.values.errors import DatasetError
 UNTIL_S = 60.0  # of each trial: the whole ramp, half of the square and of the stairs
 FRAME_RATE_HZ = 7.5  # costs nothing in accuracy at this walking speed, and half of the time
 _ROOT = Path(coclo_vio.__file__).resolve().parents[1]
-_CODE = ("coclo_vio", ":!coclo_vio/cli", ":!coclo_vio/experiments")  # what decides the results of a plan
+CODE = ("coclo_vio", ":!coclo_vio/cli", ":!coclo_vio/experiments")
+"""What decides the results of a plan, as paths of git."""
 
 
 class GridStore(JobStore):
@@ -109,18 +111,19 @@ class GridPlan:
         return list(self.store(cell).kept(self.table(cell)).values())
 
 
-def commit_of_code(root: Path = _ROOT) -> str:
+def commit_of_code(root: Path = _ROOT, code: Sequence[str] = CODE) -> str:
     """The last commit that changed what decides results; with a digest of changes that are not committed.
 
     Args:
         root: of the checkout.
+        code: paths of git.
 
     Raises:
         DatasetError: it is no git checkout.
     """
     try:
-        commit = _git(root, "log", "-1", "--format=%h", "--", *_CODE)
-        changes = _git(root, "diff", "HEAD", "--", *_CODE)
+        commit = _git(root, "log", "-1", "--format=%h", "--", *code)
+        changes = _git(root, "diff", "HEAD", "--", *code)
     except (OSError, subprocess.CalledProcessError) as error:
         raise DatasetError(f"{root} is no git checkout, so results cannot be kept by commit: {error}") from error
     return commit + (f"+{hashlib.sha256(changes.encode()).hexdigest()[:6]}" if changes else "")

@@ -15,6 +15,7 @@ PAGES = (
     Path("docs") / "index.md",
     Path("docs") / "performance.md",
     Path("docs") / "grid.md",
+    Path("docs") / "legged.md",
     Path("docs") / "diagnosis.md",
 )
 _PLACE = re.compile(r"<!-- results: (?P<name>[a-z0-9_]+) -->\n.*?<!-- end of results -->", re.DOTALL)

@@ -81,6 +81,19 @@ class Provenances(JsonModel, RootModel[dict[str, Provenance]]):
         return type(self)({**self.root, name: provenance})
 
 
+def committed_text(root: Path, path: Path) -> str | None:
+    """A file as the last commit has it; None where it has none, or there is no git checkout.
+
+    Args:
+        root: of the checkout.
+        path: within it.
+    """
+    try:
+        return _git(root, "show", f"HEAD:./{path.as_posix()}")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
 def _commit(root: Path) -> str:
     try:
         short = _git(root, "rev-parse", "--short=7", "HEAD")

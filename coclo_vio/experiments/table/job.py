@@ -41,7 +41,7 @@ def run_job(job: Job, plan: TablePlan, recordings: Recordings, store: JobStore) 
         with run_folder.writing(store.folder):
             ran = _run(job, recordings, job.variant.configured(plan.config), store.run_of(job))
     except Exception as error:  # of whatever kind: a job that fails must not end the others
-        return failed(job, plan, reason_of(error, recordings))
+        return failed(job, plan, reason_of(error, recordings.folder))
     trajectories = {**ran, **{name: _nothing(NO_ESTIMATE) for name in job.variant.trajectories if name not in ran}}
     failures = [trajectory.failure for trajectory in trajectories.values() if trajectory.failure is not None]
     return _record(job, plan, trajectories, next(iter(failures), None), time.process_time() - began_s)
@@ -52,9 +52,9 @@ def failed(job: Job, plan: TablePlan, reason: str) -> JobRecord:
     return _record(job, plan, {name: _nothing(reason) for name in job.variant.trajectories}, reason, None)
 
 
-def reason_of(error: Exception, recordings: Recordings) -> str:
+def reason_of(error: Exception, folder: Path) -> str:
     """The message of an error in one line, without the folder of the recordings; with its class if unexpected."""
-    text = " ".join(str(error).replace(f"{recordings.folder}/", "").split())
+    text = " ".join(str(error).replace(f"{folder}/", "").split())
     return text if isinstance(error, CocloError) else f"{type(error).__name__}: {text}"
 
 

@@ -9,11 +9,64 @@ import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from coclo_vio.experiments.table.plan import Job, TablePlan
 from coclo_vio.experiments.table.table_record import Fingerprint, JobRecord
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.record import Record
+
+JobResult = TypeVar("JobResult", bound=Record)
+
+
+@dataclass(frozen=True, slots=True)
+class JobFiles(Generic[JobResult]):
+    """A folder with a file of each finished job, ``<name>.json``, which appears at once and whole.
+
+    Attributes:
+        folder: of the files.
+        kind: what a file holds.
+    """
+
+    folder: Path
+    kind: type[JobResult]
+
+    def prepare(self) -> None:
+        """Make the folder.
+
+        Raises:
+            DatasetError: it cannot be made.
+        """
+        run_folder.prepare(self.folder)
+
+    def write(self, name: str, result: JobResult) -> None:
+        """Keep the result of a job.
+
+        Raises:
+            DatasetError: it cannot be written.
+        """
+        path = self.folder / f"{name}.json"
+        half = path.with_name(f".{path.name}.{os.getpid()}")
+        with run_folder.writing(self.folder):
+            try:
+                result.write(half)
+                half.replace(path)
+            finally:
+                half.unlink(missing_ok=True)
+
+    def read(self, name: str) -> JobResult | None:
+        """The result of a job, None where it is not finished: no file, or not the whole of one.
+
+        Raises:
+            DatasetError: it was written by another release.
+        """
+        path = self.folder / f"{name}.json"
+        try:
+            values = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return self.kind.parse(values, str(path))
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +81,7 @@ class JobStore:
         Raises:
             DatasetError: they cannot be made.
         """
-        run_folder.prepare(self.folder / "jobs")
+        self._files.prepare()
         run_folder.prepare(self.folder / "runs")
 
     def run_of(self, job: Job) -> Path:
@@ -41,14 +94,7 @@ class JobStore:
         Raises:
             DatasetError: it cannot be written.
         """
-        path = self._path(job)
-        half = path.with_name(f".{path.name}.{os.getpid()}")
-        with run_folder.writing(self.folder):
-            try:
-                record.write(half)
-                half.replace(path)
-            finally:
-                half.unlink(missing_ok=True)
+        self._files.write(job.name, record)
 
     def read(self, job: Job) -> JobRecord | None:
         """The result of a job, None where it is not finished: no file, or not the whole of one.
@@ -56,12 +102,7 @@ class JobStore:
         Raises:
             DatasetError: it was written by another release.
         """
-        path = self._path(job)
-        try:
-            values = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-        return JobRecord.parse(values, str(path))
+        return self._files.read(job.name)
 
     def kept(self, plan: TablePlan) -> dict[Job, JobRecord]:
         """The finished jobs of a plan.
@@ -96,5 +137,6 @@ class JobStore:
                 if (self.folder / name).is_dir():
                     shutil.rmtree(self.folder / name)
 
-    def _path(self, job: Job) -> Path:
-        return self.folder / "jobs" / f"{job.name}.json"
+    @property
+    def _files(self) -> JobFiles[JobRecord]:
+        return JobFiles(self.folder / "jobs", JobRecord)

@@ -78,7 +78,7 @@ def run_unit(unit: WorkUnit, report: ProgressCallback) -> None:
             report(WorkProgress("simulating", unit.name))
             unit.recordings.make(first.trial, first.seed)
     except Exception as error:  # a simulation that fails costs its own jobs only
-        reason = reason_of(error, unit.recordings)
+        reason = reason_of(error, unit.recordings.folder)
     is_complete = True
     for job in unit.jobs:
         name = f"{unit.prefix}{job.name}"
