@@ -126,7 +126,7 @@ class RobustConfig(StageConfig):
         bool | None,
         Field(
             description="whether legs correct the state as if that slip, which they do not measure, were known; "
-            "null: with at most four legs"
+            "null: with at most four legs and without cameras"
         ),
     ] = None
     learns_slip: Annotated[

@@ -30,7 +30,6 @@ from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.units import GRAVITY_MPS2
 
-_FEW_LEGS = 4  # in a trot two of them stand: their measurements contradict each other with one sign for long
 NO_LEG = -1
 
 
@@ -122,18 +121,14 @@ class LegConstants:
         hips_body: first joint of each leg, body frame, m, (n, 3).
         joint_velocity_noise_radps: one sigma of a joint velocity, rad/s.
         config: parameters.
+        takes_slip_for_known: whether legs correct the state as if the common slip were known.
     """
 
     radii_m: Array
     hips_body: Array
     joint_velocity_noise_radps: float
     config: RobustConfig
-
-    @property
-    def takes_slip_for_known(self) -> bool:
-        """As in ``RobustConfig``: whether legs correct the state as if the slip were known."""
-        chosen = self.config.takes_slip_for_known
-        return len(self.radii_m) <= _FEW_LEGS if chosen is None else chosen
+    takes_slip_for_known: bool = False
 
 
 def blocks(

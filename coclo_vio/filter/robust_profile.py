@@ -29,6 +29,8 @@ from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 
+_FEW_LEGS = 4  # in a trot two of them stand: their measurements contradict each other with one sign for long
+
 
 class RobustProfile:
     """The steps of the filter with rolling feet, an innovation gate for each leg, and rows only where there is data."""
@@ -79,17 +81,15 @@ class RobustProfile:
         self._gyroscope_error_radps = bias_sigmas(initial, imu)[0]
         self._config = config
         self._counts = counts
-        radii_m = robot.foot_radii_m if config.rolls_feet else np.zeros(len(robot.leg_names))
-        description = robot.description
-        sensing = LegConstants(radii_m, robot.hip_position_body, description.joint_velocity_noise_radps, config)
+        sensing = _legs_of(robot, config, has_frame=has_frame)
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
-        encoder_noise_rad = description.encoder_noise_rad
+        encoder_noise_rad = robot.description.encoder_noise_rad
         self._models: RobustModels = (
             CompiledModels(sensing, encoder_noise_rad, self._gate, self.layout)
             if is_compiled
             else DirectModels(sensing, encoder_noise_rad, self._gate)
         )
-        self._imu_lever = so3.hat(np.array(description.imu.position_body_m))  # w @ it = w x position
+        self._imu_lever = so3.hat(np.array(imu.position_body_m))  # w @ it = w x position
         self._footholds: Footholds | None = None
         self._rejecting_s = 0.0
         self._gravity_scale = GravityScale(config.gravity_least_scale)
@@ -217,3 +217,14 @@ def _move_footholds(core: SquareRootFilter, rotation_before: Array, shift_body: 
     shift_world = 0.5 * (shift_body[0] @ rotation_before.T + shift_body[1] @ core.mean.rotation.T)
     vector[core.mean.layout.feet] += shift_world.ravel()
     core.mean = replace(core.mean, vector=vector)
+
+
+def _legs_of(robot: RobotModel, config: RobustConfig, *, has_frame: bool) -> LegConstants:
+    legs, known = len(robot.leg_names), config.takes_slip_for_known
+    return LegConstants(
+        robot.foot_radii_m if config.rolls_feet else np.zeros(legs),
+        robot.hip_position_body,
+        robot.description.joint_velocity_noise_radps,
+        config,
+        takes_slip_for_known=(legs <= _FEW_LEGS and not has_frame) if known is None else known,
+    )
