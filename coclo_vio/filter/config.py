@@ -151,7 +151,7 @@ class RobustConfig(StageConfig):
     leg_check: Annotated[LegCheckConfig, Field(description="comparison of each leg with the others")] = LegCheckConfig()
     recovery_s: Annotated[
         float, Field(gt=0, description="time without any accepted stance leg after which all are accepted again, s")
-    ] = 0.1
+    ] = 0.02
     standstill_velocity_noise_mps: Annotated[
         float, Field(gt=0, description="one sigma of the body velocity at standstill, m/s")
     ] = 0.02
