@@ -166,7 +166,7 @@ class Simulator:
                 stop_s = data.time + end_s
             if progress is not None and len(log) % 1000 < _CONTROL_EVERY:
                 progress(data.time)
-        return self._motion(log)
+        return motion_of(log, step_s, (self._q, self._v), self._contact_counts, self._foot_friction)
 
     def _place(self, controller: GaitController) -> None:
         """Put the robot on its feet at the beginning of the path, with motor angles that carry its weight."""
@@ -212,22 +212,39 @@ class Simulator:
                 f"walked after {data.time:.0f} s; a swing foot found no ground: raise trial.gait.period_s"
             )
 
-    def _motion(self, log: list[tuple[Array, ...]]) -> Motion:
-        qpos, qvel, torque, acceleration, force = (np.array(column) for column in zip(*log, strict=True))
-        return Motion(
-            time_s=self.model.opt.timestep * np.arange(len(qpos)),
-            qpos=qpos,
-            qvel=qvel,
-            trunk_acceleration=acceleration,
-            joint_columns=self._q,
-            joint_velocity_columns=self._v,
-            spring_torque=torque,
-            foot_force=force,
-            self_contacts=self._contact_counts.self_contacts,
-            ground_contacts=self._contact_counts.ground_contacts,
-            max_penetration_m=self._contact_counts.max_penetration_m,
-            on_tile_s=None if self._foot_friction is None else self._foot_friction.on_tile_s,
-        )
+
+def motion_of(
+    log: list[tuple[Array, ...]],
+    step_s: float,
+    joints: tuple[Any, Any],
+    counts: ContactCounts,
+    friction: FootFriction | None,
+) -> Motion:
+    """The motion that was logged at each step of the physics.
+
+    Args:
+        log: coordinates (nq,), velocities (nv,), joint torques (J,), acceleration of the trunk (6,) and normal force on
+            each foot (legs,), a step each.
+        step_s: of the physics, s.
+        joints: columns of the joints in coordinates and in velocities, (J,) each.
+        counts: contacts that a sound gait does not have.
+        friction: of the feet; None on ground of one friction.
+    """
+    qpos, qvel, torque, acceleration, force = (np.array(column) for column in zip(*log, strict=True))
+    return Motion(
+        time_s=np.asarray(step_s * np.arange(len(qpos)), dtype=np.float64),
+        qpos=qpos,
+        qvel=qvel,
+        trunk_acceleration=acceleration,
+        joint_columns=joints[0],
+        joint_velocity_columns=joints[1],
+        spring_torque=torque,
+        foot_force=force,
+        self_contacts=counts.self_contacts,
+        ground_contacts=counts.ground_contacts,
+        max_penetration_m=counts.max_penetration_m,
+        on_tile_s=None if friction is None else friction.on_tile_s,
+    )
 
 
 class Pusher:

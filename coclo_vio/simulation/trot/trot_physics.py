@@ -8,7 +8,7 @@ import numpy as np
 
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.simulation.trial.motion import Motion
-from coclo_vio.simulation.trial.physics import ContactCounts, FootFriction, Pusher
+from coclo_vio.simulation.trial.physics import ContactCounts, FootFriction, Pusher, motion_of
 from coclo_vio.simulation.trot.controller import QuadrupedState, TrotController
 from coclo_vio.simulation.trot.ground import TrotGround
 from coclo_vio.simulation.trot.quadruped_body import QuadrupedBody
@@ -103,7 +103,7 @@ class TrotSimulator:
                 stop_s = data.time + end_s
             if progress is not None and len(log) % 500 < every:
                 progress(data.time)
-        return self._motion(log)
+        return motion_of(log, self.model.opt.timestep, (self._q, self._v), self._counts, self._friction)
 
     def _place(self, controller: TrotController, body: QuadrupedBody) -> None:
         """Put the robot on its feet at the beginning of the path and let it settle."""
@@ -166,23 +166,6 @@ class TrotSimulator:
                 f"the robot got stuck after {controller.tracker.travelled_m:.1f} m of its path in {data.time:.0f} s; "
                 "lower trial.gait.speed_mps or raise trial.gait.clearance_m"
             )
-
-    def _motion(self, log: list[tuple[Array, ...]]) -> Motion:
-        qpos, qvel, torque, acceleration, force = (np.array(column) for column in zip(*log, strict=True))
-        return Motion(
-            time_s=self.model.opt.timestep * np.arange(len(qpos)),
-            qpos=qpos,
-            qvel=qvel,
-            trunk_acceleration=acceleration,
-            joint_columns=self._q,
-            joint_velocity_columns=self._v,
-            spring_torque=torque,
-            foot_force=force,
-            self_contacts=self._counts.self_contacts,
-            ground_contacts=self._counts.ground_contacts,
-            max_penetration_m=self._counts.max_penetration_m,
-            on_tile_s=None if self._friction is None else self._friction.on_tile_s,
-        )
 
 
 def _limit_s(controller: TrotController, end_s: float) -> float:
