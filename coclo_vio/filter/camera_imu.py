@@ -20,7 +20,7 @@ from coclo_vio.filter.config import CameraImuConfig, FilterConfig, InitialConfig
 from coclo_vio.filter.gravity import GravityWindow
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, RATE, ROTATION, StateLayout
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, GYROSCOPE_SCALE, RATE, ROTATION, StateLayout
 from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas
 from coclo_vio.filter.unscented_transform import Correction, correct
 from coclo_vio.geometry import so3
@@ -157,12 +157,14 @@ class CameraImu:
         rows = np.zeros((6, layout.dimension))
         rows[:3, layout.at(_GYROSCOPE)] = rows[3:, layout.at(_ACCELEROMETER)] = np.eye(3)
         rows[:3, GYROSCOPE_BIAS] = rows[3:, ACCELEROMETER_BIAS] = -np.eye(3)
+        rows[:3, GYROSCOPE_SCALE] = -np.diag(rate)
         rows[:3, layout.at(_ROTATION)], rows[3:, layout.at(_ROTATION)] = -so3.hat(rate), -so3.hat(force)
         rows[:3, layout.at(_DELAY)] = -difference.angular_acceleration[:, None]
         measured = np.concatenate((difference.angular_velocity, difference.specific_force))
         densities = (self._imu.gyroscope_noise_density, self._body_imu.gyroscope_noise_density)
         rate_noise = np.hypot(np.hypot(*densities) / np.sqrt(difference.duration_s), self._config.rate_noise_radps)
         sigmas = np.repeat((rate_noise, self._config.force_noise_mps2), 3)
+        sigmas[:3] = np.hypot(sigmas[:3], self._imu.gyroscope_scale * rate)
         innovation = measured - rows @ vector
         correction = _correction(core, rows, sigmas, innovation)
         if correction.innovation_squared <= self._limits[6]:
@@ -196,7 +198,7 @@ class CameraImu:
     def _measure_rate(self, core: SquareRootFilter, rate: Array, dt_s: float) -> None:
         self._walk(core, dt_s)
         expected, rows = self._rate_rows(core, rate - core.mean.vector[core.mean.layout.at(_GYROSCOPE)])
-        sigmas = np.full(3, self._imu.gyroscope_noise_density / np.sqrt(dt_s))
+        sigmas = np.hypot(self._imu.gyroscope_noise_density / np.sqrt(dt_s), self._imu.gyroscope_scale * rate)
         core.apply(_correction(core, rows, sigmas, rate - expected))
 
     def _measure_gravity(self, core: SquareRootFilter, reading: Reading, force: Array) -> None:

@@ -21,12 +21,12 @@ from coclo_vio.filter.process_kernel import ProcessConstants
 from coclo_vio.filter.robust_models import innovation_squared_of, mean_excess_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import SLIP, State, StateLayout
+from coclo_vio.filter.state import CONSIDERED_BY_LEGS, State, StateLayout
 from coclo_vio.filter.triangle_kernels import foot_noises
 from coclo_vio.values.arrays import Array, BoolArray
 
 _BLOCK = 32  # columns that LAPACK reflects together
-_CONSIDERED = (SLIP.start, SLIP.stop)
+_CONSIDERED = (CONSIDERED_BY_LEGS.start, CONSIDERED_BY_LEGS.stop)
 _NO_RATE = np.zeros(3)
 _NO_PRIOR = np.zeros((0, 0))
 

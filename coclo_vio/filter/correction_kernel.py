@@ -135,7 +135,7 @@ def _conditional_factor(
             step[i] += change[i, j] * total
     for j in range(few):
         step[first + j] = 0.0
-        reflect(shares, j, j, j + 1, size)
+        reflect(shares, j, j, j + 1, len(shares))
     rows = np.zeros((length + few, length))
     for i in range(length):
         for j in range(i, length):
@@ -162,10 +162,10 @@ def _add_outer_product(left: Array, right: Array, matrix: Array) -> None:
 
 @inlined
 def _change_of_gain(triangle: Array, gains: Array, prior: Array, first: int) -> tuple[Array, Array]:
-    """``unscented_transform.change_of_gain``: (L + p, k), and its shares transposed, (M, k)."""
+    """``unscented_transform.change_of_gain``: (L + p, k), and its shares transposed, (max(M, k), k), zeros below M."""
     (size, passive), few = gains.shape, prior.shape[1]
     length = len(prior) - passive
-    root, units, shares = prior[first : first + few].copy(), prior.copy(), np.empty((size, few))
+    root, units, shares = prior[first : first + few].copy(), prior.copy(), np.zeros((max(size, few), few))
     cholesky_in_place(root)
     for r in range(size):
         for j in range(few):
@@ -198,12 +198,12 @@ def _change_of_gain(triangle: Array, gains: Array, prior: Array, first: int) -> 
 def _considered_factor(triangle: Array, size: int, first: int, last: int) -> Array:
     """The new lower factor, with the information of the step on the considered errors taken back."""
     length, few = triangle.shape[1] - size, last - first
-    gained = np.empty((size, few))
+    gained = np.zeros((max(size, few), few))
     for i in range(size):
         for j in range(few):
             gained[i, j] = triangle[i, size + first + j]
     for k in range(few):
-        reflect(gained, k, k, k + 1, size)
+        reflect(gained, k, k, k + 1, len(gained))
     rows = np.zeros((length + few, length))
     for i in range(length):
         for j in range(i, length):

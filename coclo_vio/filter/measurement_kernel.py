@@ -26,6 +26,7 @@ from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
+    GYROSCOPE_SCALE,
     LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
@@ -45,7 +46,8 @@ from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated_back
 from coclo_vio.values.units import GRAVITY_MPS2
 
-_LEG_SCALE, _RATE, _GYROSCOPE_BIAS = LEG_SCALE.start, RATE.start, GYROSCOPE_BIAS.start
+_LEG_SCALE, _RATE = LEG_SCALE.start, RATE.start
+_GYROSCOPE_BIAS, _GYROSCOPE_SCALE = GYROSCOPE_BIAS.start, GYROSCOPE_SCALE.start
 _ACCELEROMETER_BIAS = ACCELEROMETER_BIAS.start
 _LEG_COMPLIANCE, _VELOCITY, _POSITION = LEG_COMPLIANCE.start, VELOCITY.start, POSITION.start
 
@@ -107,7 +109,7 @@ def _triples_of(
     at = 0
     if has_rate:
         for i in range(3):
-            table.measured[at, i] = sensed.angular_velocity[i]
+            table.measured[at, i] = table.lever[at, i] = sensed.angular_velocity[i]
         at = _set_imu(table, at, GYROSCOPE, sensed.gyroscope_noise_radps)
     if sensed.is_stationary:
         at = _set_imu(table, at, REST_VELOCITY, sensing.standstill_velocity_noise_mps)
@@ -184,7 +186,10 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
     for row in range(len(table.kind)):
         kind, lever = table.kind[row], table.lever[row]
         if kind == GYROSCOPE:
-            x, y, z = wx + vector[_GYROSCOPE_BIAS], wy + vector[_GYROSCOPE_BIAS + 1], wz + vector[_GYROSCOPE_BIAS + 2]
+            bias, ratio = _GYROSCOPE_BIAS, _GYROSCOPE_SCALE
+            x = wx + vector[bias] + lever[0] * vector[ratio]
+            y = wy + vector[bias + 1] + lever[1] * vector[ratio + 1]
+            z = wz + vector[bias + 2] + lever[2] * vector[ratio + 2]
         elif kind == REST_VELOCITY:
             x, y, z = vx, vy, vz
         elif kind == REST_RATE:

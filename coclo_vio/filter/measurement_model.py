@@ -10,6 +10,7 @@ its own (``gravity``).
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,
     GYROSCOPE_BIAS,
+    GYROSCOPE_SCALE,
     LEG_COMPLIANCE,
     LEG_SCALE,
     POSITION,
@@ -50,9 +52,14 @@ class Block:
     legs: IntArray
 
 
-def gyroscope(stack: State) -> Array:
-    """Rate plus bias, body frame, rad/s, (points, 3)."""
-    rate: Array = stack.vector[:, RATE] + stack.vector[:, GYROSCOPE_BIAS]
+def gyroscope(stack: State, reading: Array) -> Array:
+    """Rate plus bias plus error of scale, body frame, rad/s, (points, 3).
+
+    The scale multiplies the rate as read, (3,), not as estimated: the difference is of second order, and the model is
+    linear.
+    """
+    vector = stack.vector
+    rate: Array = vector[:, RATE] + vector[:, GYROSCOPE_BIAS] + reading * vector[:, GYROSCOPE_SCALE]
     return rate
 
 
@@ -155,7 +162,8 @@ def blocks(
     config = sensing.config
     result: list[Block] = []
     if reading.angular_velocity is not None:
-        result.append(_imu_block(reading.angular_velocity, gyroscope, gyroscope_noise_radps))
+        rate = reading.angular_velocity
+        result.append(_imu_block(rate, partial(gyroscope, reading=rate), gyroscope_noise_radps))
     stance = reading.is_stance
     if reading.is_stationary:
         sigmas = (config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps)

@@ -10,7 +10,7 @@ from coclo_vio.filter import measurement_model, process_model
 from coclo_vio.filter.measurement_model import NO_LEG, LegConstants
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
-from coclo_vio.filter.state import SLIP, State
+from coclo_vio.filter.state import CONSIDERED_BY_LEGS, State
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 
@@ -132,7 +132,7 @@ class DirectModels:
         owner = np.repeat(np.concatenate([block.legs for block in blocks]), 3)
         rejected = self._rejected(rows.T @ rows + noise.T @ noise, innovation, owner)
         is_conditional = self._sensing.takes_slip_for_known
-        return DirectExpectation(rows, noise, innovation, owner, rejected, SLIP, is_conditional)
+        return DirectExpectation(rows, noise, innovation, owner, rejected, CONSIDERED_BY_LEGS, is_conditional)
 
     def expect_gravity(self, core: SquareRootFilter, force_body: Array, sigma: float) -> "DirectExpectation":
         """By ``measurement_model``."""

@@ -101,6 +101,7 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
         ),
         _slip("slip_turn", robust.slip_turn_per_m, robust.slip_memory_s),
         _slip("slip", robust.slip_share, robust.slip_memory_s),
+        StateBlock("gyroscope_scale", 3, sigma=max(imu.gyroscope_scale, KNOWN_SIGMA), is_reported=True),
         StateBlock("velocity", 3, Retraction.WORLD, sigma=initial.velocity_mps, moving_sigma=moving_mps),
         StateBlock("position", 3, Retraction.WORLD),
     )
@@ -159,7 +160,7 @@ def paper_blocks(
         "velocity": paper.velocity_walk,
         "position": paper.position_walk,
     }
-    unknown_to_paper = {"leg_scale", "leg_compliance", "slip_turn", "slip"}
+    unknown_to_paper = {"gyroscope_scale", "leg_scale", "leg_compliance", "slip_turn", "slip"}
     body = []
     for block in body_blocks(RobustConfig(), initial, imu):
         if block.name in unknown_to_paper:

@@ -22,7 +22,7 @@ Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 class ImuCalibration(StageConfig):
     """Mounting and errors of an IMU. What is not given of its errors is that of its grade (``imu_grades``).
 
-    The filter uses the mounting, the gyroscope's noise, the walks and the sigmas of the biases. The accelerometer's
+    The filter uses the mounting, the gyroscope's noise, the walks and the sigmas of the biases and the scale. The accelerometer's
     noise is for the IMU-centric baseline and the smoother: the filter uses the accelerometer only as the direction of
     gravity.
     """
@@ -37,6 +37,9 @@ class ImuCalibration(StageConfig):
     gyroscope_noise_density: Annotated[float, Field(gt=0, description="white noise, rad/s/sqrt(Hz)")] = 2e-4
     gyroscope_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, rad/s^2/sqrt(Hz)")] = 2e-5
     gyroscope_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, rad/s")] = 0.02
+    gyroscope_scale: Annotated[
+        float, Field(ge=0, lt=0.2, description="one sigma of the relative error of the gyroscope's scale, each axis")
+    ] = 0.01
     accelerometer_noise_density: Annotated[float, Field(gt=0, description="white noise, m/s^2/sqrt(Hz)")] = 2e-3
     accelerometer_bias_walk: Annotated[float, Field(ge=0, description="bias random walk, m/s^3/sqrt(Hz)")] = 3e-4
     accelerometer_bias: Annotated[float, Field(gt=0, description="one sigma of the bias at switch-on, m/s^2")] = 0.1
@@ -53,7 +56,7 @@ class ImuCalibration(StageConfig):
         """This calibration; where it gives no grade, grade and sigmas of the biases are the other's if not given."""
         if "grade" in self.model_fields_set:
             return self
-        kept = {"grade", "gyroscope_bias", "accelerometer_bias"} - self.model_fields_set
+        kept = {"grade", "gyroscope_bias", "gyroscope_scale", "accelerometer_bias"} - self.model_fields_set
         return ImuCalibration(**(other.model_dump(include=kept) | self.model_dump(exclude_unset=True)))
 
     @property
