@@ -27,7 +27,12 @@ _NOISE_KEYS = {
     "accelerometer_noise_density": "accelerometer_noise_density",
     "accelerometer_random_walk": "accelerometer_bias_walk",
 }
-_BIAS_KEYS = ("grade", "gyroscope_bias", "gyroscope_scale", "accelerometer_bias")  # of this project, not of EuRoC: as in ImuCalibration
+_BIAS_KEYS = (
+    "grade",
+    "gyroscope_bias",
+    "gyroscope_scale",
+    "accelerometer_bias",
+)  # of this project, not of EuRoC: as in ImuCalibration
 _DISTORTION_MODELS = {
     "radial-tangential": "radtan",
     "radtan": "radtan",

@@ -92,7 +92,10 @@ def _update_at_rest(core: SquareRootFilter, config: InitialConfig, rest: ImuMean
 
     def model(stack: State) -> Array:
         return np.concatenate(
-            (measurement_model.specific_force_at_rest(stack), measurement_model.gyroscope(stack, rest.angular_velocity)),
+            (
+                measurement_model.specific_force_at_rest(stack),
+                measurement_model.gyroscope(stack, rest.angular_velocity),
+            ),
             axis=1,
         )
 

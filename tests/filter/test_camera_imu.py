@@ -13,7 +13,7 @@ from coclo_vio.filter.camera_imu import CameraImu
 from coclo_vio.filter.config import CameraImuConfig, FilterConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.square_root_filter import SquareRootFilter
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, StateLayout
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, GYROSCOPE_SCALE, StateLayout
 from coclo_vio.filter.state_blocks import robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.robot.imu_comparison import ImuDifference
@@ -101,6 +101,7 @@ def test_the_difference_of_two_imus_is_the_update_of_a_kalman_filter(daisy: Robo
     rate, force = difference.rate - vector[GYROSCOPE_BIAS], difference.force - vector[ACCELEROMETER_BIAS]
     H = np.zeros((6, layout.dimension))
     H[:3, GYROSCOPE_BIAS] = H[3:, ACCELEROMETER_BIAS] = -np.eye(3)
+    H[:3, GYROSCOPE_SCALE] = -np.diag(rate)
     H[:3, layout.at(BLOCKS[0])] = H[3:, layout.at(BLOCKS[1])] = np.eye(3)
     for axis in range(3):
         H[:3, layout.at(BLOCKS[2])][:, axis] = np.cross(np.eye(3)[axis], rate)
@@ -109,9 +110,10 @@ def test_the_difference_of_two_imus_is_the_update_of_a_kalman_filter(daisy: Robo
     own = daisy.description.imu.gyroscope_noise_density
     rate_variance = (own**2 + CAMERA_IMU.gyroscope_noise_density**2) / 0.1 + CameraImuConfig().rate_noise_radps ** 2
     noise = np.repeat([rate_variance, CameraImuConfig().force_noise_mps2 ** 2], 3)
+    noise[:3] += (CAMERA_IMU.gyroscope_scale * rate) ** 2
     gain = covariance @ H.T @ np.linalg.inv(H @ covariance @ H.T + np.diag(noise))
     measured = np.concatenate((difference.angular_velocity, difference.specific_force))
-    plain = np.r_[GYROSCOPE_BIAS, ACCELEROMETER_BIAS, layout.active : layout.dimension]
+    plain = np.r_[GYROSCOPE_BIAS, GYROSCOPE_SCALE, ACCELEROMETER_BIAS, layout.active : layout.dimension]
     expected = vector + gain @ (measured - H @ vector)
     np.testing.assert_allclose(core.mean.vector[plain], expected[plain], rtol=1e-8, atol=1e-12)
     remaining = covariance - gain @ H @ covariance

@@ -40,6 +40,9 @@ class ImuConfig(StageConfig):
         Field(ge=0, description="standard deviation at switch-on, each axis, rad/s (data sheet: 1 deg/s, factory)"),
     ] = 0.005
     gyroscope_bias_walk: Annotated[float, Field(ge=0, description="rad/s^2/sqrt(Hz)")] = 2e-5
+    gyroscope_scale: Annotated[
+        float, Field(ge=0, lt=0.2, description="standard deviation of the relative error of its scale, each axis")
+    ] = 0.0
     accelerometer_noise_density: Annotated[
         float, Field(ge=0, description="m/s^2/sqrt(Hz) (data sheet: 150 ug/sqrt(Hz))")
     ] = 1.47e-3
@@ -119,6 +122,8 @@ def imu_readings(
     smooth, _ = signal.lfilter(numerator, denominator, truth, axis=0, zi=settled)
     stamps, offsets = sample_times(float(motion.time_s[-1]), config.rate_hz)
     sampled = interpolated_at(motion.time_s, smooth, offsets)
+    if config.gyroscope_scale > 0.0:  # drawn only where there is one: other draws stay as they are
+        sampled[:, :3] *= 1.0 + config.gyroscope_scale * generator.standard_normal(3)
     root = np.sqrt(config.rate_hz)
     densities = (config.gyroscope_noise_density, config.accelerometer_noise_density)
     first = (config.gyroscope_bias, config.accelerometer_bias)
