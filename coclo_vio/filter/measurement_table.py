@@ -66,8 +66,8 @@ class Triples(NamedTuple):
         leg: by which leg, (k,); ``NO_LEG`` where by none.
         measured: (k, 3).
         noise: lower factors, (k, 3, 3).
-        lever: of the gyroscope: the rate that its scale multiplies; of a leg's velocity: from the body origin to the contact; of a foot's position: upward direction times
-            load ratio; body frame, (k, 3).
+        lever: of the gyroscope: the rate as read, which its scale multiplies; of a leg's velocity: from the body origin
+            to the contact; of a foot's position: upward direction times load ratio; body frame, (k, 3).
         added: (k, 3).
         scaled: (k, 3).
     """

@@ -22,9 +22,9 @@ Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 class ImuCalibration(StageConfig):
     """Mounting and errors of an IMU. What is not given of its errors is that of its grade (``imu_grades``).
 
-    The filter uses the mounting, the gyroscope's noise, the walks and the sigmas of the biases and the scale. The accelerometer's
-    noise is for the IMU-centric baseline and the smoother: the filter uses the accelerometer only as the direction of
-    gravity.
+    The filter uses the mounting, the gyroscope's noise and scale, the walks and the sigmas of the biases. The
+    accelerometer's noise is for the IMU-centric baseline and the smoother: the filter uses the accelerometer only as
+    the direction of gravity.
     """
 
     grade: Annotated[
