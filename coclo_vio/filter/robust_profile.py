@@ -4,6 +4,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -21,7 +22,7 @@ from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustMode
 from coclo_vio.filter.sole_rotation import SOLES, SoleRotation, sole_block
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
-from coclo_vio.filter.state import GYROSCOPE_BIAS, StateLayout
+from coclo_vio.filter.state import CONSIDERED_BY_LEGS, GYROSCOPE_BIAS, StateLayout
 from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
@@ -158,8 +159,9 @@ class RobustProfile:
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.carried()
         self._models.predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
-        predicted, rows = core.observe(measurement_model.gyroscope)
-        core.update(rows, gyroscope_noise_radps * np.eye(3), rate - predicted)
+        predicted, rows = core.observe(partial(measurement_model.gyroscope, reading=rate))
+        noise_rows = gyroscope_noise_radps * np.eye(3)
+        core.update(rows, noise_rows, rate - predicted, considered=CONSIDERED_BY_LEGS)
 
     def _rejected(self, expectation: Expectation, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
         """The legs (n,) to leave out: those set aside, and others unless all have been rejected for too long."""
