@@ -8,14 +8,14 @@ what it had; here that is read back.
 import csv
 import errno
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.runs.run_record import RunRecord, TrajectoryRecord
+from coclo_vio.runs.run_record import Interval, RunRecord, union
 from coclo_vio.runs.state_writer import STATE_COLUMNS, UPPER, VECTORS
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import DatasetError, TimestampError, listing
@@ -154,23 +154,19 @@ def read_record(folder: Path) -> RunRecord:
             f"{folder} is no run folder: it has no {RUN_JSON}; give the folder that `coclo-vio run -o` wrote"
         )
     record = RunRecord.read(path)
-    found = {name: _as_found(folder, name, run) for name, run in record.estimators.items()}
-    recording_ns = record.recording_ns
-    for run in found.values():
-        if run.status != "finished" and recording_ns is not None and run.last_ns is not None:
-            recording_ns = recording_ns[0], max(recording_ns[1], run.last_ns)
-    return record.model_copy(update={"estimators": found, "recording_ns": recording_ns})
-
-
-def _as_found(folder: Path, name: str, run: TrajectoryRecord) -> TrajectoryRecord:
-    """The record of a trajectory, counted anew where nobody could count it at the end."""
-    if run.status == "finished":
-        return run
-    try:
-        stamps_ns = _read_poses(folder, name)[0].stamps_ns
-    except DatasetError:
-        return run.model_copy(update={"estimates": 0})
-    return run.model_copy(update={"estimates": len(stamps_ns), "last_ns": int(stamps_ns[-1])})
+    estimators, recording_ns = dict(record.estimators), record.recording_ns
+    for name, run in record.estimators.items():
+        if run.status == "finished":
+            continue
+        found: Interval | None = None
+        estimates = 0
+        with suppress(DatasetError):  # it has no pose
+            stamps_ns = _read_poses(folder, name)[0].stamps_ns
+            estimates, found = len(stamps_ns), (int(stamps_ns[0]), int(stamps_ns[-1]))
+        last_ns = None if found is None else found[1]
+        estimators[name] = run.model_copy(update={"estimates": estimates, "last_ns": last_ns})
+        recording_ns = union(recording_ns, found)
+    return record.model_copy(update={"estimators": estimators, "recording_ns": recording_ns})
 
 
 def read_ground_truth(folder: Path, record: RunRecord) -> GroundTruth | None:

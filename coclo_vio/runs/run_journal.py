@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from coclo_vio.runs import run_folder
-from coclo_vio.runs.run_record import Interval, RunRecord, Status, TrajectoryRecord
+from coclo_vio.runs.run_record import Interval, RunRecord, Status, TrajectoryRecord, union
 
 _EVERY_S = 1.0
 Progressed = tuple[Interval | None, dict[str, TrajectoryRecord]]
@@ -89,10 +89,3 @@ def _status(by_mode: Mapping[str, TrajectoryRecord]) -> Status:
     if "interrupted" in statuses:
         return "interrupted"
     return "failed" if statuses == {"failed"} else "finished"
-
-
-def union(one: Interval | None, other: Interval | None) -> Interval | None:
-    """The shortest interval that holds both."""
-    if one is None or other is None:
-        return one or other
-    return min(one[0], other[0]), max(one[1], other[1])

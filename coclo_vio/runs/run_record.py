@@ -187,3 +187,10 @@ class RunRecord(Record):
         for mode, trajectory in self.by_mode().items():
             for event in trajectory.events:
                 yield mode, event
+
+
+def union(one: Interval | None, other: Interval | None) -> Interval | None:
+    """The shortest interval that holds both."""
+    if one is None or other is None:
+        return one or other
+    return min(one[0], other[0]), max(one[1], other[1])

@@ -20,8 +20,8 @@ from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_folder import Existing
-from coclo_vio.runs.run_journal import Progressed, RunJournal, union
-from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, RunRecord
+from coclo_vio.runs.run_journal import Progressed, RunJournal
+from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, RunRecord, union
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
