@@ -31,8 +31,9 @@ _HOMES = {
     "runs.modes.mode": ("Compared", "Mode", "Need"),
     "runs.modes.registry": ("modes", "register_mode", "unregister_mode"),
     "runs.run_config": ("RunConfig",),
-    "runs.run_folder": ("RecordedTrajectory",),
+    "runs.run_folder": ("Existing", "RecordedTrajectory"),
     "runs.run_record": ("RunRecord",),
+    "runs.stop_request": ("RunStopped", "StopRequest"),
     "values.calibration": ("CameraCalibration", "ImuCalibration", "SensorCalibrations", "StereoCalibration"),
     "values.errors": (
         "CalibrationMissing",
@@ -127,8 +128,11 @@ if TYPE_CHECKING:
     from coclo_vio.runs.modes.registry import register_mode as register_mode
     from coclo_vio.runs.modes.registry import unregister_mode as unregister_mode
     from coclo_vio.runs.run_config import RunConfig as RunConfig
+    from coclo_vio.runs.run_folder import Existing as Existing
     from coclo_vio.runs.run_folder import RecordedTrajectory as RecordedTrajectory
     from coclo_vio.runs.run_record import RunRecord as RunRecord
+    from coclo_vio.runs.stop_request import RunStopped as RunStopped
+    from coclo_vio.runs.stop_request import StopRequest as StopRequest
     from coclo_vio.values.calibration import CameraCalibration as CameraCalibration
     from coclo_vio.values.calibration import ImuCalibration as ImuCalibration
     from coclo_vio.values.calibration import SensorCalibrations as SensorCalibrations

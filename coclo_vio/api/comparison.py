@@ -6,12 +6,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from coclo_vio.api.recording import Recording, open_recording
-from coclo_vio.api.run import Run, mode_names, run
+from coclo_vio.api.run import Run, existing_of, mode_names, run
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.ranking import Ranking, rank
 from coclo_vio.evaluation.table_one import TableOne
+from coclo_vio.runs import run_folder
 from coclo_vio.runs.comparison_report import Compared, report_title, write_comparison, write_comparisons
-from coclo_vio.runs.running import Progress
+from coclo_vio.runs.run_folder import Existing
+from coclo_vio.runs.running import Ending, Progress
+from coclo_vio.runs.stop_request import RunStopped, StopRequest
 from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
 
 
@@ -105,6 +108,8 @@ def compare(
     output: str | Path | None = None,
     progress: Progress | None = None,
     done: Callable[[ComparedRecording], None] | None = None,
+    existing: Existing | str = Existing.REFUSE,
+    stop: StopRequest | None = None,
 ) -> Comparison:
     """Run several modes on recordings and measure them against ground truth.
 
@@ -114,23 +119,30 @@ def compare(
         output: folder for run folders, ``compare.json``, figures and ``report.html``; nothing is kept if None.
         progress: called with the mode and the stamp (ns) of each measurement.
         done: called with each recording once it has run and its report is written.
+        existing: what becomes of results in the folder: ``refuse``, ``overwrite``, or ``resume`` their runs.
+        stop: asked before each measurement whether to stop.
 
     Raises:
-        DatasetError: a recording cannot be read or has no ground truth, or none could be run.
+        DatasetError: a recording cannot be read or has no ground truth, none could be run, or the folder holds results
+            and ``existing`` refuses them.
         ConfigError: there is no such mode.
+        RunStopped: it was asked to stop; what was written stays.
     """
+    ending = Ending(existing_of(existing), stop)
     given = [recordings] if isinstance(recordings, Recording | str | Path) else list(recordings)
     opened = [one if isinstance(one, Recording) else open_recording(one) for one in given]
     if not opened:
         raise ConfigError("there is no recording to compare on; give at least one")
     for recording in opened:
         check_comparable(recording, modes)
+    if output is not None and ending.existing is Existing.REFUSE:
+        run_folder.check_free(Path(output))
     compared: list[ComparedRecording] = []
     failures: dict[str, str] = {}
     for recording, name in zip(opened, distinct_names(opened), strict=True):
         folder = None if output is None else result_folder(Path(output), name, count=len(opened))
         try:
-            compared.append(compare_one(recording, modes, name=name, folder=folder, progress=progress))
+            compared.append(compare_one(recording, modes, name=name, folder=folder, progress=progress, ending=ending))
         except CocloError as error:
             if len(opened) == 1:
                 raise
@@ -155,13 +167,25 @@ def compare_one(
     name: str | None = None,
     folder: Path | None = None,
     progress: Progress | None = None,
+    ending: Ending | None = None,
 ) -> ComparedRecording:
     """Run several modes on one recording and measure them.
 
     Raises:
         CocloError: the recording is at fault, or no mode has what it needs.
+        RunStopped: it was asked to stop.
     """
-    done = run(recording, recording.modes if modes is None else modes, folder=folder, progress=progress)
+    ending = ending or Ending()
+    done = run(
+        recording,
+        recording.modes if modes is None else modes,
+        folder=folder,
+        progress=progress,
+        existing=ending.existing,
+        stop=ending.stop,
+    )
+    if ending.is_requested:
+        raise RunStopped(f"stopped; {done.folder} has what was estimated so far")
     evaluations, failures = done.evaluated(config=recording.config.evaluation)
     stopped = done.failures
     others = {name: why for name, why in failures.items() if done.record.estimators[name].mode not in stopped}

@@ -23,9 +23,10 @@ from coclo_vio.runs.evaluating import evaluation_config
 from coclo_vio.runs.modes.registry import mode_of, modes
 from coclo_vio.runs.output_logs import read_calibrations, read_health
 from coclo_vio.runs.run_figures import check_figure, draw_figure
-from coclo_vio.runs.run_folder import RecordedTrajectory
+from coclo_vio.runs.run_folder import Existing, RecordedTrajectory
 from coclo_vio.runs.run_record import RunRecord
-from coclo_vio.runs.running import Progress, Watch, run_modes
+from coclo_vio.runs.running import Ending, Progress, Watch, run_modes
+from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.errors import ConfigError, DatasetError, EvaluationError, listing
 from coclo_vio.values.outputs import Calibration, Event, KeyframeHealth
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
@@ -152,15 +153,21 @@ class Run:
         """How the run was configured to be compared with ground truth."""
         return evaluation_config(self.folder / "config.yaml")
 
-    def save(self, folder: str | Path) -> Path:
+    def save(self, folder: str | Path, overwrite: bool = False) -> Path:
         """Copy the run folder; returns the path of the copy.
 
+        Args:
+            folder: for the copy.
+            overwrite: whether results of another run that are there already are replaced.
+
         Raises:
-            DatasetError: it cannot be written.
+            DatasetError: it holds results of another run, or cannot be written.
         """
         target = run_folder.prepare(Path(folder))
         if target.resolve() == self.folder.resolve():
             return target
+        if not overwrite:
+            run_folder.check_free(target)
         run_folder.clear(target)
         with run_folder.writing(target):
             shutil.copytree(self.folder, target, dirs_exist_ok=True)
@@ -192,6 +199,8 @@ def run(
     progress: Progress | None = None,
     watch: Watch | None = None,
     pictures_every: int | None = None,
+    existing: Existing | str = Existing.REFUSE,
+    stop: StopRequest | None = None,
 ) -> Run:
     """Run one or several modes on a recording. A mode that stops early keeps its estimates up to there.
 
@@ -202,15 +211,18 @@ def run(
         progress: called with the mode and the stamp (ns) of each measurement.
         watch: called with the mode and each of its outputs.
         pictures_every: write every n-th frame with its tracks to ``debug_images`` of the folder; none if None.
+        existing: what becomes of results in the folder: ``refuse``, ``overwrite``, or ``resume`` their run.
+        stop: asked before each measurement whether to stop; the run's ``record.status`` is ``interrupted`` then.
 
     Raises:
         ConfigError: there is no such mode, or the list of modes is empty.
-        CocloError: the recording or the robot is at fault, or no mode has what it needs.
+        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or no mode has what it needs.
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
     names = mode_names(recording.default_mode if mode is None else mode)
     check_pictures(pictures_every)
+    ending = Ending(existing_of(existing), stop)
     with ExitStack() as stack:
         if folder is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_"))
@@ -222,8 +234,21 @@ def run(
             progress=progress,
             watch=watch,
             pictures_every=pictures_every,
+            ending=ending,
         )
         return Run(Path(folder), record, remove=stack.pop_all().close)
+
+
+def existing_of(word: Existing | str) -> Existing:
+    """What becomes of results that are in a folder already, by its word.
+
+    Raises:
+        ConfigError: there is no such word.
+    """
+    try:
+        return Existing(word)
+    except ValueError as error:
+        raise ConfigError(f"existing = {word!r}: give one of {listing(Existing)}") from error
 
 
 def mode_names(modes_given: str | Sequence[str]) -> list[str]:

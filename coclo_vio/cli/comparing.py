@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The commands that run several modes side by side: ``demo``, ``compare``."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,9 +14,12 @@ from coclo_vio.cli.mode_help import MODES_PLACE
 from coclo_vio.cli.options import (
     ConfigOption,
     OutOption,
+    OverwriteOption,
     PartialOption,
+    ResumeOption,
     RobotOption,
     SetOption,
+    existing,
     with_partial,
 )
 from coclo_vio.cli.printing import (
@@ -26,23 +30,39 @@ from coclo_vio.cli.printing import (
     print_table_one,
     progress_bar,
 )
+from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give, say
 from coclo_vio.datasets.sample import DURATION_S, LENGTH_M, sample_path
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
+from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import mode_of, modes
 from coclo_vio.values.errors import ConfigError, DatasetError
 
 
-def demo(output: OutOption = Path("demo_out")) -> None:
+def demo(
+    output: OutOption = Path("demo_out"), overwrite: OverwriteOption = False, resume: ResumeOption = False
+) -> None:
     """Compare the estimators on the bundled recording of a Daisy that climbs stairs: table, plots, report."""
     recording = open_recording(sample_path(), "daisy")
     say(
         f"the bundled recording: {DURATION_S:.0f} s of a simulated hexapod Daisy that climbs stairs, {LENGTH_M:.1f} m; "
         "estimators and baselines run one after the other on one core, which takes about two minutes"
     )
-    with progress_bar(DURATION_S) as progress:
-        comparison = compare_recordings(recording, output=output, progress=progress, done=_print)
-    _finish(comparison, output)
+    earlier = existing(overwrite=overwrite or (not resume and _is_of_demo(output)), resume=resume)
+    with stoppable(partial(done_so_far, output)) as stop:
+        with progress_bar(DURATION_S) as progress:
+            comparison = compare_recordings(
+                recording, output=output, progress=progress, done=_print, existing=earlier, stop=stop
+            )
+        _finish(comparison, output)
+
+
+def _is_of_demo(folder: Path) -> bool:
+    """Whether a folder holds an earlier demo, which the next one replaces."""
+    try:
+        return run_folder.read_record(folder).dataset == str(sample_path())
+    except DatasetError:
+        return False
 
 
 def compare(
@@ -56,14 +76,20 @@ def compare(
     settings: SetOption = None,
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
+    overwrite: OverwriteOption = False,
+    resume: ResumeOption = False,
 ) -> None:
     """Run several modes side by side against ground truth: table, plots, compare.json, report.html."""
     names = _mode_names(modes)
     changed = with_partial(settings, allow_partial)
-    recordings = [open_recording(dataset, robot, config=config, settings=changed) for dataset in datasets]
-    with progress_bar() as progress:
-        comparison = compare_recordings(recordings, names, output=output, progress=progress, done=_print)
-    _finish(comparison, output)
+    earlier = existing(overwrite=overwrite, resume=resume)
+    with stoppable(partial(done_so_far, output)) as stop:
+        recordings = [open_recording(dataset, robot, config=config, settings=changed) for dataset in datasets]
+        with progress_bar() as progress:
+            comparison = compare_recordings(
+                recordings, names, output=output, progress=progress, done=_print, existing=earlier, stop=stop
+            )
+        _finish(comparison, output)
 
 
 def _mode_names(text: str | None) -> list[str] | None:

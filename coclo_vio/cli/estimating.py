@@ -2,12 +2,13 @@
 """The commands that estimate and measure: ``run``, ``evaluate``."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coclo_vio.api.recording import open_recording
+from coclo_vio.api.recording import Recording, open_recording
 from coclo_vio.api.run import Run, load_ground_truth, load_run
 from coclo_vio.api.run import run as run_recording
 from coclo_vio.api.trajectory_evaluation import evaluate as evaluate_trajectory
@@ -16,12 +17,16 @@ from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
     OutOption,
+    OverwriteOption,
     PartialOption,
+    ResumeOption,
     RobotOption,
     SetOption,
+    existing,
     with_partial,
 )
 from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
+from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
@@ -53,15 +58,36 @@ def run(
     bag: Annotated[
         Path | None, typer.Option("--bag", help="Write the result as a rosbag too: .mcap, .bag or a folder.")
     ] = None,
+    overwrite: OverwriteOption = False,
+    resume: ResumeOption = False,
 ) -> None:
     """Run one mode on a recording; with ground truth, print its drift."""
     if bag is not None:
         check_bag_path(bag)
-    recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
-    with progress_bar() as progress:
-        done = run_recording(
-            recording, mode, folder=output, progress=progress, pictures_every=every if debug_images else None
-        )
+    earlier = existing(overwrite=overwrite, resume=resume)
+    with stoppable(partial(done_so_far, output)) as stop:
+        recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
+        with progress_bar() as progress:
+            done = run_recording(
+                recording,
+                mode,
+                folder=output,
+                progress=progress,
+                pictures_every=every if debug_images else None,
+                existing=earlier,
+                stop=stop,
+            )
+        if not stop.is_requested:
+            _show(done, recording, bag)
+
+
+def _show(done: Run, recording: Recording, bag: Path | None) -> None:
+    """What a run came to; its result as a bag, if one is asked for.
+
+    Raises:
+        DatasetError: it stopped early or gave nothing.
+    """
+    output = done.folder
     print_run(done.record, output)
     first = done.record.estimators[done.names[0]]
     evaluations: Mapping[str, Evaluation] = {}
@@ -73,7 +99,7 @@ def run(
     if bag is not None and with_poses:
         write_run_bag(bag, output, with_poses, evaluations)
         give(f"bag: {bag}")
-    _check(done, dataset, output)
+    _check(done, recording.path, output)
 
 
 def _check(done: Run, dataset: Path, output: Path) -> None:

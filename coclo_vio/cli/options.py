@@ -6,6 +6,9 @@ from typing import Annotated
 
 import typer
 
+from coclo_vio.runs.run_folder import Existing
+from coclo_vio.values.errors import ConfigError
+
 RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known robot, or the path of its YAML.")]
 ConfigOption = Annotated[Path | None, typer.Option("--config", "-c", help="YAML configuration.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="One value, such as filter.profile=paper.")]
@@ -16,7 +19,24 @@ PartialOption = Annotated[
         "--allow-partial", help="Use what can be read of a damaged recording, and readings that contradict physics."
     ),
 ]
+OverwriteOption = Annotated[
+    bool, typer.Option("--overwrite", help="Replace the results of an earlier run in the folder.")
+]
+ResumeOption = Annotated[
+    bool, typer.Option("--resume", help="Go on with a run in the folder that was killed or stopped.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def existing(*, overwrite: bool, resume: bool) -> Existing:
+    """What becomes of results that are in the folder already.
+
+    Raises:
+        ConfigError: both options are given.
+    """
+    if overwrite and resume:
+        raise ConfigError("--overwrite begins anew and --resume goes on: give one of the two")
+    return Existing.OVERWRITE if overwrite else Existing.RESUME if resume else Existing.REFUSE
 
 
 def with_partial(settings: list[str] | None, allow_partial: bool) -> list[str]:

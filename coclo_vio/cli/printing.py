@@ -190,8 +190,4 @@ def progress_bar(total_s: float | None = None) -> Iterator[ProgressCallback]:
                 bar.update(task, completed=(stamp_ns - first_ns) / NS_PER_S)
                 last[mode] = stamp_ns
 
-        try:
-            yield update
-        except KeyboardInterrupt:
-            say("stopped; what was estimated so far is in the output folder")
-            raise
+        yield update

@@ -13,7 +13,8 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 
 from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption
-from coclo_vio.cli.terminal import err, give, say
+from coclo_vio.cli.stopping import stoppable
+from coclo_vio.cli.terminal import err, give
 from coclo_vio.values.config import parse_settings, read_yaml
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.units import BYTES_PER_MB
@@ -132,7 +133,8 @@ def simulate(
         _check_options(of_trot, trial)
         resolved = simulator.at_gait_speed(simulator.simulation_config(trial, *changes), gait_speed)
         start = partial(simulator.simulate_recording, output, trial, resolved)
-    with _progress_bars() as (on_simulated, on_rendered):
+    nothing = ("nothing was written: the same command simulates the same trial from its beginning",)
+    with stoppable(lambda: nothing), _progress_bars() as (on_simulated, on_rendered):
         execution = simulator.Execution(workers or os.cpu_count() or 1, on_simulated, on_rendered)
         simulated = start(seed, recording_format=kind, images=images, until_s=duration, execution=execution)
     _give_summary(simulated, output, frames=len(simulated.frame_ns) if images else 0)
@@ -194,11 +196,7 @@ def _progress_bars() -> Iterator[tuple[Callable[[float, float], None], Callable[
                 tasks[task] = bar.add_task(task, unit=unit)
             bar.update(tasks[task], completed=done, total=max(done, total))
 
-        try:
-            yield partial(update, "simulating", "s"), partial(update, "rendering", "frames")
-        except KeyboardInterrupt:
-            say("stopped; nothing was written")
-            raise
+        yield partial(update, "simulating", "s"), partial(update, "rendering", "frames")
 
 
 def _give_summary(trial: "Trial", recording: Path, *, frames: int) -> None:

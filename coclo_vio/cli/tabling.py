@@ -3,11 +3,9 @@
 
 import os
 import shlex
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -18,6 +16,7 @@ from rich.table import Table
 
 from coclo_vio.cli.extras import check_simulator
 from coclo_vio.cli.options import ConfigOption, JsonOption, OutOption, SetOption
+from coclo_vio.cli.stopping import stoppable
 from coclo_vio.cli.terminal import err, give, give_json, out, say
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.values.config import parse_settings, read_yaml
@@ -102,7 +101,12 @@ def table(
     left = sum(len(unit.jobs) for unit in work)
     if left < total:
         say(f"{total - left} of {total} jobs are finished already, in {output}")
-    with _terminable(), _progress(total, total - left) as report:
+
+    def done_so_far() -> Iterator[str]:
+        finished = len(store.kept(plan))
+        yield f"{finished} of {total} jobs are finished, in {output}; finished jobs are kept: the same command goes on"
+
+    with stoppable(done_so_far), _progress(total, total - left) as report:
         build.run_work(work, workers or os.cpu_count() or 1, scheduler, report)
     lost = build.missing(plan, store)
     if lost:
@@ -154,23 +158,6 @@ def _print_table(text: "TextTable") -> None:
     out.print(shown)
     out.print(escape(text.caption), highlight=False)
     out.print()
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """A request to end is taken as an interrupt: what is finished stays, nothing half does."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    except KeyboardInterrupt:
-        say("stopped; finished jobs are kept: the same command goes on from here")
-        raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

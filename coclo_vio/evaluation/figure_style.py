@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from coclo_vio.evaluation.trajectory_roles import in_order
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory_kind import trajectory_kind
+from coclo_vio.values.whole_files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,7 +126,8 @@ def save_png(figure: "Figure", path: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    figure.savefig(path, dpi=_DPI, format="png")
+    with replacing(path) as beside:
+        figure.savefig(beside, dpi=_DPI, format="png")
     return path
 
 

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 
 from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.whole_files import write_whole
 
 _STYLE = """
 body { font-family: system-ui, sans-serif; max-width: 70rem; margin: 2rem auto; padding: 0 1rem; color: #222;
@@ -37,7 +38,7 @@ def write_page(path: Path, title: str, parts: Iterable[str]) -> Path:
         )
     )
     try:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
     except OSError as error:
         raise EvaluationError(f"cannot write the report {path}: {error.strerror}; choose another place") from error
     return path

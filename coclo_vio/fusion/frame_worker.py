@@ -6,7 +6,7 @@ The caller decides by stamps when it takes a result, and waits for it then. So o
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from coclo_vio.values.errors import CocloError
 
@@ -25,6 +25,14 @@ class FrameWorker:
     def __init__(self, threads: int) -> None:
         self._threads = threads
         self._executor: ThreadPoolExecutor | None = None
+
+    def checkpoint_fields(self) -> dict[str, Any]:
+        """What a checkpoint keeps: no thread, the next job begins one."""
+        return {"_threads": self._threads}
+
+    def restore_fields(self, fields: dict[str, Any]) -> None:
+        """Take what a checkpoint kept."""
+        self._threads, self._executor = fields["_threads"], None
 
     def submit(self, job: Callable[[], _T]) -> Future[_T]:
         """Begin a job. Its result, or the CocloError that it raised, comes from ``result()`` of what is returned."""

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The trajectories of a run folder against ground truth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from coclo_vio.datasets.read_report import STREAM_NAMES
@@ -9,10 +10,12 @@ from coclo_vio.evaluation.evaluate import EvaluationConfig, evaluate
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import modes
+from coclo_vio.runs.run_record import Interval, TrajectoryRecord
 from coclo_vio.values.config import merged, parse_settings, read_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
 from coclo_vio.values.trajectory import GroundTruth
+from coclo_vio.values.units import NS_PER_S
 
 _GRAVITY_SENSORS = (STREAM_NAMES[ImuSample], STREAM_NAMES[CameraImuSample])
 
@@ -60,14 +63,27 @@ def evaluate_run(
             failures[name] = run.failure or "it has no estimate"
             continue
         try:
-            evaluations[name] = evaluate(
-                run_folder.read_estimates(folder, name).trajectory,
+            found = run_folder.read_estimates(folder, name)
+            evaluation = evaluate(
+                found.trajectory,
                 truth,
                 config,
                 recording_ns=run.recording_ns or record.recording_ns,
                 realtime_factor=run.realtime_factor,
                 is_gravity_aligned=any(sensor in _GRAVITY_SENSORS for sensor in run.sensors),
             )
+            notes = (*found.notes, *_stopped(run, record.recording_ns))
+            evaluations[name] = replace(evaluation, notes=(*notes, *evaluation.notes))
         except CocloError as error:
             failures[name] = run.failure or str(error)
     return evaluations, failures
+
+
+def _stopped(run: TrajectoryRecord, recording_ns: Interval | None) -> Iterator[str]:
+    """A sentence on a run that did not come to its end by itself."""
+    how = {"running": "was killed, or is still going on", "interrupted": "was interrupted"}.get(run.status)
+    if how is not None:
+        until = ""
+        if run.last_ns is not None and recording_ns is not None:
+            until = f": its estimates end {(run.last_ns - recording_ns[0]) / NS_PER_S:.2f} s after the first measurement"
+        yield f"the run of {run.mode} {how}{until}"

@@ -2,21 +2,23 @@
 """What a run folder keeps of keyframes, of learnt calibrations and of pictures."""
 
 import csv
+import logging
 from array import array
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import IO
-
 import numpy as np
 
 from coclo_vio.datasets.images import encoded
+from coclo_vio.runs.line_file import LineFile
 from coclo_vio.runs.run_record import KeyframeSummary
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.outputs import Calibration, KeyframeHealth, Picture
 from coclo_vio.values.units import MS_PER_S
+from coclo_vio.values.whole_files import WholeLines, write_whole
 
+_log = logging.getLogger(__name__)
 _COLUMNS = tuple(field.name for field in fields(KeyframeHealth))
 _CALIBRATION_COLUMNS = (
     "stamp_ns",
@@ -36,19 +38,17 @@ class KeyframeWriter:
 
     def __init__(self, folder: Path, estimator: str) -> None:
         self._path = keyframes_path(folder, estimator)
-        self._out: IO[str] | None = None
+        self._out: LineFile | None = None
         self._kept = {name: array("d") for name in _SUMMED}
 
     def write(self, health: KeyframeHealth) -> None:
         """Append one keyframe."""
         if self._out is None:
-            self._out = self._path.open("w", encoding="ascii", newline="\n")
-            self._out.write(",".join(_COLUMNS) + "\n")
+            self._out = LineFile(self._path)
+            self._out.append([",".join(_COLUMNS) + "\n"])
         values = asdict(health)
-        self._out.write(
-            ",".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in values.values())
-        )
-        self._out.write("\n")
+        cells = (f"{value:.9g}" if isinstance(value, float) else str(value) for value in values.values())
+        self._out.append([",".join(cells) + "\n"])
         for name, kept in self._kept.items():
             kept.append(values[name])
 
@@ -130,10 +130,14 @@ def _read_rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
         DatasetError: the file cannot be read, has other columns, or a row of another length.
     """
     try:
-        with path.open(encoding="ascii", newline="") as lines:
-            header, *rows = [*csv.reader(lines)] or [[]]
+        read = WholeLines.read(path)
+        header, *rows = [*csv.reader(read.lines)] or [[]]
     except (OSError, ValueError, csv.Error) as error:
         raise _malformed(path, error) from error
+    if read.cut:
+        _log.warning("%s: %s", path, read.cut_note(path))
+    if not read.lines:
+        return []
     if tuple(header) != columns:
         raise _malformed(path, f"its columns are {','.join(header) or 'none'}, they must be {','.join(columns)}")
     for number, row in enumerate(rows, start=2):
@@ -154,17 +158,17 @@ class CalibrationWriter:
 
     def __init__(self, folder: Path, trajectory: str) -> None:
         self._path = folder / f"{trajectory}_calibration.csv"
-        self._out: IO[str] | None = None
+        self._out: LineFile | None = None
         self.last: Calibration | None = None
 
     def write(self, calibration: Calibration) -> None:
         """Append one."""
         if self._out is None:
-            self._out = self._path.open("w", encoding="ascii", newline="\n")
-            self._out.write(",".join(_CALIBRATION_COLUMNS) + "\n")
+            self._out = LineFile(self._path)
+            self._out.append([",".join(_CALIBRATION_COLUMNS) + "\n"])
         scale = (calibration.stereo_scale, calibration.stereo_scale_sigma)
         values = (*calibration.rotation_body, *calibration.rotation_sigma, *scale)
-        self._out.write(f"{calibration.stamp_ns}," + ",".join(f"{value:.9g}" for value in values) + "\n")
+        self._out.append([f"{calibration.stamp_ns}," + ",".join(f"{value:.9g}" for value in values) + "\n"])
         self.last = calibration
 
     def close(self) -> None:
@@ -203,5 +207,5 @@ class PictureWriter:
     def write(self, picture: Picture) -> None:
         """Write one."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        (self._folder / f"{picture.stamp_ns}.jpg").write_bytes(encoded(picture.image, "jpeg"))
+        write_whole(self._folder / f"{picture.stamp_ns}.jpg", encoded(picture.image, "jpeg"))
         self.written += 1

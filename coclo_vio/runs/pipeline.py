@@ -26,6 +26,7 @@ class RunSummary:
         failure: why it stopped early, None if it went through.
         events: what happened in it.
         estimated_until_ns: latest stamp of an estimate, None without any.
+        is_stopped: whether it was asked to stop before the measurements ended.
     """
 
     measurements: int = 0
@@ -36,6 +37,7 @@ class RunSummary:
     failure: str | None = None
     events: tuple[Event, ...] = ()
     estimated_until_ns: int | None = None
+    is_stopped: bool = False
 
     @property
     def realtime_factor(self) -> float | None:
@@ -50,34 +52,41 @@ def run(
     measurements: Iterable[Measurement],
     take: Callable[[Output], None],
     progress: Callable[[int], None] | None = None,
+    *,
+    tally: "Tally | None" = None,
+    stop: Callable[[], bool] | None = None,
 ) -> RunSummary:
     """Push every measurement and hand each output on; an error ends the run, what came before it stays.
 
     Args:
-        estimator: a fresh estimator.
+        estimator: a fresh estimator, or one that goes on where ``tally`` ended.
         measurements: in time order.
         take: called with each output.
         progress: called with the stamp (ns) of each measurement.
+        tally: counts on from here; from nothing if None.
+        stop: asked before each measurement whether to stop; what the estimator holds back comes out all the same.
     """
-    tally = _Tally(take)
-    failure = None
+    tally = tally or Tally()
+    failure, is_stopped = None, False
     try:
         for measurement in measurements:
+            if stop is not None and stop():
+                is_stopped = True
+                break
             tally.count(measurement.stamp_ns)
-            tally.take(partial(estimator.push, measurement))
+            tally.take(partial(estimator.push, measurement), take)
             if progress is not None:
                 progress(measurement.stamp_ns)
-        tally.take(estimator.finish)
+        tally.take(estimator.finish, take)
     except CocloError as error:
         failure = str(error)
-    return tally.summary(dict(estimator.counts), failure)
+    return tally.summary(dict(estimator.counts), failure, is_stopped=is_stopped)
 
 
-class _Tally:
+class Tally:
     """Counts what goes in and comes out, and keeps the events."""
 
-    def __init__(self, take: Callable[[Output], None]) -> None:
-        self._take = take
+    def __init__(self) -> None:
         self._compute_s = 0.0
         self._measurements = 0
         self._first_ns: int | None = None
@@ -92,7 +101,12 @@ class _Tally:
         self._first_ns = stamp_ns if self._first_ns is None else min(self._first_ns, stamp_ns)
         self._measurements += 1
 
-    def take(self, call: Callable[[], Iterable[Output]]) -> None:
+    @property
+    def measurements(self) -> int:
+        """How many went in."""
+        return self._measurements
+
+    def take(self, call: Callable[[], Iterable[Output]], hand_on: Callable[[Output], None]) -> None:
         """A call of the estimator, and the outputs that it gives."""
         for output in self._timed(call):
             match output:
@@ -102,7 +116,7 @@ class _Tally:
                     self._until_ns = stamp_ns if self._until_ns is None else max(self._until_ns, stamp_ns)
                 case Event():
                     self._events.append(output)
-            self._take(output)
+            hand_on(output)
 
     def _timed(self, call: Callable[[], Iterable[Output]]) -> Iterator[Output]:
         """The outputs of a call; it may compute each of them only when it is taken."""
@@ -113,8 +127,16 @@ class _Tally:
             began = time.perf_counter()
         self._compute_s += time.perf_counter() - began
 
-    def summary(self, counts: Mapping[str, int], failure: str | None) -> RunSummary:
-        """What it came to."""
+    def summary(
+        self, counts: Mapping[str, int], failure: str | None = None, *, is_stopped: bool = False
+    ) -> RunSummary:
+        """What it has come to so far.
+
+        Args:
+            counts: of the estimator.
+            failure: why it stopped early.
+            is_stopped: whether it was asked to.
+        """
         return RunSummary(
             self._measurements,
             dict(self._estimates),
@@ -124,4 +146,5 @@ class _Tally:
             failure,
             tuple(self._events),
             self._until_ns,
+            is_stopped,
         )

@@ -9,8 +9,8 @@ from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.output_logs import CalibrationWriter, KeyframeWriter, PictureWriter
 from coclo_vio.runs.pipeline import RunSummary
-from coclo_vio.runs.run_folder import StateWriter
-from coclo_vio.runs.run_record import CalibrationRecord, EventRecord, TrajectoryRecord
+from coclo_vio.runs.run_record import CalibrationRecord, EventRecord, Status, TrajectoryRecord
+from coclo_vio.runs.state_writer import StateWriter
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.outputs import Calibration, Estimate, KeyframeHealth, Output, Picture
 
@@ -50,13 +50,17 @@ class OutputRecorder:
             case Picture():
                 self._pictures.write(output)
 
-    def records(self, summary: RunSummary, sensors: frozenset[type]) -> dict[str, TrajectoryRecord]:
+    def records(
+        self, summary: RunSummary, sensors: frozenset[type], *, is_running: bool = False
+    ) -> dict[str, TrajectoryRecord]:
         """What ``run.json`` holds of the mode's trajectories, by name.
 
         Args:
             summary: of the run.
             sensors: that the mode read.
+            is_running: whether it is not at its end.
         """
+        ended: Status = "failed" if summary.failure else "interrupted" if summary.is_stopped else "finished"
         start_ns = 0 if summary.recording_ns is None else summary.recording_ns[0]
         calibration = self._calibrations.last
         return {
@@ -74,6 +78,8 @@ class OutputRecorder:
                 pictures=self._pictures.written,
                 recording_ns=None,
                 failure=summary.failure,
+                status="running" if is_running else ended,
+                last_ns=summary.estimated_until_ns,
             )
             for name in self._mode.trajectory_names
         }
@@ -84,10 +90,14 @@ class OutputRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        for writer in self._states.values():
-            writer.close()
-        self._keyframes.close()
-        self._calibrations.close()
+        failures = []
+        for writer in (*self._states.values(), self._keyframes, self._calibrations):
+            try:
+                writer.close()
+            except OSError as failure:  # a full disk: the others are closed all the same
+                failures.append(failure)
+        if failures and error is None:
+            raise failures[0]
 
     def _writer(self, name: str) -> StateWriter:
         writer = self._states.get(name)
@@ -117,5 +127,6 @@ def failed_records(mode: Mode, failure: str) -> dict[str, TrajectoryRecord]:
             pictures=0,
             recording_ns=None,
             failure=failure,
+            status="failed",
         )
     }

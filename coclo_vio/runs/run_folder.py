@@ -1,97 +1,43 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The folder of a run: trajectories, states, ground truth, configuration and ``run.json``.
 
-Estimates are written as they come, sixteen at a time, so a run that stops early leaves what it had.
+Estimates are written as they come, sixteen at a time, and ``run.json`` every second, so a run that is killed leaves
+what it had; here that is read back.
 """
 
 import csv
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from io import TextIOWrapper
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.runs.run_record import RunRecord
+from coclo_vio.runs.run_record import Interval, RunRecord, union
+from coclo_vio.runs.state_writer import STATE_COLUMNS, UPPER, VECTORS
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.errors import DatasetError, listing
-from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.trajectory import GroundTruth, Trajectory, read_tum, tum_lines, write_tum
+from coclo_vio.values.errors import DatasetError, TimestampError, listing
+from coclo_vio.values.trajectory import GroundTruth, Trajectory, parse_tum, read_lines, read_tum, write_tum
+from coclo_vio.values.whole_files import WholeLines
 
 RUN_JSON = "run.json"
 _TRAJECTORY_SUFFIXES = (".tum", "_state.csv", "_keyframes.csv", "_calibration.csv")
-_FIXED_NAMES = ("groundtruth.tum", "config.yaml", RUN_JSON, "compare.json", "ranking.json", "report.html")
-_UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
-_UPPER_ROWS, _UPPER_COLUMNS = np.triu_indices(6)
-_ROWS_AT_ONCE = 16  # a run that is killed loses fewer than these
-_VECTORS = ("velocity_world", "angular_velocity_body", "gyroscope_bias", "accelerometer_bias")
-_STATE_COLUMNS = (
-    "stamp_ns",
-    *(f"{name}_{axis}" for name in _VECTORS for axis in "xyz"),
-    *(f"pose_covariance_{row}{column}" for row, column in _UPPER),
-)
+_RESULTS = (RUN_JSON, "compare.json", "ranking.json", "report.html")
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FIXED_NAMES = ("groundtruth.tum", "config.yaml", *_RESULTS)
 
 
-class StateWriter:
-    """Writes ``<estimator>.tum`` and ``<estimator>_state.csv``, a line for each estimate, 16 lines at once.
+class Existing(StrEnum):
+    """What becomes of results that are in a folder already."""
 
-    The state file has, per stamp (ns): velocity (m/s, world), angular velocity (rad/s, body), gyroscope and
-    accelerometer bias (body), the upper triangle of the 6x6 pose covariance (right/local, rotation first), and, where
-    the first estimate has feet, each leg's contact probability and stance.
-    """
-
-    def __init__(self, folder: Path, estimator: str, leg_names: tuple[str, ...]) -> None:
-        self._tum: TextIOWrapper = (folder / f"{estimator}.tum").open("w", encoding="ascii", newline="\n")
-        self._state: TextIOWrapper = (folder / f"{estimator}_state.csv").open("w", encoding="utf-8", newline="\n")
-        self._leg_names = leg_names
-        self._has_header = False
-        self._held: list[StateEstimate] = []
-
-    def write(self, estimate: StateEstimate) -> None:
-        """Append one estimate to both files."""
-        self._held.append(estimate)
-        if len(self._held) == _ROWS_AT_ONCE:
-            self._write_held()
-
-    def close(self) -> None:
-        """Close both files."""
-        self._write_held()
-        if not self._has_header:
-            self._write_header(has_feet=False)
-        self._tum.close()
-        self._state.close()
-
-    def _write_held(self) -> None:
-        """Write the estimates that are held, and hand them to the operating system."""
-        held, self._held = self._held, []
-        if not held:
-            return
-        if not self._has_header:
-            self._write_header(has_feet=held[0].feet is not None)
-        stamps_ns = [estimate.stamp_ns for estimate in held]
-        self._tum.writelines(tum_lines(stamps_ns, np.array([estimate.nav.T_world_body for estimate in held])))
-        for estimate, row in zip(held, _state_rows(held).tolist(), strict=True):
-            feet = estimate.feet
-            if feet is not None:
-                contacts = zip(feet.contact_probability.tolist(), feet.is_stance.tolist(), strict=True)
-                row += [value for contact in contacts for value in contact]
-            self._state.write(f"{estimate.stamp_ns},{','.join(['%.9g'] * len(row)) % tuple(row)}\n")
-        self._tum.flush()
-        self._state.flush()
-
-    def _write_header(self, *, has_feet: bool) -> None:
-        legs = self._leg_names if has_feet else ()
-        feet = (f"{leg}.{what}" for leg in legs for what in ("contact_probability", "is_stance"))
-        self._state.write(",".join([*_STATE_COLUMNS, *feet]) + "\n")
-        self._has_header = True
-
-
-def _state_rows(estimates: Sequence[StateEstimate]) -> Array:
-    """What the state file has of each estimate but the feet, (n, 33)."""
-    vectors = [np.array([getattr(estimate.nav, name) for estimate in estimates]) for name in _VECTORS]
-    covariance = np.array([estimate.covariance for estimate in estimates])
-    return np.concatenate((*vectors, covariance[:, _UPPER_ROWS, _UPPER_COLUMNS]), axis=1)
+    REFUSE = "refuse"
+    """They stay, and nothing is run."""
+    OVERWRITE = "overwrite"
+    """They are removed."""
+    RESUME = "resume"
+    """Their run goes on where it stopped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +52,7 @@ class RecordedTrajectory:
         angular_velocity_body: without bias, rad/s, body frame, (N, 3); None without a state file.
         gyroscope_bias: rad/s, body frame, (N, 3); None without a state file.
         accelerometer_bias: m/s^2, body frame, (N, 3); None without a state file.
+        notes: sentences on lines that are left out because the run was stopped as it wrote them.
     """
 
     name: str
@@ -115,6 +62,7 @@ class RecordedTrajectory:
     angular_velocity_body: Array | None = None
     gyroscope_bias: Array | None = None
     accelerometer_bias: Array | None = None
+    notes: tuple[str, ...] = ()
 
 
 def prepare(folder: Path) -> Path:
@@ -130,6 +78,20 @@ def prepare(folder: Path) -> Path:
     return folder
 
 
+def check_free(folder: Path) -> None:
+    """See that a folder holds no results of an earlier run.
+
+    Raises:
+        DatasetError: it does; names the folder and the choices.
+    """
+    found = next((name for name in _RESULTS if (folder / name).exists()), None)
+    if found is not None:
+        raise DatasetError(
+            f"{folder} holds the results of an earlier run ({found}), which would be overwritten; give --overwrite to "
+            "replace them, --resume to go on with that run, or another folder with -o"
+        )
+
+
 def clear(folder: Path) -> None:
     """Remove what an earlier run wrote into a folder, so that none of it is taken for this run's.
 
@@ -140,7 +102,7 @@ def clear(folder: Path) -> None:
         DatasetError: a file cannot be removed.
     """
     try:
-        earlier = read_record(folder)
+        earlier = RunRecord.read(folder / RUN_JSON)
     except DatasetError:
         return
     names = [f"{name}{suffix}" for name in earlier.estimators for suffix in _TRAJECTORY_SUFFIXES]
@@ -162,9 +124,12 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DatasetError(
-            f"cannot write {error.filename or folder}: {error.strerror or error}; choose another folder"
-        ) from error
+        what = f"cannot write {error.filename or folder}: {error.strerror or error}"
+        if error.errno in _FULL:
+            raise DatasetError(
+                f"{what}; what was written before stays: make room and go on with --resume, or choose another folder"
+            ) from error
+        raise DatasetError(f"{what}; choose another folder") from error
 
 
 def write_ground_truth(folder: Path, truth: GroundTruth) -> None:
@@ -178,7 +143,7 @@ def write_record(folder: Path, record: RunRecord) -> None:
 
 
 def read_record(folder: Path) -> RunRecord:
-    """``run.json`` of a run folder.
+    """``run.json`` of a run folder. Of modes that were killed as they ran it has what their files hold.
 
     Raises:
         DatasetError: there is none, it is malformed, or of another version of its schema.
@@ -188,7 +153,20 @@ def read_record(folder: Path) -> RunRecord:
         raise DatasetError(
             f"{folder} is no run folder: it has no {RUN_JSON}; give the folder that `coclo-vio run -o` wrote"
         )
-    return RunRecord.read(path)
+    record = RunRecord.read(path)
+    estimators, recording_ns = dict(record.estimators), record.recording_ns
+    for name, run in record.estimators.items():
+        if run.status == "finished":
+            continue
+        found: Interval | None = None
+        estimates = 0
+        with suppress(DatasetError):  # it has no pose
+            stamps_ns = _read_poses(folder, name)[0].stamps_ns
+            estimates, found = len(stamps_ns), (int(stamps_ns[0]), int(stamps_ns[-1]))
+        last_ns = None if found is None else found[1]
+        estimators[name] = run.model_copy(update={"estimates": estimates, "last_ns": last_ns})
+        recording_ns = union(recording_ns, found)
+    return record.model_copy(update={"estimators": estimators, "recording_ns": recording_ns})
 
 
 def read_ground_truth(folder: Path, record: RunRecord) -> GroundTruth | None:
@@ -207,37 +185,74 @@ def read_ground_truth(folder: Path, record: RunRecord) -> GroundTruth | None:
 def read_estimates(folder: Path, name: str) -> RecordedTrajectory:
     """One estimator's trajectory and states.
 
+    What a run that was stopped left half written is left out: a last line that was cut short, and poses whose state
+    was not written any more.
+
     Raises:
         DatasetError: a file is missing or malformed.
     """
-    poses = read_tum(folder / f"{name}.tum")
-    path = folder / f"{name}_state.csv"
-    if not path.exists():
-        return RecordedTrajectory(name, poses, np.zeros((len(poses), 0)), ())
-    columns = _read_states(path, poses)
+    poses, columns, notes = _read_poses(folder, name)
+    if not columns:
+        return RecordedTrajectory(name, poses, np.zeros((len(poses), 0)), (), notes=notes)
     covariance = np.zeros((len(poses), 6, 6))
-    for row, column in _UPPER:
+    for row, column in UPPER:
         covariance[:, row, column] = covariance[:, column, row] = columns[f"pose_covariance_{row}{column}"]
-    velocity, *others = (np.stack([columns[f"{vector}_{axis}"] for axis in "xyz"], axis=1) for vector in _VECTORS)
+    velocity, *others = (np.stack([columns[f"{vector}_{axis}"] for axis in "xyz"], axis=1) for vector in VECTORS)
     trajectory = Trajectory(poses.stamps_ns, poses.T_world_body, velocity, covariance)
     legs = tuple(column.rpartition(".")[0] for column in columns if column.endswith(".contact_probability"))
     probability = np.array([columns[f"{leg}.contact_probability"] for leg in legs]).reshape(len(legs), len(poses)).T
-    return RecordedTrajectory(name, trajectory, probability, legs, *others)
+    return RecordedTrajectory(name, trajectory, probability, legs, *others, notes=notes)
 
 
-def _read_states(path: Path, poses: Trajectory) -> dict[str, Array]:
-    """The columns (N,) of a state file that stands beside N poses, by name."""
+def _read_poses(folder: Path, name: str) -> tuple[Trajectory, dict[str, Array], tuple[str, ...]]:
+    """The poses (N,), the columns (N,) of their state file, if there is one, and notes on lines left out."""
+    path, state_path = folder / f"{name}.tum", folder / f"{name}_state.csv"
+    read = read_lines(path)
+    notes = list(filter(None, [read.cut_note(path)]))
+    poses = parse_tum(read.lines, path)
+    if not state_path.exists():
+        return poses, {}, tuple(notes)
+    header, rows, cut_note = _read_states(state_path)
+    notes += filter(None, [cut_note])
+    if len(rows) != len(poses):
+        if not notes and not _is_unfinished(folder, name):
+            raise DatasetError(
+                f"{state_path} has {len(rows)} rows for the {len(poses)} poses beside it; run again"
+            )
+        count = min(len(rows), len(poses))
+        if not count:
+            raise TimestampError(f"{state_path} holds no state: the run was stopped before it wrote one; run again")
+        left_out = abs(len(rows) - len(poses))
+        notes.append(f"{left_out} of the last estimates are left out: the run was stopped before they were whole")
+        poses, rows = poses.select(np.arange(count)), rows[:count]
+    return poses, _columns(state_path, header, rows, poses), tuple(notes)
+
+
+def _is_unfinished(folder: Path, name: str) -> bool:
+    """Whether the run of a trajectory was stopped, as far as the folder's record says."""
     try:
-        with path.open(encoding="utf-8", newline="") as lines:
-            header = next(csv.reader(lines), [])
-            rows = [[float(cell) for cell in row] for row in csv.reader(lines)]
+        run = RunRecord.read(folder / RUN_JSON).estimators.get(name)
+    except DatasetError:
+        return False
+    return run is not None and run.status != "finished"
+
+
+def _read_states(path: Path) -> tuple[list[str], list[list[float]], str | None]:
+    """Header and rows of a state file, and a note where its last line is left out."""
+    try:
+        read = WholeLines.read(path)
+        header = next(csv.reader(read.lines[:1]), [])
+        rows = [[float(cell) for cell in row] for row in csv.reader(read.lines[1:])]
     except (OSError, ValueError, csv.Error) as error:
         raise DatasetError(f"{path}: {error}; run again, or delete it to do without velocities") from error
-    missing = [name for name in _STATE_COLUMNS if name not in header]
+    return header, rows, read.cut_note(path)
+
+
+def _columns(path: Path, header: list[str], rows: list[list[float]], poses: Trajectory) -> dict[str, Array]:
+    """The columns (N,) of a state file that stands beside N poses, by name."""
+    missing = [name for name in STATE_COLUMNS if name not in header]
     if missing:
         raise DatasetError(f"{path} lacks the columns {listing(missing)}; run again")
-    if len(rows) != len(poses):
-        raise DatasetError(f"{path} has {len(rows)} rows for the {len(poses)} poses beside it; run again")
     ragged = next((number for number, row in enumerate(rows) if len(row) != len(header)), None)
     if ragged is not None:
         raise DatasetError(

@@ -14,6 +14,8 @@ from coclo_vio.values.units import NS_PER_S
 
 Interval = tuple[int, int]
 """Stamps of a beginning and an end, ns."""
+Status = Literal["running", "finished", "interrupted", "failed"]
+"""Of a run or a mode: ``running`` also of one that was killed, ``interrupted`` by a signal, ``failed`` by an error."""
 
 
 class _Part(BaseModel):
@@ -109,6 +111,8 @@ class TrajectoryRecord(_Part):
         pictures: how many were written.
         recording_ns: first and last stamp of its cameras, where it has any.
         failure: why it stopped early, None where it went through.
+        status: whether it still runs, or how it ended.
+        last_ns: stamp of its last estimate, None without any.
     """
 
     mode: str
@@ -124,6 +128,8 @@ class TrajectoryRecord(_Part):
     pictures: int
     recording_ns: Interval | None
     failure: str | None
+    status: Status = "finished"
+    last_ns: int | None = None
 
 
 class GroundTruthRecord(_Part):
@@ -147,11 +153,14 @@ class RunRecord(Record):
         estimators: the trajectories by name.
         reader: what was read, None where the recording cannot be read through.
         findings: what physics or the recording itself contradict in it, before the run.
+        status: whether the run still goes on, or how it ended.
+        updated: when this record was written, ISO 8601, UTC.
+        failure: of the run as a whole, such as a full disk; None where there was none.
     """
 
     next_step: ClassVar[str] = "run again with `coclo-vio run` or `coclo-vio compare`"
 
-    schema_version: Literal[2] = 2
+    schema_version: Literal[3] = 3
     version: str
     dataset: str
     robot: str | None
@@ -162,6 +171,9 @@ class RunRecord(Record):
     estimators: dict[str, TrajectoryRecord] = Field(default_factory=dict)
     reader: ReadReport | None = None
     findings: tuple[FindingRecord, ...] = ()
+    status: Status = "finished"
+    updated: str | None = None
+    failure: str | None = None
 
     def by_mode(self) -> Mapping[str, TrajectoryRecord]:
         """The first trajectory of each mode, by the name of the mode."""
@@ -175,3 +187,10 @@ class RunRecord(Record):
         for mode, trajectory in self.by_mode().items():
             for event in trajectory.events:
                 yield mode, event
+
+
+def union(one: Interval | None, other: Interval | None) -> Interval | None:
+    """The shortest interval that holds both."""
+    if one is None or other is None:
+        return one or other
+    return min(one[0], other[0]), max(one[1], other[1])

@@ -2,7 +2,7 @@
 """A recording through several modes into one run folder."""
 
 from collections.abc import Callable, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,10 @@ from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.run_config import RunConfig
-from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
+from coclo_vio.runs.run_folder import Existing
+from coclo_vio.runs.run_journal import Progressed, RunJournal
+from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, RunRecord, union
+from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import IMAGE_SENSORS
@@ -41,11 +44,13 @@ def run_modes(
     progress: Progress | None = None,
     watch: Watch | None = None,
     pictures_every: int | None = None,
+    ending: "Ending | None" = None,
 ) -> RunRecord:
     """Run each mode on a recording; returns what ``run.json`` holds.
 
     A mode that fails leaves its estimates up to there, and the others run; so they do where the recording lacks what
     one of them needs, or contradicts physics in what one of them reads (unless ``dataset.allow_partial`` is set).
+    ``run.json`` is there from the start and renewed every second.
 
     Args:
         path: the recording.
@@ -55,11 +60,15 @@ def run_modes(
         progress: called with mode and stamp.
         watch: called with mode and output.
         pictures_every: write the picture of every n-th frame of a mode that processes images; none if None.
+        ending: what becomes of earlier results, and what stops the run; earlier results are refused if None.
 
     Raises:
-        CocloError: the recording, the robot or the configuration is at fault, or no mode has what it needs.
+        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or no mode has what it needs.
     """
     modes = {name: mode_of(name) for name in names}  # a misspelt mode is found before anything runs
+    ending = ending or Ending()
+    if ending.existing is Existing.REFUSE:
+        run_folder.check_free(folder)
     dataset = open_dataset(path, config.robot, config.dataset)
     resolved = config.on_recording(dataset.imu_calibration())
     faults = Faults(resolved.faults, resolved.robot)
@@ -74,18 +83,19 @@ def run_modes(
     run_folder.clear(run_folder.prepare(folder))
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
-        record = _described(path, dataset, config, resolved, folder, diagnosis)
-        run_folder.write_record(folder, record)
-        for name, ready in prepared.items():
-            if isinstance(ready, CocloError):
-                recording_ns, trajectories = None, failed_records(modes[name], str(ready))
-            else:
-                recording_ns, trajectories = _run_one(ready, dataset, faults, folder, progress, watch)
-            record = _with_trajectories(record, recording_ns, trajectories)
-            run_folder.write_record(folder, record)
-        record = _with_reader(record, dataset)
-        run_folder.write_record(folder, record)
-    return record
+        journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis))
+        try:
+            for name, ready in prepared.items():
+                if ending.is_requested:
+                    break
+                if isinstance(ready, CocloError):
+                    journal.update((None, failed_records(modes[name], str(ready))))
+                else:
+                    _run_one(ready, dataset, faults, journal, _Observers(progress, watch, ending.stop))
+            return journal.end(_with_reader(journal.record, dataset))
+        except BaseException as error:
+            journal.abandon(error)
+            raise
 
 
 def _check_apart(folder: Path, recording: Path) -> None:
@@ -101,6 +111,24 @@ def _check_apart(folder: Path, recording: Path) -> None:
             f"{folder} is the folder of the recording itself, whose files would be overwritten; choose another folder "
             "for the results"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a run ends, its own and the one before it.
+
+    Attributes:
+        existing: what becomes of results that are in the folder.
+        stop: asked before each measurement whether to stop; None: the run goes to its end.
+    """
+
+    existing: Existing = Existing.REFUSE
+    stop: StopRequest | None = None
+
+    @property
+    def is_requested(self) -> bool:
+        """Whether the run is to stop now."""
+        return self.stop is not None and self.stop.is_requested
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,35 +190,48 @@ def _described(
     )
 
 
-def _run_one(
-    ready: _Prepared, dataset: Dataset, faults: Faults, folder: Path, progress: Progress | None, watch: Watch | None
-) -> tuple[Interval | None, dict[str, TrajectoryRecord]]:
-    """Run one mode; the interval of what it read, and the records of its trajectories."""
-    name = ready.mode.name
-    with OutputRecorder(folder, ready.mode, ready.leg_names) as recorder:
+@dataclass(frozen=True, slots=True)
+class _Observers:
+    """What receives progress and outputs of a run, and what may stop it; None where nothing does."""
+
+    progress: Progress | None
+    watch: Watch | None
+    stop: StopRequest | None
+
+
+def _run_one(ready: _Prepared, dataset: Dataset, faults: Faults, journal: RunJournal, observers: _Observers) -> None:
+    """Run one mode, and keep what it comes to in the journal."""
+    name, progress, watch, stop = ready.mode.name, observers.progress, observers.watch, observers.stop
+    tally = pipeline.Tally()
+    with OutputRecorder(journal.folder, ready.mode, ready.leg_names) as recorder:
+
+        def progressed() -> Progressed:
+            summary = tally.summary(dict(ready.estimator.counts))
+            return summary.recording_ns, recorder.records(summary, ready.sensors, is_running=True)
 
         def take(output: Output) -> None:
             recorder.take(output)
             if watch is not None:
                 watch(name, output)
 
+        def advance(stamp_ns: int) -> None:
+            journal.tick(progressed)
+            if progress is not None:
+                progress(name, stamp_ns)
+
+        journal.update(progressed())
         measurements = faults.measurements(dataset.measurements, ready.sensors)
-        with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
-            summary = pipeline.run(
-                ready.estimator, source, take, None if progress is None else lambda stamp_ns: progress(name, stamp_ns)
-            )
-    return summary.recording_ns, recorder.records(summary, ready.sensors)
-
-
-def _with_trajectories(
-    record: RunRecord, recording_ns: Interval | None, trajectories: dict[str, TrajectoryRecord]
-) -> RunRecord:
-    """The record with the trajectories of one more mode."""
-    update = {
-        "recording_ns": _union(record.recording_ns, recording_ns),
-        "estimators": {**record.estimators, **trajectories},
-    }
-    return record.model_copy(update=update)
+        try:
+            with (
+                closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source,
+                nullcontext() if stop is None else stop.polled(),
+            ):
+                summary = pipeline.run(ready.estimator, source, take, advance, tally=tally, stop=stop)
+        except BaseException:
+            with suppress(OSError):
+                journal.update(progressed())
+            raise
+    journal.update((summary.recording_ns, recorder.records(summary, ready.sensors)))
 
 
 def _with_reader(record: RunRecord, dataset: Dataset) -> RunRecord:
@@ -206,15 +247,8 @@ def _with_reader(record: RunRecord, dataset: Dataset) -> RunRecord:
     trajectories = dict(record.estimators)
     for stream in report.streams:
         span = stream.start_ns, stream.end_ns
-        recording_ns = _union(recording_ns, span)
+        recording_ns = union(recording_ns, span)
         for name, trajectory in trajectories.items():
             if stream.name in _IMAGE_STREAMS and stream.name in trajectory.sensors:
                 trajectories[name] = trajectory.model_copy(update={"recording_ns": span})
     return record.model_copy(update={"reader": report, "recording_ns": recording_ns, "estimators": trajectories})
-
-
-def _union(one: Interval | None, other: Interval | None) -> Interval | None:
-    """The shortest interval that holds both."""
-    if one is None or other is None:
-        return one or other
-    return min(one[0], other[0]), max(one[1], other[1])

@@ -13,6 +13,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from coclo_vio.values.errors import ConfigError, listing, shortened
+from coclo_vio.values.whole_files import write_whole
 from coclo_vio.values.yaml_text import DEEPEST, MOST_CHARACTERS, parse_yaml
 
 
@@ -88,7 +89,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def write_yaml(config: BaseModel, path: Path) -> None:
     """Write every field with its value, defaults included, so that a run can be repeated from the file."""
-    path.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+    write_whole(path, yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False))
 
 
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

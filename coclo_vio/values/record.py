@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, RootModel, ValidationError, Validati
 
 from coclo_vio.values.config import first_problem
 from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.whole_files import write_whole
 
 
 class JsonModel(BaseModel):
@@ -121,6 +122,4 @@ def write_json(path: Path, values: object) -> None:
         OSError: the file cannot be written.
         ValueError: a number is NaN or infinite.
     """
-    beside = path.with_name(f"{path.name}.part")
-    beside.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    beside.replace(path)
+    write_whole(path, json.dumps(values, indent=2, allow_nan=False) + "\n")

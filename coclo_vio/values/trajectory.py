@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectory: stamped poses, optionally with velocity and covariance; reading and writing of TUM files."""
 
+import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
@@ -13,7 +14,9 @@ from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, BoolArray, IntArray, checked, frozen
 from coclo_vio.values.errors import DatasetError, EvaluationError, TimestampError, shortened
 from coclo_vio.values.units import NS_PER_S
+from coclo_vio.values.whole_files import WholeLines, write_whole
 
+_log = logging.getLogger(__name__)
 _TUM_VALUES = " ".join(["%.12g"] * 7) + "\n"
 _DECIMALS = 9  # of a number of seconds in nanoseconds
 _MAX_WHOLE = 12  # digits before the point up to which integers replace decimals
@@ -193,8 +196,7 @@ def tum_lines(stamps_ns: Iterable[int], T_world_body: Array) -> Iterator[str]:
 
 def write_tum(trajectory: Trajectory, path: Path) -> None:
     """Write the poses as ``tum_lines`` does."""
-    with path.open("w", encoding="ascii", newline="\n") as out:
-        out.writelines(tum_lines(trajectory.stamps_ns.tolist(), trajectory.T_world_body))
+    write_whole(path, "".join(tum_lines(trajectory.stamps_ns.tolist(), trajectory.T_world_body)))
 
 
 def seconds_to_ns(text: str) -> int:
@@ -234,6 +236,9 @@ def _pose_fields(fields: list[str]) -> list[float]:
 def read_tum(path: Path, *, per_second: int = 1) -> Trajectory:
     """Read ``t x y z qx qy qz qw`` lines; ``#`` starts a comment; stamps to the nanosecond.
 
+    A last line without newline that is only the beginning of a pose was cut short as it was written: it is left out,
+    and logged.
+
     Args:
         path: the file.
         per_second: how many units of its stamps make a second: 1000 where they are milliseconds.
@@ -242,28 +247,65 @@ def read_tum(path: Path, *, per_second: int = 1) -> Trajectory:
         DatasetError: no such file, or a line that is not eight finite numbers with a quaternion.
         TimestampError: no pose, or stamps that do not increase strictly.
     """
+    read = read_lines(path)
+    if read.cut and not (read.lines and _is_cut_pose(read.cut)):
+        return parse_tum([*read.lines, read.cut], path, per_second=per_second)
+    if read.cut:
+        _log.warning("%s: %s", path, read.cut_note(path))
+    return parse_tum(read.lines, path, per_second=per_second)
+
+
+def read_lines(path: Path) -> WholeLines:
+    """The lines of a file of poses.
+
+    Raises:
+        DatasetError: it cannot be read, or is no text.
+    """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        return WholeLines.read(path)
     except (OSError, ValueError) as error:  # no such file; a path with a zero byte; bytes that are no UTF-8
         raise DatasetError(f"cannot read the trajectory {shortened(path)}: {shortened(error)}") from error
-    stamps: list[int] = []
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        fields = line.partition("#")[0].split()
-        if not fields:
-            continue
-        try:
-            if len(fields) != 8:
-                raise ValueError(f"{len(fields)} fields")
-            stamps.append(_stamp_field(fields[0], per_second))
-            rows.append(_pose_fields(fields[1:]))
-        except ValueError as error:
-            raise DatasetError(
-                f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({shortened(error)}); "
-                "correct or remove it"
-            ) from error
+
+
+def parse_tum(lines: Iterable[str], path: Path, *, per_second: int = 1) -> Trajectory:
+    """The poses in the lines of a file, as ``read_tum`` reads them; ``path`` is for messages.
+
+    Raises:
+        DatasetError: a line that is not eight finite numbers with a quaternion.
+        TimestampError: no pose, or stamps that do not increase strictly.
+    """
+    rows = [row for number, line in enumerate(lines, 1) if (row := _tum_row(path, number, line, per_second))]
     if not rows:
         raise TimestampError(f"{path} holds no pose; a TUM file has lines of t x y z qx qy qz qw")
-    values = np.array(rows)
+    stamps, poses = zip(*rows, strict=True)
+    values = np.array(poses)
     transforms = se3.transform(so3.from_quat_xyzw(values[:, 3:]), values[:, :3])
     return Trajectory(np.array(stamps, dtype=np.int64), transforms)
+
+
+def _tum_row(path: Path, number: int, line: str, per_second: int) -> tuple[int, list[float]] | None:
+    """Stamp (ns), position and quaternion of a line; None of an empty one or a comment."""
+    fields = line.partition("#")[0].split()
+    if not fields:
+        return None
+    try:
+        if len(fields) != 8:
+            raise ValueError(f"{len(fields)} fields")
+        return _stamp_field(fields[0], per_second), _pose_fields(fields[1:])
+    except ValueError as error:
+        raise DatasetError(
+            f"{path}, line {number}: a TUM line has 8 numbers, t x y z qx qy qz qw ({shortened(error)}); "
+            "correct or remove it"
+        ) from error
+
+
+def _is_cut_pose(line: str) -> bool:
+    """Whether a line is the beginning of a pose: too few fields, or a last one that is no number yet."""
+    fields = line.partition("#")[0].split()
+    if len(fields) != 8:
+        return 0 < len(fields) < 8
+    try:
+        float(fields[-1])
+    except ValueError:
+        return True
+    return False

@@ -217,7 +217,7 @@ def test_a_malformed_file_in_a_run_folder_is_one_sentence(file: str, content: st
 
 def test_a_trajectory_with_a_malformed_state_file_is_left_out(coclo: Coclo, run_out: Path) -> None:
     path = run_out / "naive_state.csv"
-    path.write_text(path.read_text(encoding="utf-8")[:-20], encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8")[:-20] + "\n", encoding="utf-8")
     answer = coclo("evaluate", run_out, "--json")
     assert answer.status == 1
     assert json.loads(answer.out) == {}

@@ -172,8 +172,9 @@ def test_sigterm_is_an_interrupt_that_keeps_finished_jobs(coclo: Coclo, monkeypa
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(build, "run_work", ends)
     answer = coclo(*SMALL)
-    assert answer.status not in (0, 2)
-    assert "stopped; finished jobs are kept: the same command goes on from here" in answer.err
+    assert answer.status == 143
+    assert "stopped by SIGTERM" in answer.err
+    assert f"of {JOBS} jobs are finished, in out; finished jobs are kept: the same command goes on" in answer.err
     assert signal.getsignal(signal.SIGTERM) is before
     instead = MadeUp()
     monkeypatch.setattr(build, "run_work", instead)

@@ -89,7 +89,7 @@ HEADER = ",".join(KeyframeHealth.__slots__)
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "its columns are none, they must be stamp_ns,keyframes"),
+        ("\n", "its columns are none, they must be stamp_ns,keyframes"),
         ("stamp_ns,tracks\n1,2\n", "its columns are stamp_ns,tracks, they must be stamp_ns,keyframes"),
         (f"{HEADER}\n1,2,3\n", "line 2 has 3 cells under a header of 9 columns"),
         (f"{HEADER}\n1,2,3,4,5,x,7,8,9\n", "could not convert string to float: 'x'"),
@@ -110,6 +110,16 @@ def test_a_file_of_keyframes_that_broke_off_after_its_header_has_none(tmp_path: 
     assert columns is not None
     assert {len(values) for values in columns.values()} == {0}
     assert read_health(tmp_path, "vins") == ()
+
+
+@pytest.mark.parametrize("kept", [0, 1, 2])
+def test_a_last_row_that_was_cut_short_is_left_out_and_logged(
+    kept: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = [HEADER, "1,2,3,4,5,6,7,8,9", "11,12,13,14,15,16,17,18,19"]
+    keyframes_path(tmp_path, "vins").write_text("\n".join([*rows[:kept], rows[kept][:7]]), encoding="ascii")
+    assert [health.stamp_ns for health in read_health(tmp_path, "vins")] == [1][: max(0, kept - 1)]
+    assert f"the last line of vins_keyframes.csv, line {kept + 1}, was cut short and is left out" in caplog.text
 
 
 def calibrations() -> list[Calibration]:
@@ -145,9 +155,9 @@ def test_without_a_calibration_there_is_no_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda text: "", "its columns are none"),
+        (lambda text: "\n", "its columns are none"),
         (lambda text: text.replace("stereo_scale_sigma", "sigma"), "its columns are stamp_ns,.*, they must be"),
-        (lambda text: text[: text.rindex(",")], "line 5 has 8 cells under a header of 9 columns"),
+        (lambda text: text[: text.rindex(",")] + "\n", "line 5 has 8 cells under a header of 9 columns"),
         (lambda text: text.replace(",1.003,", ",much,"), "could not convert string to float: 'much'"),
         (lambda text: text.replace(",0.03,", ",0.03,nan,").replace("nan,0.1,", "nan,"), "cells|nan|finite"),
     ],

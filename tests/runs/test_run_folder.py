@@ -12,7 +12,7 @@ from coclo_vio.geometry import se3, so3
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.recorder import failed_records
-from coclo_vio.runs.run_folder import StateWriter
+from coclo_vio.runs.state_writer import StateWriter
 from coclo_vio.runs.run_record import GroundTruthRecord, RunRecord
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
@@ -136,10 +136,10 @@ def _cell(column: str, text: str) -> Callable[[str], str]:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda content: content[:-40], r"line 21: \d+ cells under a header of 42 columns"),
+        (lambda content: content[:-40] + "\n", r"line 21: \d+ cells under a header of 42 columns"),
         (lambda content: "".join(content.splitlines(keepends=True)[:-3]), "17 rows for the 20 poses"),
-        (lambda content: "", "lacks the columns"),
-        (lambda content: content.splitlines()[0], "0 rows for the 20 poses"),
+        (lambda content: "\n" * 21, "lacks the columns"),
+        (lambda content: content.splitlines()[0] + "\n", "0 rows for the 20 poses"),
         (lambda content: content.replace("pose_covariance_34", "pose"), "lacks the columns pose_covariance_34"),
         (_cell("velocity_world_y", "nan"), "line 3: velocity_world_y is nan, not finite"),
         (_cell("pose_covariance_00", "inf"), "line 3: pose_covariance_00 is inf"),
@@ -153,6 +153,52 @@ def test_a_malformed_state_file_is_named(
     path = tmp_path / "coclo_state.csv"
     path.write_text(spoil(path.read_text(encoding="utf-8")), encoding="utf-8")
     with pytest.raises(DatasetError, match=rf"coclo_state\.csv.*({words}).*run again"):
+        run_folder.read_estimates(tmp_path, "coclo")
+
+
+@pytest.mark.parametrize("cut", [1, 40, 700])
+def test_a_last_state_that_was_cut_short_is_left_out_with_its_pose(
+    cut: int, written: list[StateEstimate], tmp_path: Path
+) -> None:
+    path = tmp_path / "coclo_state.csv"
+    content = path.read_bytes()
+    path.write_bytes(content[:-cut])
+    whole = content[:-cut].count(b"\n") - 1
+    found = run_folder.read_estimates(tmp_path, "coclo")
+    assert found.trajectory.stamps_ns.tolist() == [estimate.stamp_ns for estimate in written[:whole]]
+    assert found.notes[0] == f"the last line of coclo_state.csv, line {whole + 2}, was cut short and is left out"
+    assert found.notes[1].startswith(f"{20 - whole} of the last estimates are left out")
+
+
+def test_a_last_pose_that_was_cut_short_is_left_out_with_its_state(
+    written: list[StateEstimate], tmp_path: Path
+) -> None:
+    path = tmp_path / "coclo.tum"
+    path.write_bytes(path.read_bytes()[:-1])  # still eight numbers, the last of them perhaps another one
+    found = run_folder.read_estimates(tmp_path, "coclo")
+    assert len(found.trajectory) == len(written) - 1
+    assert "coclo.tum, line 20, was cut short" in found.notes[0]
+
+
+def test_poses_whose_states_were_not_written_any_more_count_as_damage_unless_the_run_was_stopped(
+    written: list[StateEstimate], tmp_path: Path
+) -> None:
+    path = tmp_path / "coclo_state.csv"
+    path.write_text("".join(path.read_text(encoding="utf-8").splitlines(keepends=True)[:-3]), encoding="utf-8")
+    run = failed_records(mode_of("coclo"), "it stopped")["coclo"]
+    for status in ("running", "interrupted", "failed"):
+        stopped = record_with(None).model_copy(
+            update={"estimators": {"coclo": run.model_copy(update={"status": status})}}
+        )
+        run_folder.write_record(tmp_path, stopped)
+        assert len(run_folder.read_estimates(tmp_path, "coclo").trajectory) == 17
+        found = run_folder.read_record(tmp_path).estimators["coclo"]
+        assert (found.estimates, found.last_ns) == (17, written[16].stamp_ns)
+    run_folder.write_record(
+        tmp_path,
+        record_with(None).model_copy(update={"estimators": {"coclo": run.model_copy(update={"status": "finished"})}}),
+    )
+    with pytest.raises(DatasetError, match="17 rows for the 20 poses"):
         run_folder.read_estimates(tmp_path, "coclo")
 
 

@@ -149,7 +149,7 @@ def test_a_record_of_another_version_is_refused_with_both_versions_and_the_next_
     values: dict[str, Any], found: str, tmp_path: Path
 ) -> None:
     (tmp_path / "run.json").write_text(json.dumps(values), encoding="utf-8")
-    words = rf"run\.json: it has {found}, this release reads version 2{NEXT_STEP}"
+    words = rf"run\.json: it has {found}, this release reads version 3{NEXT_STEP}"
     with pytest.raises(DatasetError, match=words) as caught:
         read_record(tmp_path)
     assert "\n" not in str(caught.value)
@@ -172,7 +172,7 @@ def _with_trajectory(**changes: object) -> str:
         ("{}", "it has no schema version"),
         (
             _changed(colour="red"),
-            "there is no colour; the keys there are: dataset, estimators, faults, findings, ground_truth",
+            "there is no colour; the keys there are: dataset, estimators, failure, faults, findings, ground_truth",
         ),
         (
             _with_trajectory(mood="good"),

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Modes over a short recording: what is in the run folder afterwards, also where one of them fails."""
 
+import errno
 import json
+import re
 import shutil
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +16,15 @@ from stand_in_modes import FAILS_AT_NS, FAILURE
 from tiny_recordings import FILM_START_NS
 
 from coclo_vio.datasets.read_ahead import THREAD_NAME
-from coclo_vio.runs import run_folder
+from coclo_vio.runs import line_file, run_folder, run_journal
+from coclo_vio.runs.evaluating import evaluate_run
 from coclo_vio.runs.output_logs import read_calibrations
 from coclo_vio.runs.run_config import resolve
+from coclo_vio.runs.run_folder import Existing
 from coclo_vio.runs.run_record import RunRecord
-from coclo_vio.runs.running import run_modes
+from coclo_vio.runs.running import Ending, run_modes
+from coclo_vio.runs.stop_request import StopRequest
+from coclo_vio.values import whole_files
 from coclo_vio.values.errors import ConfigError, DatasetError, TopicNotFound
 from coclo_vio.values.outputs import Estimate, Event, KeyframeHealth, Output
 
@@ -220,9 +227,21 @@ def test_the_record_on_disk_is_json_with_its_schema_version(film: Path, tmp_path
     assert values["dataset"] == str(film)
 
 
-def test_a_second_run_into_a_folder_replaces_the_first(leg_log: Path, film: Path, tmp_path: Path) -> None:
+def test_a_second_run_into_a_folder_is_refused_with_the_choices(leg_log: Path, film: Path, tmp_path: Path) -> None:
+    run_modes(film, ["resting"], resolve(), tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(DatasetError) as refused:
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path)
+    assert str(refused.value) == (
+        f"{tmp_path} holds the results of an earlier run (run.json), which would be overwritten; give --overwrite to "
+        "replace them, --resume to go on with that run, or another folder with -o"
+    )
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_second_run_that_may_overwrite_replaces_the_first(leg_log: Path, film: Path, tmp_path: Path) -> None:
     run_modes(film, ["resting"], resolve(), tmp_path, pictures_every=1)
-    run_modes(leg_log, ["naive"], CONFIG, tmp_path)
+    run_modes(leg_log, ["naive"], CONFIG, tmp_path, ending=Ending(Existing.OVERWRITE))
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {"naive.tum", "naive_state.csv", "groundtruth.tum", "config.yaml", "run.json"}
 
@@ -240,6 +259,128 @@ def test_results_never_go_into_the_recordings_own_folder(leg_log: Path, tmp_path
 def test_results_may_go_beside_a_recording_of_one_file(leg_log: Path, tmp_path: Path) -> None:
     shutil.copy(leg_log / "leg_log.csv", tmp_path)
     for _ in range(2):
-        run_modes(tmp_path / "leg_log.csv", ["naive"], CONFIG, tmp_path)
+        run_modes(tmp_path / "leg_log.csv", ["naive"], CONFIG, tmp_path, ending=Ending(Existing.OVERWRITE))
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"leg_log.csv", "naive.tum", "naive_state.csv", "config.yaml", "run.json"}
+
+
+def test_the_record_is_there_from_the_start_and_renewed(
+    leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_journal, "_EVERY_S", 0.0)
+    seen: list[RunRecord] = []
+    run_modes(
+        leg_log,
+        ["naive"],
+        CONFIG,
+        tmp_path,
+        progress=lambda name, stamp_ns: seen.append(RunRecord.read(tmp_path / "run.json")),
+    )
+    assert {record.status for record in seen} == {"running"}
+    assert {record.estimators["naive"].status for record in seen} == {"running"}
+    assert [record.estimators["naive"].measurements for record in seen] == list(range(1, 904))
+    ended = RunRecord.read(tmp_path / "run.json")
+    assert (ended.status, ended.estimators["naive"].status) == ("finished", "finished")
+    assert ended.estimators["naive"].last_ns == END_NS
+    assert seen[0].updated is not None
+    assert ended.updated is not None
+    assert seen[0].updated <= ended.updated
+
+
+def test_a_run_that_is_asked_to_stop_does_between_two_measurements_and_says_so(leg_log: Path, tmp_path: Path) -> None:
+    stop = StopRequest()
+
+    def progress(name: str, stamp_ns: int) -> None:
+        assert stop.is_polled
+        if stamp_ns >= 1_000_000_000:
+            stop.request()
+
+    ending = Ending(stop=stop)
+    record = run_modes(leg_log, ["naive", "naive_rolling"], CONFIG, tmp_path, progress=progress, ending=ending)
+    assert not stop.is_polled
+    assert record == run_folder.read_record(tmp_path)
+    assert (record.status, list(record.estimators)) == ("interrupted", ["naive"])
+    naive = record.estimators["naive"]
+    assert (naive.status, naive.failure, naive.measurements) == ("interrupted", None, 301)
+    found = run_folder.read_estimates(tmp_path, "naive")
+    assert found.trajectory.stamps_ns[-1] == naive.last_ns == 990_000_000
+    assert (len(found.trajectory), found.notes) == (naive.estimates, ())
+
+
+@pytest.mark.parametrize(
+    ("error", "status"), [(KeyboardInterrupt(), "interrupted"), (RuntimeError("it broke"), "failed")]
+)
+def test_a_run_that_is_interrupted_leaves_whole_files_and_says_so(
+    error: BaseException, status: str, leg_log: Path, tmp_path: Path
+) -> None:
+    def progress(name: str, stamp_ns: int) -> None:
+        if stamp_ns >= 1_000_000_000:
+            raise error
+
+    with pytest.raises(type(error)):
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path, progress=progress)
+    record = run_folder.read_record(tmp_path)
+    naive = record.estimators["naive"]
+    assert (record.status, naive.status) == (status, status)
+    assert record.failure == (None if status == "interrupted" else "RuntimeError: it broke")
+    found = run_folder.read_estimates(tmp_path, "naive")
+    assert naive.last_ns == found.trajectory.stamps_ns[-1]
+    assert 980_000_000 <= naive.last_ns <= 1_000_000_000
+
+
+def _full_after(monkeypatch: pytest.MonkeyPatch, budget: int) -> None:
+    """The disk is full after so many bytes of lines; JSON files cannot be replaced from then on."""
+    written = 0
+    append, replace = line_file.LineFile.append, whole_files.write_whole
+
+    class Full:
+        def __init__(self, out: Any) -> None:
+            self._out = out
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._out, name)
+
+        def write(self, data: bytes) -> int:
+            nonlocal written
+            if written >= budget:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            part = data[: budget - written]
+            written += len(part)
+            return int(self._out.write(part))
+
+    def limited(self: line_file.LineFile, lines: Any) -> None:
+        if not isinstance(self._out, Full):
+            self._out = Full(self._out)  # type: ignore[assignment]
+        append(self, lines)
+
+    def no_room(path: Path, content: str | bytes) -> None:
+        if written >= budget:
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        replace(path, content)
+
+    monkeypatch.setattr(line_file.LineFile, "append", limited)
+    monkeypatch.setattr("coclo_vio.values.record.write_whole", no_room)
+
+
+@pytest.mark.parametrize("budget", [1, 700, 40_000, 40_111])
+def test_a_full_disk_is_one_sentence_and_what_was_written_can_be_evaluated(
+    budget: int, leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _full_after(monkeypatch, budget)
+    with pytest.raises(DatasetError) as full:
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path)
+    message = str(full.value)
+    assert message.startswith(f"cannot write {tmp_path}/naive")
+    assert message.endswith(
+        ": No space left on device; what was written before stays: make room and go on with --resume, or choose "
+        "another folder"
+    )
+    for path in tmp_path.iterdir():
+        assert path.suffix not in {".tum", ".csv"} or path.read_bytes()[-1:] in {b"\n", b""}, "a line was cut"
+        assert path.suffix != ".part"
+    evaluations, failures = evaluate_run(tmp_path, CONFIG.evaluation)
+    if budget < 1000:
+        assert set(failures) == {"naive"}
+    else:
+        notes = " ".join(evaluations["naive"].notes)
+        assert re.search(r"the run of naive was killed, or is still going on: its estimates end \d\.\d\d s", notes)

@@ -56,12 +56,21 @@ class ObservationFactors:
     """
 
     def __init__(self, rig: RectifiedStereo, noise: PixelNoiseConfig | PixelNoise) -> None:
+        self._rig = rig
         (fx, fy), (cx, cy) = rig.focal_px, rig.principal_point_px
         self._stereo = gtsam.Cal3_S2Stereo(fx, fy, 0.0, cx, cy, rig.baseline_m)
         self._mono = gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
         self._T_body_camera = gtsam.Pose3(rig.T_body_camera)
         self._noise, self._made_with = noise, (0.0, 0.0)
         self._made: dict[int, dict[int, Term]] = {}  # by keyframe and landmark
+
+    def checkpoint_fields(self) -> dict[str, Any]:
+        """What a checkpoint keeps: not the factors, they are made again of the observations."""
+        return {"rig": self._rig, "noise": self._noise}
+
+    def restore_fields(self, fields: dict[str, Any]) -> None:
+        """Take what a checkpoint kept."""
+        ObservationFactors.__init__(self, **fields)
 
     def term(self, landmark_id: int, number: int, observation: Array, *, is_first: bool) -> Term:
         """The same as ``make``, which is asked once as long as the noise is the same."""

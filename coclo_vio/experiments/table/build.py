@@ -20,6 +20,7 @@ from coclo_vio.experiments.table.table_record import JobRecord, TableJob, TableR
 from coclo_vio.experiments.table.work_unit import ProgressCallback, WorkUnit, units
 from coclo_vio.runs import run_folder
 from coclo_vio.values.errors import EvaluationError
+from coclo_vio.values.whole_files import write_whole
 
 
 def unfinished(plan: TablePlan, recordings: Recordings, store: JobStore, *, fresh: bool = False) -> list[WorkUnit]:
@@ -80,13 +81,13 @@ def write_table(
     notes: list[str] = []
     with run_folder.writing(store.folder):
         table.write(store.folder / "table.json")
-        (store.folder / "table.md").write_text(markdown(table), encoding="utf-8")
+        write_whole(store.folder / "table.md", markdown(table))
         figures: list[Path] = []
         try:
             figures = draw(plan, store, records)
         except EvaluationError as error:
             notes.append(f"table.html is without figures: {error}")
-        (store.folder / "table.html").write_text(html(table, figures), encoding="utf-8")
+        write_whole(store.folder / "table.html", html(table, figures))
     return table, notes
 
 

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``run.json`` of a run that goes on: written at its start, every second, and when it ends in whatever way."""
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.run_record import Interval, RunRecord, Status, TrajectoryRecord, union
+
+_EVERY_S = 1.0
+Progressed = tuple[Interval | None, dict[str, TrajectoryRecord]]
+"""The interval of what a mode has read so far, and the records of its trajectories."""
+
+
+class RunJournal:
+    """The record of a run, on the disk as it is here but for the last second.
+
+    Attributes:
+        folder: of the run.
+        record: as written last.
+    """
+
+    def __init__(self, folder: Path, record: RunRecord) -> None:
+        """Write the first record.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self.folder = folder
+        self.record = record
+        self._write(record.model_copy(update={"status": "running", "failure": None}))
+
+    def update(self, progressed: Progressed) -> None:
+        """Write what a mode has come to.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        recording_ns, trajectories = progressed
+        update = {
+            "recording_ns": union(self.record.recording_ns, recording_ns),
+            "estimators": {**self.record.estimators, **trajectories},
+        }
+        self._write(self.record.model_copy(update=update))
+
+    def tick(self, progressed: Callable[[], Progressed]) -> None:
+        """The same where the last writing was a second ago.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        if time.monotonic() - self._written_s >= _EVERY_S:
+            self.update(progressed())
+
+    def end(self, record: RunRecord) -> RunRecord:
+        """Write the last record: ``interrupted`` if a mode was, ``failed`` if all did, otherwise ``finished``.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._write(record.model_copy(update={"status": _status(record.by_mode())}))
+        return self.record
+
+    def abandon(self, error: BaseException) -> None:
+        """Write, if possible, that the run ended with an error or an interrupt."""
+        is_failure = not isinstance(error, KeyboardInterrupt)
+        status: Status = "failed" if is_failure else "interrupted"
+        failure = f"{type(error).__name__}: {error}" if is_failure else None
+        trajectories = {
+            name: run if run.status != "running" else run.model_copy(update={"status": status, "failure": failure})
+            for name, run in self.record.estimators.items()
+        }
+        update = {"status": status, "failure": failure, "estimators": trajectories}
+        with suppress(OSError):  # the disk may be full; then the last record stays
+            self._write(self.record.model_copy(update=update))
+
+    def _write(self, record: RunRecord) -> None:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        self.record = record.model_copy(update={"updated": now})
+        run_folder.write_record(self.folder, self.record)
+        self._written_s = time.monotonic()
+
+
+def _status(by_mode: Mapping[str, TrajectoryRecord]) -> Status:
+    statuses = {run.status for run in by_mode.values()}
+    if "interrupted" in statuses:
+        return "interrupted"
+    return "failed" if statuses == {"failed"} else "finished"
