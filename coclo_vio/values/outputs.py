@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, pictures."""
+"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, pictures, status."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from coclo_vio.values.arrays import Array, ByteImage, checked, frozen, read_only
@@ -104,7 +104,49 @@ class Picture:
         frozen(self, "image", read_only(self.image))
 
 
-Output = Estimate | Event | KeyframeHealth | Calibration | Picture
+@dataclass(frozen=True, slots=True)
+class StreamStatus:
+    """What became of the samples of one stream: ``arrived == used + held + sum(refused.values())``.
+
+    Attributes:
+        name: of the stream, such as ``joints``.
+        arrived: samples pushed.
+        used: samples that the estimator got.
+        late: of these, samples that came after a later one of another stream had been used.
+        held: samples that wait for others, or are in doubt.
+        refused: samples that the estimator did not get, by reason.
+    """
+
+    name: str
+    arrived: int
+    used: int
+    late: int = 0
+    held: int = 0
+    refused: Mapping[str, int] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        parts = [f"{self.name}: used {self.used} of {self.arrived}"]
+        parts += [f"{number} {reason}" for reason, number in (("late", self.late), ("held", self.held)) if number]
+        return ", ".join([*parts, *(f"{number} refused ({reason})" for reason, number in self.refused.items())])
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What became of all samples so far.
+
+    Attributes:
+        stamp_ns: of the newest sample used, in nanoseconds, by the clock of the outputs.
+        streams: one each.
+    """
+
+    stamp_ns: int
+    streams: tuple[StreamStatus, ...]
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.streams))
+
+
+Output = Estimate | Event | KeyframeHealth | Calibration | Picture | Status
 
 
 class Estimator(Protocol):
