@@ -20,6 +20,7 @@ from coclo_vio.filter.keyframe_exchange import FramePair, Keyframe, MarkedFrame
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
+from coclo_vio.fusion.continuation import Continuing
 from coclo_vio.fusion.feedback import Feedback, make_feedback_policy
 from coclo_vio.fusion.frame_worker import FrameWorker
 from coclo_vio.fusion.image_clock import ImageClock
@@ -95,7 +96,7 @@ class _Pending:
     feedback: Feedback | None
 
 
-class CombinedOdometry(StreamingEstimator):
+class CombinedOdometry(Continuing, StreamingEstimator):
     """The filter's estimate, corrected by vision, at every joint sample, and the smoother's at every frame.
 
     Where one of the two has no data, the other carries on: without vision the filter runs alone and ties the first

@@ -21,7 +21,6 @@ class LatencyConfig(StageConfig):
 class OnlineConfig(StageConfig):
     """The guard in front of every estimator."""
 
-    is_on: Annotated[bool, Field(description="whether stamps are put in order and checked")] = True
     latency: Annotated[LatencyConfig, Field(description="how long is waited for a missing sample")] = LatencyConfig()
     future_s: Annotated[
         float, Field(gt=0, le=3600, description="a stamp further ahead of the newest of all streams is in doubt, s")

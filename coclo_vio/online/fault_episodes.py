@@ -9,7 +9,7 @@ from coclo_vio.values.outputs import Event
 from coclo_vio.values.units import NS_PER_S
 
 _QUIET_NS = NS_PER_S // 2  # without another refusal an episode is over
-_LONGEST_NS = 5 * NS_PER_S  # a longer one is reported in parts
+_LONGEST_NS = (5 * NS_PER_S, 60 * NS_PER_S)  # a longer one is reported in parts: the first part, and the later ones
 
 
 @dataclass(slots=True)
@@ -18,6 +18,7 @@ class _Episode:
     first_ns: int
     last_ns: int
     count: int = 1
+    is_later_part: bool = False
 
 
 class FaultEpisodes:
@@ -31,6 +32,8 @@ class FaultEpisodes:
         episode = self._episodes.get((refused.stream, refused.reason))
         if episode is None:
             self._episodes[refused.stream, refused.reason] = _Episode(refused, now_ns, now_ns)
+        elif not episode.count:  # its parts before have been reported
+            self._episodes[refused.stream, refused.reason] = _Episode(refused, now_ns, now_ns, is_later_part=True)
         else:
             episode.last_ns, episode.count = now_ns, episode.count + 1
 
@@ -39,14 +42,17 @@ class FaultEpisodes:
         if not self._episodes:
             return
         for key, episode in list(self._episodes.items()):
-            if now_ns - episode.last_ns > _QUIET_NS or now_ns - episode.first_ns > _LONGEST_NS:
-                del self._episodes[key]
+            is_over = now_ns - episode.last_ns > _QUIET_NS
+            is_long = now_ns - episode.first_ns > _LONGEST_NS[episode.is_later_part]
+            if episode.count and (is_over or is_long):
                 yield _event(episode)
+                episode.count = 0
+            if is_over:
+                del self._episodes[key]
 
     def finish(self) -> Iterator[Event]:
         """Events of all episodes: nothing comes any more."""
-        for episode in self._episodes.values():
-            yield _event(episode)
+        yield from (_event(episode) for episode in self._episodes.values() if episode.count)
         self._episodes.clear()
 
 

@@ -92,13 +92,13 @@ class ReorderBuffer:
         is_waiting = False
         for kind, latency_ns in self._latency_ns.items():
             stream = self._streams.get(kind)
-            if stream is None or not latency_ns or not stream.is_awaited or stream.is_apart:
+            if stream is None or not latency_ns or stream.is_apart:
                 continue
-            if not _is_missing(stream, own, stamp_ns):
+            if (stream is not own and not stream.is_awaited) or not _is_missing(stream, own, stamp_ns):
                 continue
             if time_ns - entry_ns <= latency_ns:
                 is_waiting = True
-            elif stream is not own:
+            elif stream is not own and not stream.waiting_ns:
                 stream.is_awaited = False  # until it comes in time again
         return is_waiting
 

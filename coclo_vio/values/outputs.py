@@ -3,7 +3,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from coclo_vio.values.arrays import Array, ByteImage, checked, frozen, read_only
 from coclo_vio.values.estimates import StateEstimate
@@ -172,3 +172,27 @@ class Estimator(Protocol):
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened: samples refused, legs left out, gaps, rejections, standstills."""
+
+
+@runtime_checkable
+class Interruptible(Protocol):
+    """An estimator that can go on after an interruption of unknown length."""
+
+    def interrupt(self, gap_sigma_s: float) -> bool:
+        """An unknown time passes before the next measurement; whether the estimates to come allow for it.
+
+        Args:
+            gap_sigma_s: one sigma of that time beyond what the stamps say, s.
+        """
+
+
+@runtime_checkable
+class Learning(Protocol):
+    """An estimator that learns constants which a fresh one can take over."""
+
+    @property
+    def learnt(self) -> Mapping[str, tuple[Array, Array]]:
+        """Value and one sigma of each constant, by name."""
+
+    def start_with(self, learnt: Mapping[str, tuple[Array, Array]]) -> None:
+        """Start with what an earlier estimator has learnt; before the first measurement."""
