@@ -147,8 +147,8 @@ class ClockFollower:
 
     def _doubt(self, stream: StreamState, stamp_ns: int, now_ns: int) -> str | None:
         """Why a stamp is in doubt, by the clock of the estimator; None if it is as expected."""
-        if stream.is_apart and stream.newest_ns is not None:
-            now_ns = stream.newest_ns
+        if stream.is_apart:
+            now_ns = stamp_ns if stream.newest_ns is None else stream.newest_ns
         if stamp_ns > now_ns + self._future_ns:
             return "future"
         if stamp_ns < now_ns - self._past_ns:

@@ -98,7 +98,7 @@ class ReorderBuffer:
                 continue
             if time_ns - entry_ns <= latency_ns:
                 is_waiting = True
-            elif stream is not own and not stream.waiting_ns:
+            elif stream is not own and not stream.waiting_ns and _is_overdue(stream, stamp_ns):
                 stream.is_awaited = False  # until it comes in time again
         return is_waiting
 
@@ -113,3 +113,9 @@ def _is_missing(stream: StreamState, own: StreamState, stamp_ns: int) -> bool:
     if stream.waiting_ns and stream.waiting_ns[0] <= used_ns + _HOLE * period_ns:
         return False
     return stamp_ns >= used_ns + _EXPECTED * period_ns
+
+
+def _is_overdue(stream: StreamState, stamp_ns: int) -> bool:
+    """Whether a sample of a stream is not only expected before one of this stamp, but cannot come any more."""
+    used_ns, period_ns = stream.used_ns, stream.period_ns
+    return used_ns is None or period_ns is None or stamp_ns > used_ns + _HOLE * period_ns
