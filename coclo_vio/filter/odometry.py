@@ -10,10 +10,11 @@ import numpy as np
 from coclo_vio.filter.camera_imu import CameraImu
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
+from coclo_vio.filter.frame_motion import BodyTrail, FrameMotion
 from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.interruption import Learnt, learnt_by, take_learnt, widen_over_gap
-from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
+from coclo_vio.filter.keyframe_exchange import KeyframeExchange, MarkedFrame
 from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.leg_preintegration import START, LegPreintegration, start_block
 from coclo_vio.filter.paper_profile import PaperProfile
@@ -114,6 +115,7 @@ class LegOdometryFilter:
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
         self._is_interrupted = False
+        self._trail = BodyTrail(self.config)
         self._given: Learnt = {}
 
     @property
@@ -157,7 +159,8 @@ class LegOdometryFilter:
         self._reading = reading
         if self._core is None:
             return self._try_to_start(reading)
-        dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
+        before, before_ns = self._core.mean, self._stamp_ns
+        dt_s = (reading.stamp_ns - before_ns) / NS_PER_S
         is_gap = dt_s > self.config.max_gap_s
         if is_gap:
             self._counts["gap"] += 1
@@ -170,6 +173,7 @@ class LegOdometryFilter:
         except np.linalg.LinAlgError as error:
             raise FilterError(f"the filter failed numerically at {reading.stamp_ns} ns ({error}): {ADVICE}") from error
         self._stamp_ns = reading.stamp_ns
+        self._trail.add(before, before_ns, self._core.mean, reading.stamp_ns)
         return estimate_of(self._core, reading, is_stance)
 
     def interrupt(self, gap_sigma_s: float) -> None:
@@ -225,8 +229,12 @@ class LegOdometryFilter:
         """
         core = self._remembering()
         if self._exchange is None:
-            self._exchange = KeyframeExchange(core, self._gate, self._extrapolation)
+            self._exchange = KeyframeExchange(core, self._gate, self._motion_to)
         return self._exchange.first_frame(stamp_ns)
+
+    def reaches(self, stamp_ns: int) -> bool:
+        """Whether a frame of this stamp, which may be in the past, can be remembered yet."""
+        return self._trail.reaches(stamp_ns, self._stamp_ns)
 
     def preintegration(self, anchor_ns: int) -> LegPreintegration:
         """The filter's states at keyframes and what it measures between them, for one estimator of all sensors.
@@ -239,7 +247,7 @@ class LegOdometryFilter:
         """
         core = self._started()
         core.mean.layout.at(START)
-        return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
+        return LegPreintegration(core, self._motion_to, self.config.initial, anchor_ns)
 
     def revise_mounting(self, prior: Prior) -> None:
         """Replace the prior of the cameras' mounting, in all states, as if the new one had held from the start.
@@ -321,13 +329,9 @@ class LegOdometryFilter:
             return {}
         return {block.name: core.report(block.name) for block in core.mean.layout.blocks if block.is_reported}
 
-    def _extrapolation(self, stamp_ns: int) -> Extrapolation:
-        """From the last sample to a frame; motion beyond constant velocity counts only across a gap."""
-        dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        if dt_s <= self.config.max_gap_s:
-            return dt_s, (0.0, 0.0)
-        robust, reach = self.config.robust, float(np.sqrt(dt_s**3 / 3.0))
-        return dt_s, (robust.angular_acceleration_density * reach, robust.acceleration_density * reach)
+    def _motion_to(self, stamp_ns: int) -> FrameMotion:
+        """From the last sample to a frame."""
+        return self._trail.motion_to(stamp_ns, self._stamp_ns, self._started())
 
     def _predict_gap(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
         """Predict across a gap of the joints with the gyroscope; returns the rest of the reading and of the step.

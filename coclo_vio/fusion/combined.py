@@ -191,7 +191,7 @@ class CombinedOdometry(Continuing, StreamingEstimator):
             return
         if not self._vision.is_next(frame.stamp_ns):
             return
-        if self._is_too_late(frame.stamp_ns):
+        if not self._filter.reaches(frame.stamp_ns):
             self._counted["frame_late"] += 1
             return
         if self._pending is not None:
@@ -201,12 +201,6 @@ class CombinedOdometry(Continuing, StreamingEstimator):
             yield from self._begin(self._filter.mark_frame(frame.stamp_ns), frame)
         elif self._latest is not None:
             yield from self._tie(self._keyframe, self._latest, frame)
-
-    def _is_too_late(self, stamp_ns: int) -> bool:
-        """Whether the filter has passed the frame's stamp by more than constant velocity reaches back."""
-        if self._latest is None:
-            return False
-        return (self._latest.stamp_ns - stamp_ns) / NS_PER_S > self._filter.config.max_gap_s
 
     def _begin(self, marked: MarkedFrame, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         """The first frame: keyframe of the window, and anchor from which both count poses."""

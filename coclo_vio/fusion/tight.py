@@ -130,7 +130,7 @@ class TightOdometry(Continuing, StreamingEstimator):
             return
         if not self._vision.is_next(frame.stamp_ns):
             return
-        if (self._latest.stamp_ns - frame.stamp_ns) / NS_PER_S > self._filter.config.max_gap_s:
+        if not self._filter.reaches(frame.stamp_ns):
             self._counted["frame_late"] += 1
             return
         if self._legs is None:
