@@ -24,6 +24,7 @@ _HOMES = {
     "evaluation.ranking": ("Ranking",),
     "fusion.feedback": ("Feedback", "FeedbackPolicy", "PolicyParameters", "register_feedback_policy"),
     "fusion.streaming": ("StreamingEstimator",),
+    "online.guarded_estimator": ("GuardedEstimator",),
     "robot.contact": ("ContactConfig", "ContactEstimator", "ContactState", "register_contact_estimator"),
     "robot.description": ("RobotDescription", "load_robot", "robot_names"),
     "runs.equipment": ("Equipment",),
@@ -59,7 +60,17 @@ _HOMES = {
         "StereoFrame",
         "StereoTracks",
     ),
-    "values.outputs": ("Calibration", "Estimate", "Estimator", "Event", "KeyframeHealth", "Output", "Picture"),
+    "values.outputs": (
+        "Calibration",
+        "Estimate",
+        "Estimator",
+        "Event",
+        "KeyframeHealth",
+        "Output",
+        "Picture",
+        "Status",
+        "StreamStatus",
+    ),
     "values.trajectory": ("GroundTruth", "Trajectory", "read_tum", "write_tum"),
     "values.trajectory_kind": ("TrajectoryKind",),
 }
@@ -112,6 +123,7 @@ if TYPE_CHECKING:
     from coclo_vio.fusion.feedback import PolicyParameters as PolicyParameters
     from coclo_vio.fusion.feedback import register_feedback_policy as register_feedback_policy
     from coclo_vio.fusion.streaming import StreamingEstimator as StreamingEstimator
+    from coclo_vio.online.guarded_estimator import GuardedEstimator as GuardedEstimator
     from coclo_vio.robot.contact import ContactConfig as ContactConfig
     from coclo_vio.robot.contact import ContactEstimator as ContactEstimator
     from coclo_vio.robot.contact import ContactState as ContactState
@@ -170,6 +182,8 @@ if TYPE_CHECKING:
     from coclo_vio.values.outputs import KeyframeHealth as KeyframeHealth
     from coclo_vio.values.outputs import Output as Output
     from coclo_vio.values.outputs import Picture as Picture
+    from coclo_vio.values.outputs import Status as Status
+    from coclo_vio.values.outputs import StreamStatus as StreamStatus
     from coclo_vio.values.trajectory import GroundTruth as GroundTruth
     from coclo_vio.values.trajectory import Trajectory as Trajectory
     from coclo_vio.values.trajectory import read_tum as read_tum

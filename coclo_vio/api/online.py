@@ -3,15 +3,16 @@
 
 from pathlib import Path
 
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.robot.description import RobotDescription, load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.runs.equipment import Equipment, check_pictures
+from coclo_vio.runs.guarding import guarded
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.plugins import load_plugins
 from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.values.calibration import SensorCalibrations, StereoCalibration
 from coclo_vio.values.measurements import ALL_SENSORS
-from coclo_vio.values.outputs import Estimator
 
 
 def make_estimator(
@@ -22,8 +23,10 @@ def make_estimator(
     config: RunConfig | None = None,
     sensors: frozenset[type] = ALL_SENSORS,
     pictures_every: int | None = None,
-) -> Estimator:
+) -> GuardedEstimator:
     """A fresh estimator: ``push`` takes one measurement and gives outputs, ``finish`` gives those held back.
+
+    It survives what drivers do to stamps, and can be reset: docs/online.md.
 
     Args:
         mode: name.
@@ -60,4 +63,4 @@ def make_estimator(
         "the calibration given",
         pictures_every,
     )
-    return mode_of(mode).make(equipment, resolved)
+    return guarded(mode_of(mode), equipment, resolved)

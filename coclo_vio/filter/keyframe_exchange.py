@@ -13,14 +13,12 @@ from functools import partial
 
 from coclo_vio.filter import remembered_poses
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateResult
+from coclo_vio.filter.frame_motion import FrameMotion
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.keyframes import PoseEvidence, PosePair
-
-Extrapolation = tuple[float, tuple[float, float]]
-"""Time from the last sample to a frame, s, and one sigma of rotation (rad) and motion (m) beyond constant velocity."""
 
 
 class KeyframeExchange:
@@ -29,14 +27,12 @@ class KeyframeExchange:
     Args:
         core: the filter that has started.
         gate: of the evidence.
-        extrapolation: from a frame's stamp in nanoseconds to how far the filter has to predict.
+        motion_to: from a frame's stamp in nanoseconds to the motion from the last sample to it.
     """
 
-    def __init__(
-        self, core: SquareRootFilter, gate: EvidenceGate, extrapolation: Callable[[int], Extrapolation]
-    ) -> None:
+    def __init__(self, core: SquareRootFilter, gate: EvidenceGate, motion_to: Callable[[int], FrameMotion]) -> None:
         self.core, self.gate = core, gate
-        self._extrapolation = extrapolation
+        self._motion_to = motion_to
         self._keyframe: Keyframe | None = None
         self._frame: MarkedFrame | FramePair | None = None
 
@@ -74,8 +70,8 @@ class KeyframeExchange:
         return self.core
 
     def _remember(self, stamp_ns: int) -> None:
-        dt_s, noise = self._extrapolation(stamp_ns)
-        self.core.mark_frame(dt_s, noise)
+        motion = self._motion_to(stamp_ns)
+        self.core.mark_frame(motion.dt_s, motion.noise, motion.T_now_frame)
 
 
 class MarkedFrame:

@@ -27,6 +27,7 @@ from scipy.linalg import block_diag, cho_solve
 from coclo_vio.filter.between_states import between, lower_factor
 from coclo_vio.filter.camera_frame import CAMERA, ERRORS, TILT, CameraFrame
 from coclo_vio.filter.config import InitialConfig
+from coclo_vio.filter.frame_motion import FrameMotion
 from coclo_vio.filter.passive_states import PassiveStates
 from coclo_vio.filter.revision import Prior, replaced_prior
 from coclo_vio.filter.square_root_filter import SquareRootFilter
@@ -43,8 +44,6 @@ _FLOOR = 1e-6  # least sigma that is added to every state, in its own unit, so t
 _FLOOR_SHARE = 5e-4  # the same as a share of the sigma at the start of what has a prior of its own: biases, slip
 
 _CALIBRATED_RAD = 0.005  # least turn of the cameras by which a calibration is off
-
-Extrapolation = Callable[[int], tuple[float, tuple[float, float]]]
 
 
 def start_block(legs: int, extra: Sequence[StateBlock] = ()) -> StateBlock:
@@ -63,8 +62,7 @@ class LegPreintegration:
 
     Args:
         core: the filter that has started, with the block of ``start_block``.
-        extrapolation: from a frame's stamp to the time from the last sample on, s, and sigmas of what the body may
-            do beyond constant velocity until then, rad and m.
+        motion_to: from a frame's stamp to the motion from the last sample to it.
         initial: sigmas of the cameras' errors at the start.
         anchor_ns: time of the anchor, the first frame.
 
@@ -73,9 +71,9 @@ class LegPreintegration:
     """
 
     def __init__(
-        self, core: SquareRootFilter, extrapolation: Extrapolation, initial: InitialConfig, anchor_ns: int
+        self, core: SquareRootFilter, motion_to: Callable[[int], FrameMotion], initial: InitialConfig, anchor_ns: int
     ) -> None:
-        self._core, self._extrapolation = core, extrapolation
+        self._core, self._motion_to = core, motion_to
         layout = core.mean.layout
         sigmas = layout.sigmas(is_moving=False)[: layout.active]
         used = np.flatnonzero(sigmas > _KNOWN)
@@ -88,7 +86,7 @@ class LegPreintegration:
         self._relative = relative[np.ix_(self._used, self._used)]
         self._floor = np.maximum(_FLOOR, _FLOOR_SHARE * sigmas[self._used])
         self._floor[:6] = _FLOOR
-        self._frame = CameraFrame(_frame_pose(core.mean, extrapolation(anchor_ns)[0]), np.zeros(ERRORS))
+        self._frame = CameraFrame(motion_to(anchor_ns).pose(core.mean), np.zeros(ERRORS))
         camera = np.maximum([*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma], _FLOOR)
         tilt = np.maximum(np.sqrt(np.sum(np.square(core.active_factor[:2]), axis=1)), _FLOOR)
         constants = np.concatenate((camera, tilt))
@@ -171,7 +169,7 @@ class LegPreintegration:
     def anchor_at(self, stamp_ns: int) -> None:
         """Make a frame the anchor, for a window that begins there with ``state``."""
         camera = np.concatenate((self._frame.errors[CAMERA], np.zeros(2)))
-        self._frame = CameraFrame(_frame_pose(self._core.mean, self._extrapolation(stamp_ns)[0]), camera)
+        self._frame = CameraFrame(self._motion_to(stamp_ns).pose(self._core.mean), camera)
         self._constants_covariance[CAMERA, TILT] = self._constants_covariance[TILT, CAMERA] = 0.0
         self._start = None
 
@@ -180,15 +178,15 @@ class LegPreintegration:
 
     def state(self, stamp_ns: int) -> LegState:
         """The filter's state at a frame, from the last sample on with constant rate and velocity."""
-        dt_s, noise = self._extrapolation(stamp_ns)
+        motion = self._motion_to(stamp_ns)
         mean = self._core.mean
         frame = self._present_frame
-        T_measured, to_local = self._to_local(mean, dt_s, frame)
+        T_measured, to_local = self._to_local(mean, motion, frame)
         own, mixed, constants = self._present()
         covariance = to_local @ np.block([[own, mixed], [mixed.T, constants]]) @ to_local.T
         floor = np.square(self._constants_floor)
-        covariance[np.diag_indices_from(covariance)] += np.concatenate((self._noise(noise), floor))
-        legs = np.concatenate((self._legs_of(mean, _frame_pose(mean, dt_s)), frame.errors))
+        covariance[np.diag_indices_from(covariance)] += np.concatenate((self._noise(motion.noise), floor))
+        legs = np.concatenate((self._legs_of(mean, motion.pose(mean)), frame.errors))
         return LegState(stamp_ns, T_measured, legs, covariance)
 
     def _present(self) -> tuple[Array, Array, Array]:
@@ -224,13 +222,13 @@ class LegPreintegration:
 
     def restart(self, state: LegState) -> None:
         """Take over the state at a frame; from now on motion is measured from there."""
-        core, (dt_s, noise) = self._core, self._extrapolation(state.stamp_ns)
+        core, motion = self._core, self._motion_to(state.stamp_ns)
         self._frame = CameraFrame(self._frame.anchor, state.legs[-ERRORS:])
-        mean = self._mean_of(state, dt_s)
-        self._to_start, self._to_start_true = self._to_local(mean, dt_s, self._frame)[1], self._to_true(mean, dt_s)
+        mean = self._mean_of(state, motion)
+        self._to_start, self._to_start_true = self._to_local(mean, motion, self._frame)[1], self._to_true(mean, motion)
         back = np.linalg.inv(self._to_start)
         beyond = np.zeros(len(back))
-        beyond[:6] = np.repeat(np.square(noise), 3)
+        beyond[:6] = np.repeat(np.square(motion.noise), 3)
         covariance = back @ (state.covariance + np.diag(beyond)) @ back.T
         self._constants_covariance = covariance[-ERRORS:, -ERRORS:]
         to_filter = np.linalg.inv(self._relative)
@@ -250,9 +248,9 @@ class LegPreintegration:
     def motion(self, stamp_ns: int) -> LegMotion:
         """What was measured from the last ``restart`` on to a frame."""
         assert self._start is not None, "restart() comes first"
-        core, (dt_s, noise) = self._core, self._extrapolation(stamp_ns)
+        core, reach = self._core, self._motion_to(stamp_ns)
         used, relative, end = self._used, self._relative, self.state(stamp_ns)
-        to_end = self._to_local(core.mean, dt_s, self._present_frame)[1]
+        to_end = self._to_local(core.mean, reach, self._present_frame)[1]
         back, to_back = np.linalg.inv(self._to_start), np.linalg.inv(to_end)
         own, cross = self._remembered()
         rows = relative @ core.active_factor[used]
@@ -262,7 +260,7 @@ class LegPreintegration:
             cross,
             rows @ rows.T,
             relative @ core.mean.vector[core.mean.layout.at(START)][used],
-            noise=to_back[:-ERRORS, :-ERRORS] @ np.diag(self._noise(noise)) @ to_back[:-ERRORS, :-ERRORS].T,
+            noise=to_back[:-ERRORS, :-ERRORS] @ np.diag(self._noise(reach.noise)) @ to_back[:-ERRORS, :-ERRORS].T,
             unmeasured=self._unmeasured,
         )
         size = len(used)
@@ -304,7 +302,7 @@ class LegPreintegration:
         vector[mean.layout.feet] = feet.ravel()
         return np.asarray(vector[self._legs])
 
-    def _mean_of(self, state: LegState, dt_s: float) -> State:
+    def _mean_of(self, state: LegState, motion: FrameMotion) -> State:
         """The filter's state at its last sample; the inverse of ``state``."""
         layout, vector = self._core.mean.layout, self._core.mean.vector.copy()
         T_world_body = self.true_pose(state.T_world_body)
@@ -312,25 +310,26 @@ class LegPreintegration:
         vector[self._legs] = state.legs[:-ERRORS]
         vector[VELOCITY] = R @ vector[VELOCITY]
         vector[layout.feet] = (vector[layout.feet].reshape(-1, 3) @ R.T + position).ravel()
-        vector[POSITION] = position - vector[VELOCITY] * dt_s
         vector[layout.at(START)] = 0.0
-        return State(layout, R @ so3.exp(-vector[RATE] * dt_s), vector, self._core.mean.remembered)
+        at_frame = State(layout, R, vector, self._core.mean.remembered)
+        rotation, vector[POSITION] = motion.now(at_frame, T_world_body)
+        return State(layout, rotation, vector, self._core.mean.remembered)
 
-    def _to_local(self, mean: State, dt_s: float, frame: CameraFrame) -> tuple[Array, Array]:
+    def _to_local(self, mean: State, motion: FrameMotion, frame: CameraFrame) -> tuple[Array, Array]:
         """The pose as the cameras measure it, and d(errors of a keyframe's state) / d(errors of filter and constants).
 
         The filter's errors are the used ones, with feet relative to the body, (n + 6, n + 6).
         """
-        measured, by_pose, by_errors = frame.measured(_frame_pose(mean, dt_s))
-        jacobian = block_diag(self._to_true(mean, dt_s), np.eye(ERRORS))
+        measured, by_pose, by_errors = frame.measured(motion.pose(mean))
+        jacobian = block_diag(self._to_true(mean, motion), np.eye(ERRORS))
         jacobian[:6] = by_pose @ jacobian[:6]
         jacobian[:6, -ERRORS:] = by_errors
         return measured, jacobian
 
-    def _to_true(self, mean: State, dt_s: float) -> Array:
+    def _to_true(self, mean: State, motion: FrameMotion) -> Array:
         """d(errors of the true pose and the legs) / d(used errors of the filter), (n, n)."""
         layout = mean.layout
-        T_world_body = _frame_pose(mean, dt_s)
+        T_world_body, dt_s = motion.pose(mean), motion.dt_s
         to_body = T_world_body[:3, :3].T
         turning = so3.right_jacobian(mean.vector[RATE] * dt_s) * dt_s
         full = np.eye(layout.active)
@@ -345,9 +344,3 @@ class LegPreintegration:
             full[at, VELOCITY] = -to_body * dt_s
             full[at, RATE] = so3.hat(to_body @ (foot - T_world_body[:3, 3])) @ turning
         return full[np.ix_(self._used, self._used)]
-
-
-def _frame_pose(mean: State, dt_s: float) -> Array:
-    """``T_world_body`` at a frame, (4, 4)."""
-    rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
-    return se3.transform(rotation, mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s)

@@ -10,9 +10,11 @@ import numpy as np
 from coclo_vio.filter.camera_imu import CameraImu
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
+from coclo_vio.filter.frame_motion import BodyTrail, FrameMotion
 from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import initial_filter
-from coclo_vio.filter.keyframe_exchange import Extrapolation, KeyframeExchange, MarkedFrame
+from coclo_vio.filter.interruption import Learnt, learnt_by, take_learnt, widen_over_gap
+from coclo_vio.filter.keyframe_exchange import KeyframeExchange, MarkedFrame
 from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.leg_preintegration import START, LegPreintegration, start_block
 from coclo_vio.filter.paper_profile import PaperProfile
@@ -21,29 +23,23 @@ from coclo_vio.filter.revision import Prior, Snapshot, replace_prior, resume_fro
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION, RATE, VELOCITY
+from coclo_vio.filter.state import GYROSCOPE_BIAS, RATE
 from coclo_vio.filter.state_blocks import StateBlock
-from coclo_vio.filter.state_kernels import plain_covariance
+from coclo_vio.filter.state_estimate import ADVICE, estimate_of
 from coclo_vio.filter.state_level import StateLevel
-from coclo_vio.geometry import se3
-from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.standstill import StartRule
-from coclo_vio.values.arrays import Array, BoolArray, is_finite
+from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.errors import FilterError
-from coclo_vio.values.estimates import FootState, NavState, StateEstimate
+from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import Calibration, Event
 from coclo_vio.values.units import NS_PER_S
 
 _NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
 _RESUMED_SIGMAS = (0.003, 0.005)  # rad, m: of the motion by vision since the state that the filter resumes from
-_ADVICE = (
-    "earlier estimates stay valid; look at the samples before that time for outliers, or for stamps in another unit "
-    "than given by the name of their column"
-)
 
 
 class LegOdometryFilter:
@@ -118,6 +114,9 @@ class LegOdometryFilter:
         self._gate = EvidenceGate(self.config.feedback_gate)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
+        self._is_interrupted = False
+        self._trail = BodyTrail(self.config)
+        self._given: Learnt = {}
 
     @property
     def imu_rotation(self) -> Array:
@@ -160,19 +159,43 @@ class LegOdometryFilter:
         self._reading = reading
         if self._core is None:
             return self._try_to_start(reading)
-        dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
+        before, before_ns = self._core.mean, self._stamp_ns
+        dt_s = (reading.stamp_ns - before_ns) / NS_PER_S
         is_gap = dt_s > self.config.max_gap_s
         if is_gap:
             self._counts["gap"] += 1
             reading, dt_s = self._predict_gap(self._core, reading)
+        is_gap, self._is_interrupted = is_gap or self._is_interrupted, False
         try:
             is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
             if self._camera_imu is not None:
                 self._camera_imu.update(self._core, reading, dt_s)
         except np.linalg.LinAlgError as error:
-            raise FilterError(f"the filter failed numerically at {reading.stamp_ns} ns ({error}): {_ADVICE}") from error
+            raise FilterError(f"the filter failed numerically at {reading.stamp_ns} ns ({error}): {ADVICE}") from error
         self._stamp_ns = reading.stamp_ns
-        return self._estimate(self._core, reading, is_stance)
+        self._trail.add(before, before_ns, self._core.mean, reading.stamp_ns)
+        return estimate_of(self._core, reading, is_stance)
+
+    def interrupt(self, gap_sigma_s: float) -> None:
+        """From the last sample to the next a time passes that stamps do not tell; no foothold lasts.
+
+        Args:
+            gap_sigma_s: one sigma of that time beyond what the stamps say, s.
+        """
+        self._is_interrupted = True
+        if self._core is not None and gap_sigma_s > 0.0:
+            robust = self.config.robust
+            densities = robust.acceleration_density, robust.angular_acceleration_density
+            widen_over_gap(self._core, gap_sigma_s, *densities)
+
+    @property
+    def learnt(self) -> Learnt:
+        """Biases, leg constants and errors of the cameras as estimated, with sigmas; empty before the start."""
+        return {} if self._core is None else learnt_by(self._core)
+
+    def start_with(self, learnt: Learnt) -> None:
+        """Start with what an earlier filter of the same robot has learnt; before the first measurement."""
+        self._given = learnt
 
     @property
     def has_started(self) -> bool:
@@ -206,8 +229,12 @@ class LegOdometryFilter:
         """
         core = self._remembering()
         if self._exchange is None:
-            self._exchange = KeyframeExchange(core, self._gate, self._extrapolation)
+            self._exchange = KeyframeExchange(core, self._gate, self._motion_to)
         return self._exchange.first_frame(stamp_ns)
+
+    def reaches(self, stamp_ns: int) -> bool:
+        """Whether a frame of this stamp, which may be in the past, can be remembered yet."""
+        return self._trail.reaches(stamp_ns, self._stamp_ns)
 
     def preintegration(self, anchor_ns: int) -> LegPreintegration:
         """The filter's states at keyframes and what it measures between them, for one estimator of all sensors.
@@ -220,7 +247,7 @@ class LegOdometryFilter:
         """
         core = self._started()
         core.mean.layout.at(START)
-        return LegPreintegration(core, self._extrapolation, self.config.initial, anchor_ns)
+        return LegPreintegration(core, self._motion_to, self.config.initial, anchor_ns)
 
     def revise_mounting(self, prior: Prior) -> None:
         """Replace the prior of the cameras' mounting, in all states, as if the new one had held from the start.
@@ -302,13 +329,9 @@ class LegOdometryFilter:
             return {}
         return {block.name: core.report(block.name) for block in core.mean.layout.blocks if block.is_reported}
 
-    def _extrapolation(self, stamp_ns: int) -> Extrapolation:
-        """From the last sample to a frame; motion beyond constant velocity counts only across a gap."""
-        dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        if dt_s <= self.config.max_gap_s:
-            return dt_s, (0.0, 0.0)
-        robust, reach = self.config.robust, float(np.sqrt(dt_s**3 / 3.0))
-        return dt_s, (robust.angular_acceleration_density * reach, robust.acceleration_density * reach)
+    def _motion_to(self, stamp_ns: int) -> FrameMotion:
+        """From the last sample to a frame."""
+        return self._trail.motion_to(stamp_ns, self._stamp_ns, self._started())
 
     def _predict_gap(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
         """Predict across a gap of the joints with the gyroscope; returns the rest of the reading and of the step.
@@ -356,32 +379,10 @@ class LegOdometryFilter:
         )
         if self._camera_imu is not None and camera_rest is not None:
             self._camera_imu.level(self._core, camera_rest)
+        take_learnt(self._core, self._given)
         profile.start(reading)
         self._stamp_ns = reading.stamp_ns
-        return self._estimate(self._core, reading, reading.is_stance)
-
-    def _estimate(self, core: SquareRootFilter, reading: Reading, is_stance: BoolArray) -> StateEstimate:
-        mean = core.mean
-        vector = mean.vector
-        if IS_COMPILED:
-            covariance = plain_covariance(mean.rotation, vector, core.active_factor)
-        else:
-            rows = mean.plain_jacobian()[:, : mean.layout.active] @ core.active_factor
-            covariance = rows @ rows.T
-        if not is_finite(vector) or not is_finite(covariance):
-            raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {_ADVICE}")
-        nav = NavState(
-            se3.transform(mean.rotation, vector[POSITION]),
-            vector[VELOCITY],
-            vector[RATE],
-            vector[GYROSCOPE_BIAS],
-            vector[ACCELEROMETER_BIAS],
-        )
-        layout = mean.layout
-        probability = reading.contact.probability
-        if layout.has_contacts:
-            probability = np.clip(vector[layout.at("contacts")], 0.0, 1.0)
-        return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
+        return estimate_of(self._core, reading, reading.is_stance)
 
     def _started(self) -> SquareRootFilter:
         """The filter, once it has started."""

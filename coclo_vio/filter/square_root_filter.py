@@ -189,7 +189,9 @@ class SquareRootFilter:
             factor[rows] *= inflation
         self.factor = factor
 
-    def mark_frame(self, dt_s: float, noise: tuple[float, float] = (0.0, 0.0)) -> None:
+    def mark_frame(
+        self, dt_s: float, noise: tuple[float, float] = (0.0, 0.0), T_now_frame: Array | None = None
+    ) -> None:
         """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; it replaces the last one.
 
         Rate and velocity are constant until then: ``R exp(w dt)``, ``r + v dt``; their errors are propagated.
@@ -197,9 +199,14 @@ class SquareRootFilter:
         Args:
             dt_s: from the present to the frame, s.
             noise: one sigma of the rotation (rad) and motion (m) beyond that, each axis.
+            T_now_frame: the motion to the frame where it is known, (4, 4), with ``dt_s`` of 0.
         """
         mean, layout = self.mean, self.mean.layout
+        rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
         position = mean.vector[POSITION] + mean.vector[VELOCITY] * dt_s
+        if T_now_frame is not None:
+            rotation = mean.rotation @ T_now_frame[:3, :3]
+            position = mean.vector[POSITION] + mean.rotation @ T_now_frame[:3, 3]
         turning = mean.rotation * dt_s
         along = np.zeros((6, layout.dimension))
         along[:3, RATE] = turning
@@ -207,7 +214,7 @@ class SquareRootFilter:
         along[3:, VELOCITY] = np.eye(3) * dt_s
         along[:3, ROTATION] = along[3:, POSITION] = np.eye(3)
         self._replace(FRAME, along)
-        self.mean = mean.remembering(FRAME, mean.rotation @ so3.exp(mean.vector[RATE] * dt_s), position)
+        self.mean = mean.remembering(FRAME, rotation, position)
         self._add_frame_noise(*noise)
 
     def _add_frame_noise(self, rotation_rad: float, motion_m: float) -> None:

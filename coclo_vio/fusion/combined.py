@@ -20,6 +20,7 @@ from coclo_vio.filter.keyframe_exchange import FramePair, Keyframe, MarkedFrame
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
+from coclo_vio.fusion.continuation import Continuing
 from coclo_vio.fusion.feedback import Feedback, make_feedback_policy
 from coclo_vio.fusion.frame_worker import FrameWorker
 from coclo_vio.fusion.image_clock import ImageClock
@@ -95,7 +96,7 @@ class _Pending:
     feedback: Feedback | None
 
 
-class CombinedOdometry(StreamingEstimator):
+class CombinedOdometry(Continuing, StreamingEstimator):
     """The filter's estimate, corrected by vision, at every joint sample, and the smoother's at every frame.
 
     Where one of the two has no data, the other carries on: without vision the filter runs alone and ties the first
@@ -190,7 +191,7 @@ class CombinedOdometry(StreamingEstimator):
             return
         if not self._vision.is_next(frame.stamp_ns):
             return
-        if self._is_too_late(frame.stamp_ns):
+        if not self._filter.reaches(frame.stamp_ns):
             self._counted["frame_late"] += 1
             return
         if self._pending is not None:
@@ -200,12 +201,6 @@ class CombinedOdometry(StreamingEstimator):
             yield from self._begin(self._filter.mark_frame(frame.stamp_ns), frame)
         elif self._latest is not None:
             yield from self._tie(self._keyframe, self._latest, frame)
-
-    def _is_too_late(self, stamp_ns: int) -> bool:
-        """Whether the filter has passed the frame's stamp by more than constant velocity reaches back."""
-        if self._latest is None:
-            return False
-        return (self._latest.stamp_ns - stamp_ns) / NS_PER_S > self._filter.config.max_gap_s
 
     def _begin(self, marked: MarkedFrame, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         """The first frame: keyframe of the window, and anchor from which both count poses."""

@@ -4,6 +4,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
+from coclo_vio.fusion.continuation import Continuing
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import Measurement
@@ -29,7 +30,7 @@ class ReportsEvents(Protocol):
         """What was reported since the last call."""
 
 
-class LegOdometry(StreamingEstimator):
+class LegOdometry(Continuing, StreamingEstimator):
     """A filter's states, each as an ``Estimate`` of one trajectory."""
 
     def __init__(self, name: str, state_filter: StateFilter) -> None:

@@ -19,6 +19,7 @@ from coclo_vio.filter.leg_preintegration import LegPreintegration
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior
 from coclo_vio.frontend.config import FrontendConfig
+from coclo_vio.fusion.continuation import Continuing
 from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_monitor import RotationMonitor
@@ -56,7 +57,7 @@ SmootherOfLegs = Callable[[LegState, Array], tuple[Smoother, "LegSource"]]
 one, to a smoother whose keyframes have the state, and its source."""
 
 
-class TightOdometry(StreamingEstimator):
+class TightOdometry(Continuing, StreamingEstimator):
     """The estimate at every joint sample, by the filter from the newest keyframe on, and the window's at every frame.
 
     Frames before the filter has started are left out. Without vision the filter goes on from the last keyframe.
@@ -129,7 +130,7 @@ class TightOdometry(StreamingEstimator):
             return
         if not self._vision.is_next(frame.stamp_ns):
             return
-        if (self._latest.stamp_ns - frame.stamp_ns) / NS_PER_S > self._filter.config.max_gap_s:
+        if not self._filter.reaches(frame.stamp_ns):
             self._counted["frame_late"] += 1
             return
         if self._legs is None:

@@ -6,7 +6,7 @@ IMU readings and the body twists up to them.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.frontend.config import FrontendConfig
@@ -21,6 +21,14 @@ if TYPE_CHECKING:
     from coclo_vio.backend.window.keyframe_source import KeyframeSource
 
 KeyframeTies = Literal["none", "imu", "twist"]
+
+
+@runtime_checkable
+class Interruptible(Protocol):
+    """A smoother that can be interrupted."""
+
+    def interrupt(self) -> None:
+        """An unknown time passes before the next reading."""
 
 
 class VisualOdometry(StreamingEstimator):
@@ -62,6 +70,16 @@ class VisualOdometry(StreamingEstimator):
     def counts(self) -> Mapping[str, int]:
         """What was counted here, by the front end and by the smoother."""
         return {**super().counts, **self._vision.counts, **prefixed("smoother", self._smoother.counts)}
+
+    def interrupt(self, gap_sigma_s: float) -> bool:
+        """An unknown time passes before the next measurement: readings before and after it are not integrated together.
+
+        Args:
+            gap_sigma_s: one sigma of that time, s; without effect, as cameras measure the motion over it.
+        """
+        if isinstance(self._smoother, Interruptible):
+            self._smoother.interrupt()
+        return True
 
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:

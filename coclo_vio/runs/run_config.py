@@ -14,6 +14,7 @@ from coclo_vio.evaluation.evaluate import EvaluationConfig
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
+from coclo_vio.online.config import OnlineConfig
 from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
 from coclo_vio.runs.faults import FaultsConfig
 from coclo_vio.runs.plugins import load_plugins
@@ -35,6 +36,7 @@ class RunConfig(StageConfig):
     frontend: Annotated[FrontendConfig, Field(description="the front end of the visual modes")] = FrontendConfig()
     smoother: Annotated[SmootherConfig, Field(description="the sliding window of the visual modes")] = SmootherConfig()
     bridge: Annotated[BridgeConfig, Field(description="between leg odometry and vision in combined")] = BridgeConfig()
+    online: Annotated[OnlineConfig, Field(description="order and clocks of what is pushed")] = OnlineConfig()
     faults: Annotated[FaultsConfig, Field(description="what goes wrong on purpose")] = FaultsConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     imu_calibration: Annotated[

@@ -14,6 +14,7 @@ from coclo_vio.diagnosis.diagnose import Diagnosis
 from coclo_vio.runs import pipeline, run_folder
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
+from coclo_vio.runs.guarding import guarded
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
@@ -158,7 +159,7 @@ def _prepared(
         return robot_fit(path, config.dataset).unknown_robot_error(path)
     try:
         equipment = Equipment.of(dataset, config, mode.sensors).with_pictures(pictures_every)
-        estimator = mode.make(equipment, config)
+        estimator = guarded(mode, equipment, config)
     except CocloError as error:
         return error
     legs = () if equipment.robot is None else equipment.robot.leg_names

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, pictures."""
+"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, pictures, status."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 from coclo_vio.values.arrays import Array, ByteImage, checked, frozen, read_only
 from coclo_vio.values.estimates import StateEstimate
@@ -104,7 +104,49 @@ class Picture:
         frozen(self, "image", read_only(self.image))
 
 
-Output = Estimate | Event | KeyframeHealth | Calibration | Picture
+@dataclass(frozen=True, slots=True)
+class StreamStatus:
+    """What became of the samples of one stream: ``arrived == used + held + sum(refused.values())``.
+
+    Attributes:
+        name: of the stream, such as ``joints``.
+        arrived: samples pushed.
+        used: samples that the estimator got.
+        late: of these, samples that came after a later one of another stream had been used.
+        held: samples that wait for others, or are in doubt.
+        refused: samples that the estimator did not get, by reason.
+    """
+
+    name: str
+    arrived: int
+    used: int
+    late: int = 0
+    held: int = 0
+    refused: Mapping[str, int] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        parts = [f"{self.name}: used {self.used} of {self.arrived}"]
+        parts += [f"{number} {reason}" for reason, number in (("late", self.late), ("held", self.held)) if number]
+        return ", ".join([*parts, *(f"{number} refused ({reason})" for reason, number in self.refused.items())])
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What became of all samples so far.
+
+    Attributes:
+        stamp_ns: of the newest sample used, in nanoseconds, by the clock of the outputs.
+        streams: one each.
+    """
+
+    stamp_ns: int
+    streams: tuple[StreamStatus, ...]
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.streams))
+
+
+Output = Estimate | Event | KeyframeHealth | Calibration | Picture | Status
 
 
 class Estimator(Protocol):
@@ -130,3 +172,27 @@ class Estimator(Protocol):
     @property
     def counts(self) -> Mapping[str, int]:
         """How often each unusual thing happened: samples refused, legs left out, gaps, rejections, standstills."""
+
+
+@runtime_checkable
+class Interruptible(Protocol):
+    """An estimator that can go on after an interruption of unknown length."""
+
+    def interrupt(self, gap_sigma_s: float) -> bool:
+        """An unknown time passes before the next measurement; whether the estimates to come allow for it.
+
+        Args:
+            gap_sigma_s: one sigma of that time beyond what the stamps say, s.
+        """
+
+
+@runtime_checkable
+class Learning(Protocol):
+    """An estimator that learns constants which a fresh one can take over."""
+
+    @property
+    def learnt(self) -> Mapping[str, tuple[Array, Array]]:
+        """Value and one sigma of each constant, by name."""
+
+    def start_with(self, learnt: Mapping[str, tuple[Array, Array]]) -> None:
+        """Start with what an earlier estimator has learnt; before the first measurement."""

@@ -123,6 +123,12 @@ class SlidingWindowSmoother:
         for source in self._inertial:
             source.push(sample)
 
+    def interrupt(self) -> None:
+        """An unknown time passes before the next reading: this interval between keyframes gets no IMU factor."""
+        self._predicted = None
+        for source in self._inertial:
+            source.preintegration.has_gap = True
+
     def push_twist(self, sample: BodyTwistSample) -> None:
         """Take a twist of the body; twists come before the frame that they lead to."""
         self._predicted = None
