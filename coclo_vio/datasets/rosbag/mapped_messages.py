@@ -125,12 +125,16 @@ class MappedMessages(MessageSet):
         Raises:
             DatasetError: the source is damaged and partial reading is not allowed.
         """
-        made = {name: self._roles[name].topic for name in names if name in self._roles}
-        if not made:
+        carriers = self.carriers(names)
+        if carriers == set(names):
             yield from self._all.messages(names)
             return
-        for message in self._all.messages({*(set(names) - set(made)), *made.values()}):
+        for message in self._all.messages(carriers):
             yield from self.expanded(message, names)
+
+    def carriers(self, names: Collection[str]) -> frozenset[str]:
+        """The topics of the source whose messages belong to the topics ``names``, or have their fields."""
+        return frozenset(self._roles[name].topic if name in self._roles else name for name in names)
 
     def expanded(self, message: RawMessage, names: Collection[str]) -> Iterator[RawMessage]:
         """The message once for each of the topics ``names`` to which it belongs or that is made of its fields."""

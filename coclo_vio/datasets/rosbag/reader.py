@@ -40,7 +40,6 @@ from coclo_vio.values.trajectory import GroundTruth
 __all__ = ["LAYOUT", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 
 _MOST_TOPICS = 15
-_ROLES = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
 
 
 class RosBag:
@@ -253,8 +252,7 @@ class RosBag:
             config = self._config.rosbag
             self._calibration = BagCalibration(
                 self._preview,
-                {role: self._roles.topic(role) for role in _ROLES}
-                | {f"{role}_acceleration": self._roles.acceleration_topic(role) for role in ("imu", "camera_imu")},
+                self._roles.calibrated_topics(),
                 read_frames(self._bag, config.topics.tf_static),
                 self._robot,
                 config,

@@ -130,11 +130,15 @@ class ReorderWindow(Generic[Item]):
 
     def push(self, received_ns: int, key: tuple[int, int], item: Item) -> Iterator[Item]:
         """Add an item that arrived at ``received_ns``; yields the items that are due, ordered by (stamp_ns, rank)."""
-        self._now_ns = max(self._now_ns, received_ns)
         held = _Held(key, self._pushed, received_ns, item)
         self._pushed += 1
         heapq.heappush(self._heap, held)
         self._arrivals.append(held)
+        yield from self.advance(received_ns)
+
+    def advance(self, now_ns: int) -> Iterator[Item]:
+        """Let time pass; yields the items that are due."""
+        self._now_ns = max(self._now_ns, now_ns)
         while self._arrivals and self._is_over(self._arrivals[0]):
             yield from self._release(self._arrivals.popleft())
 

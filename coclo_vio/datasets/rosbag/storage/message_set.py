@@ -72,6 +72,10 @@ class MessageSet(ABC):
     def typed(self, topic: str) -> tuple[str, Typestore]:
         """The type of a topic and its message definitions."""
 
+    def carriers(self, names: Collection[str]) -> frozenset[str]:
+        """The topics whose messages belong to the topics ``names``."""
+        return frozenset(names)
+
     def expanded(self, message: RawMessage, names: Collection[str]) -> Iterator[RawMessage]:
         """The message once for each of the topics ``names`` to which it belongs."""
         if message.topic in names:
