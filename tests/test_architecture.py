@@ -38,6 +38,8 @@ _IMPORTERS = {
     "filterpy": ("experiments/filterpy_rival.py",),
     "distributed": ("experiments/table/cluster.py",),
     "mujoco": ("simulation/",),
+    "zenoh": ("live/zenoh_wire.py",),
+    "cyclonedds": ("live/dds_wire.py", "live/dds_types.py"),
 }
 
 

@@ -18,6 +18,7 @@ from coclo_vio.live.live_record import LiveRecord
 from coclo_vio.live.open_wire import configured_for, open_wire
 from coclo_vio.live.preparation import given_calibrations
 from coclo_vio.live.session import LiveSettings, run_live
+from coclo_vio.live.warm_up import warm_up
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_record import RunRecord
@@ -46,6 +47,8 @@ def live(
     chosen = mode_of(mode)
     resolved = configured_for(source, resolve(robot, config, settings or ()))
     given, resolved = given_calibrations(calibration, resolved)
+    if chosen.has_legs:
+        warm_up(resolved)
     wire = open_wire(source, endpoint, domain, resolved)
     give(f"waiting for {wire.source.name}")
     with _stopped_by_signals() as stop:

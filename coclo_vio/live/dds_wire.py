@@ -91,10 +91,9 @@ class DdsWire:
         receiver = self._receiver
         if receiver is None:
             return
-        for found in self._publications.take(N=_AT_ONCE):
-            name, dds_type = getattr(found, "topic_name", None), getattr(found, "type_name", "")
-            msgtype = ros_name(dds_type)
-            if name is None or msgtype is None or not name.startswith(_PREFIX):
+        for found in self._dds.appeared(self._publications):
+            name, msgtype = str(found.topic_name), ros_name(str(found.type_name))
+            if msgtype is None or not name.startswith(_PREFIX):
                 continue
             topic = "/" + name.removeprefix(_PREFIX)
             if (topic, msgtype) not in self._readers and receiver.wants(topic, msgtype):
@@ -249,6 +248,14 @@ class _Cyclone:
         """The bytes of the samples of a reader, each with what DDS knows of it."""
         taken = self.clayer.ddspy_take(reader._ref, self._any_mask, _AT_ONCE)
         return [] if isinstance(taken, int) else list(taken)
+
+    def appeared(self, publications: Any) -> list[Any]:
+        """The publishers that have appeared; those that have gone are left out."""
+        try:
+            found = publications.take(N=_AT_ONCE)
+        except self.core.DDSException:
+            return []
+        return [each for each in found if getattr(each, "type_name", None) and getattr(each, "topic_name", None)]
 
     def lost_listener(self, lose: Callable[[int], None]) -> Any:
         """Calls with the number of samples that DDS lost."""
