@@ -6,8 +6,9 @@ A topic of DDS needs the type for its name and for the check of what is written;
 
 from typing import Any
 
+from cyclonedds import idl
+
 from coclo_vio.datasets.rosbag.storage.type_definitions import FieldType, TypeDefinitions
-from coclo_vio.live.extras import imported
 from coclo_vio.live.ros_names import dds_name
 
 _BASIC = {
@@ -25,13 +26,8 @@ class DdsTypes:
     """Makes the types, each once."""
 
     def __init__(self, types: TypeDefinitions) -> None:
-        """Take the definitions.
-
-        Raises:
-            ConfigError: cyclonedds is not installed.
-        """
+        """Take the definitions."""
         self._types = types
-        self._idl = imported("cyclonedds.idl", "the source dds", "live-dds")
         self._made: dict[str, Any] = {}
 
     def of(self, msgtype: str) -> Any:
@@ -43,12 +39,12 @@ class DdsTypes:
         if msgtype not in self._made:
             fields = {name: self._field(field) for name, field in self._types.fields_of(msgtype).items()}
             name = dds_name(msgtype)
-            made = self._idl.make_idl_struct(name.rpartition("::")[2], name.replace("::", "."), fields)
+            made = idl.make_idl_struct(name.rpartition("::")[2], name.replace("::", "."), fields)
             self._made[msgtype] = made
         return self._made[msgtype]
 
     def _field(self, field: FieldType) -> Any:
-        types = self._idl.types
+        types = idl.types
         inner: Any
         if field.is_message:
             inner = self.of(field.name)

@@ -11,9 +11,12 @@ from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
+from cyclonedds import _clayer, builtin, core, pub, qos, sub
+from cyclonedds import domain as dds_domain
+from cyclonedds import topic as dds_topic
+
 from coclo_vio.datasets.rosbag.storage.type_definitions import TypeDefinitions
 from coclo_vio.live.dds_types import DdsTypes
-from coclo_vio.live.extras import imported
 from coclo_vio.live.ros_names import ros_name
 from coclo_vio.live.wire import Receiver, WireMessage
 from coclo_vio.values.errors import DatasetError, shortened
@@ -50,14 +53,12 @@ class DdsWire:
                 otherwise the last ten messages of a topic are kept.
 
         Raises:
-            ConfigError: cyclonedds is not installed.
             DatasetError: the domain cannot be joined.
         """
         self.name = f"dds domain {domain}"
-        self._dds = _Cyclone()
         self._types, self._made, self._keeps_all = types, DdsTypes(types), keeps_all
         try:
-            self._participant = self._dds.domain.DomainParticipant(domain)
+            self._participant = dds_domain.DomainParticipant(domain)
         except Exception as error:  # Cyclone's own error
             raise DatasetError(
                 f"the domain {domain} of DDS cannot be joined: {shortened(error)}; check --domain and the network "
@@ -81,9 +82,8 @@ class DdsWire:
             DatasetError: DDS refuses it.
         """
         self._receiver = receiver
-        builtin = self._dds.builtin
         self._publications = builtin.BuiltinDataReader(self._participant, builtin.BuiltinTopicDcpsPublication)
-        self._waitset = self._dds.core.WaitSet(self._participant)
+        self._waitset = core.WaitSet(self._participant)
         self._thread.start()
 
     def poll(self) -> None:
@@ -91,7 +91,7 @@ class DdsWire:
         receiver = self._receiver
         if receiver is None:
             return
-        for found in self._dds.appeared(self._publications):
+        for found in _appeared(self._publications):
             name, msgtype = str(found.topic_name), ros_name(str(found.type_name))
             if msgtype is None or not name.startswith(_PREFIX):
                 continue
@@ -109,28 +109,20 @@ class DdsWire:
         Raises:
             DatasetError: DDS does not take it.
         """
-        self.write(topic, msgtype, data)
-
-    def write(self, topic: str, msgtype: str, data: bytes, *, is_transient_local: bool = False) -> None:
-        """Send the bytes of a message.
-
-        Raises:
-            DatasetError: DDS does not take it.
-        """
-        self.declare(topic, msgtype, is_transient_local=is_transient_local)
+        self.announce(topic, msgtype)
         padded = data.ljust((len(data) + 3) & ~3, b"\0")
-        status = self._dds.clayer.ddspy_write(self._writers[topic]._ref, padded)
+        status = _clayer.ddspy_write(self._writers[topic]._ref, padded)
         if status < 0:
             raise DatasetError(f"DDS does not take a message on {topic} (status {status}); check its type {msgtype}")
 
-    def declare(self, topic: str, msgtype: str, *, is_transient_local: bool = False) -> None:
-        """Announce a topic that will be published."""
+    def announce(self, topic: str, msgtype: str, *, is_transient_local: bool = False) -> None:
+        """Announce a topic before anything is published on it."""
         if topic in self._writers:
             return
-        quality = self._dds.quality(
+        quality = _quality(
             is_reliable=True, is_transient_local=is_transient_local, depth=0 if self._keeps_all else _WRITTEN
         )
-        self._writers[topic] = self._dds.pub.DataWriter(self._participant, self._topic(topic, msgtype), qos=quality)
+        self._writers[topic] = pub.DataWriter(self._participant, self._topic(topic, msgtype), qos=quality)
 
     def has_listeners(self, topic: str) -> bool:
         """Whether somebody subscribes to a topic that is published."""
@@ -158,7 +150,7 @@ class DdsWire:
     def _topic(self, topic: str, msgtype: str) -> Any:
         if topic not in self._topics:
             made = self._made.of(msgtype)
-            self._topics[topic] = self._dds.topic.Topic(self._participant, _PREFIX + topic.lstrip("/"), made)
+            self._topics[topic] = dds_topic.Topic(self._participant, _PREFIX + topic.lstrip("/"), made)
         return self._topics[topic]
 
     def _subscribe(self, topic: str, msgtype: str, offered: Any) -> None:
@@ -166,23 +158,21 @@ class DdsWire:
         if receiver is None:
             return
         text = str(offered)
-        quality = self._dds.quality(
+        quality = _quality(
             is_reliable="Reliability.Reliable" in text,
             is_transient_local="Durability.TransientLocal" in text,
             depth=_DEPTH,
         )
         try:
-            listener = self._dds.lost_listener(lambda count: receiver.lose(topic, count))
-            entity = self._dds.sub.DataReader(
-                self._participant, self._topic(topic, msgtype), qos=quality, listener=listener
-            )
+            listener = _lost_listener(lambda count: receiver.lose(topic, count))
+            entity = sub.DataReader(self._participant, self._topic(topic, msgtype), qos=quality, listener=listener)
         except Exception as error:  # a type that is not known, or one that DDS does not take
             self._readers[topic, msgtype] = None
             receiver.refuse(topic, f"cannot be subscribed to: {shortened(error)}")
             return
         self._listeners.append(listener)
         self._readers[topic, msgtype] = entity
-        condition = self._dds.any_sample(entity)
+        condition = core.ReadCondition(entity, _any_mask())
         self._conditions.append(condition)
         self._waitset.attach(condition)
 
@@ -200,7 +190,7 @@ class DdsWire:
                     self._is_closed.wait(_LOOK_AROUND_NS / NS_PER_S)
 
     def _take(self, topic: str, msgtype: str, reader: Any) -> None:
-        samples = self._dds.taken(reader)
+        samples = _taken(reader)
         arrived_ns = time.time_ns()
         receiver = self._receiver
         for data, info in samples:
@@ -210,58 +200,35 @@ class DdsWire:
             receiver.take(WireMessage(topic, msgtype, data, arrived_ns, int(info.source_timestamp), None, sender))
 
 
-class _Cyclone:
-    """The parts of Cyclone DDS that are used."""
+def _quality(*, is_reliable: bool, is_transient_local: bool, depth: int) -> Any:
+    """Quality of service as ROS 2 sets it; with depth 0 everything is kept."""
+    history = qos.Policy.History.KeepLast(depth) if depth else qos.Policy.History.KeepAll
+    durability = qos.Policy.Durability.TransientLocal if is_transient_local else qos.Policy.Durability.Volatile
+    if is_transient_local:
+        history = qos.Policy.History.KeepLast(_DEPTH)
+    reliable, best_effort = qos.Policy.Reliability.Reliable(_BLOCKS_NS), qos.Policy.Reliability.BestEffort
+    return qos.Qos(history, durability, reliable if is_reliable else best_effort)
 
-    def __init__(self) -> None:
-        for name, module in (
-            ("domain", "domain"),
-            ("topic", "topic"),
-            ("pub", "pub"),
-            ("sub", "sub"),
-            ("core", "core"),
-            ("qos", "qos"),
-            ("builtin", "builtin"),
-            ("clayer", "_clayer"),
-        ):
-            setattr(self, name, imported(f"cyclonedds.{module}", "the source dds", "live-dds"))
 
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(name)
+def _any_mask() -> int:
+    return int(core.SampleState.Any | core.ViewState.Any | core.InstanceState.Any)
 
-    def quality(self, *, is_reliable: bool, is_transient_local: bool, depth: int) -> Any:
-        """Quality of service as ROS 2 sets it; with depth 0 everything is kept."""
-        policy = self.qos.Policy
-        history = policy.History.KeepLast(depth) if depth else policy.History.KeepAll
-        durability = policy.Durability.TransientLocal if is_transient_local else policy.Durability.Volatile
-        if is_transient_local:
-            history = policy.History.KeepLast(_DEPTH)
-        reliability = policy.Reliability.Reliable(_BLOCKS_NS) if is_reliable else policy.Reliability.BestEffort
-        return self.qos.Qos(history, durability, reliability)
 
-    def any_sample(self, reader: Any) -> Any:
-        """The condition that a reader has a sample."""
-        core = self.core
-        return core.ReadCondition(reader, self._any_mask)
+def _taken(reader: Any) -> list[tuple[bytes, Any]]:
+    """The bytes of the samples of a reader, each with what DDS knows of it."""
+    taken = _clayer.ddspy_take(reader._ref, _any_mask(), _AT_ONCE)
+    return [] if isinstance(taken, int) else list(taken)
 
-    def taken(self, reader: Any) -> list[tuple[bytes, Any]]:
-        """The bytes of the samples of a reader, each with what DDS knows of it."""
-        taken = self.clayer.ddspy_take(reader._ref, self._any_mask, _AT_ONCE)
-        return [] if isinstance(taken, int) else list(taken)
 
-    def appeared(self, publications: Any) -> list[Any]:
-        """The publishers that have appeared; those that have gone are left out."""
-        try:
-            found = publications.take(N=_AT_ONCE)
-        except self.core.DDSException:
-            return []
-        return [each for each in found if getattr(each, "type_name", None) and getattr(each, "topic_name", None)]
+def _appeared(publications: Any) -> list[Any]:
+    """The publishers that have appeared; those that have gone are left out."""
+    try:
+        found = publications.take(N=_AT_ONCE)
+    except core.DDSException:
+        return []
+    return [each for each in found if getattr(each, "type_name", None) and getattr(each, "topic_name", None)]
 
-    def lost_listener(self, lose: Callable[[int], None]) -> Any:
-        """Calls with the number of samples that DDS lost."""
-        return self.core.Listener(on_sample_lost=lambda reader, status: lose(int(status.total_count_change)))
 
-    @property
-    def _any_mask(self) -> int:
-        core = self.core
-        return int(core.SampleState.Any | core.ViewState.Any | core.InstanceState.Any)
+def _lost_listener(lose: Callable[[int], None]) -> Any:
+    """Calls with the number of samples that DDS lost."""
+    return core.Listener(on_sample_lost=lambda reader, status: lose(int(status.total_count_change)))

@@ -3,18 +3,21 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from coclo_vio.datasets.rosbag.storage.type_definitions import TypeDefinitions
 from coclo_vio.live import unitree
-from coclo_vio.live.dds_wire import DdsWire
 from coclo_vio.live.file_source import FileSource
+from coclo_vio.live.optional_library import with_library
 from coclo_vio.live.wire import Sink, Source
-from coclo_vio.live.zenoh_wire import ZenohWire
-from coclo_vio.runs.live_config import LiveConfig
+from coclo_vio.runs.live_config import LiveConfig, ZenohConfig
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.config import merged
 from coclo_vio.values.errors import ConfigError, DatasetError
+
+if TYPE_CHECKING:
+    from coclo_vio.live.dds_wire import DdsWire
+    from coclo_vio.live.zenoh_wire import ZenohWire
 
 SourceName = Literal["zenoh", "dds", "unitree", "file"]
 SOURCES: tuple[SourceName, ...] = ("zenoh", "dds", "unitree", "file")
@@ -84,14 +87,38 @@ def open_wire(source: str, endpoint: str | None, domain: int, config: RunConfig)
         return OpenWire(FileSource(Path(endpoint), config.robot, config.dataset), (), types)
     if source == "zenoh":
         zenoh = live.zenoh if endpoint is None else live.zenoh.model_copy(update={"connect": (endpoint,)})
-        wire = ZenohWire(types, zenoh, live.node_name, domain)
+        wire = zenoh_wire(types, zenoh, live.node_name, domain)
     elif source in ("dds", "unitree"):
         if endpoint is not None:
             raise DatasetError(
                 f"--endpoint {endpoint}: DDS finds its partners itself; name the network interface in the environment "
                 "variable CYCLONEDDS_URI, and the domain with --domain"
             )
-        wire = DdsWire(types, domain)
+        wire = dds_wire(types, domain)
     else:
         raise ConfigError(f"--source {source}: the sources are {', '.join(SOURCES)}")
     return OpenWire(wire, (wire,) if live.publishes else (), types)
+
+
+def zenoh_wire(types: TypeDefinitions, config: ZenohConfig, node: str, domain: int) -> "ZenohWire":
+    """A session of zenoh.
+
+    Raises:
+        ConfigError: zenoh is not installed.
+        DatasetError: it cannot be opened.
+    """
+    module = with_library("coclo_vio.live.zenoh_wire", "zenoh", "live-zenoh")
+    wire: ZenohWire = module.ZenohWire(types, config, node, domain)
+    return wire
+
+
+def dds_wire(types: TypeDefinitions, domain: int, *, keeps_all: bool = False) -> "DdsWire":
+    """A participant of DDS.
+
+    Raises:
+        ConfigError: cyclonedds is not installed.
+        DatasetError: the domain cannot be joined.
+    """
+    module = with_library("coclo_vio.live.dds_wire", "cyclonedds", "live-dds")
+    wire: DdsWire = module.DdsWire(types, domain, keeps_all=keeps_all)
+    return wire

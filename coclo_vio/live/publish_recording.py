@@ -17,11 +17,9 @@ from pathlib import Path
 from threading import Event
 
 from coclo_vio.datasets.rosbag.storage.type_definitions import TypeDefinitions
-from coclo_vio.live.dds_wire import DdsWire
-from coclo_vio.live.open_wire import types_of
+from coclo_vio.live.open_wire import dds_wire, types_of, zenoh_wire
 from coclo_vio.live.recorded_messages import RecordedMessage, low_states, recorded_messages, restamped
-from coclo_vio.live.wire import TF_MESSAGE
-from coclo_vio.live.zenoh_wire import ZenohWire
+from coclo_vio.live.wire import RobotWire
 from coclo_vio.runs.live_config import LiveConfig, ZenohConfig
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.units import NS_PER_S
@@ -54,7 +52,7 @@ class Playback:
 class Publisher:
     """Plays messages on a wire."""
 
-    def __init__(self, wire: ZenohWire | DdsWire, types: TypeDefinitions, playback: Playback) -> None:
+    def __init__(self, wire: RobotWire, types: TypeDefinitions, playback: Playback) -> None:
         """Take the wire and how to play."""
         self._wire, self._types, self._playback = wire, types, playback
         self.sent: Counter[str] = Counter()
@@ -87,8 +85,7 @@ class Publisher:
 
     def close(self) -> None:
         """Wait until everything has been taken, and leave the wire."""
-        if isinstance(self._wire, DdsWire):
-            self._wire.flush(_ACKNOWLEDGED_S)
+        self._wire.flush(_ACKNOWLEDGED_S)
         time.sleep(_SETTLED_S)
         self._wire.close()
 
@@ -97,11 +94,7 @@ class Publisher:
         first_ns = None
         for message in messages:
             first_ns = message.at_ns if first_ns is None else first_ns
-            is_static = message.topic == _STATIC
-            if isinstance(self._wire, ZenohWire):
-                self._wire.publisher(message.topic, message.msgtype, is_transient_local=is_static)
-            else:
-                self._wire.declare(message.topic, message.msgtype, is_transient_local=is_static)
+            self._wire.announce(message.topic, message.msgtype, is_transient_local=message.topic == _STATIC)
             self.sent.setdefault(message.topic, 0)
             if message.at_ns - first_ns > 2 * NS_PER_S:
                 return
@@ -118,10 +111,7 @@ class Publisher:
 
     def _send(self, message: RecordedMessage, shift_ns: int) -> None:
         data = restamped(message, self._types, shift_ns) if shift_ns else message.data
-        if message.msgtype == TF_MESSAGE and message.topic == _STATIC and isinstance(self._wire, ZenohWire):
-            self._wire.publisher(message.topic, message.msgtype, is_transient_local=True).put(data)
-        else:
-            self._wire.publish(message.topic, message.msgtype, message.at_ns, data)
+        self._wire.publish(message.topic, message.msgtype, message.at_ns, data)
         self.sent[message.topic] += 1
 
     def _is_over(self, at_ns: int) -> bool:
@@ -170,12 +160,12 @@ def _messages(
     return again
 
 
-def _wire(given: argparse.Namespace, types: TypeDefinitions) -> ZenohWire | DdsWire:
+def _wire(given: argparse.Namespace, types: TypeDefinitions) -> RobotWire:
     if given.wire == "zenoh":
         connect = () if given.endpoint is None else (given.endpoint,)
         listen = () if given.listen is None else (given.listen,)
-        return ZenohWire(types, ZenohConfig(connect=connect, listen=listen), "recording", given.domain)
-    return DdsWire(types, given.domain, keeps_all=True)
+        return zenoh_wire(types, ZenohConfig(connect=connect, listen=listen), "recording", given.domain)
+    return dds_wire(types, given.domain, keeps_all=True)
 
 
 def _parser() -> argparse.ArgumentParser:

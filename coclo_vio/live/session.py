@@ -2,7 +2,6 @@
 """One run on a wire: messages in, measurements to the estimator, outputs to the run folder and to the wire."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -13,9 +12,10 @@ from coclo_vio.datasets.rosbag.storage.type_definitions import TypeDefinitions
 from coclo_vio.live.estimate_latency import EstimateLatency
 from coclo_vio.live.intake import Intake
 from coclo_vio.live.live_record import LiveRecord
+from coclo_vio.live.live_recording import LiveRecording
 from coclo_vio.live.measurement_stream import MeasurementStream
+from coclo_vio.live.outgoing import Outgoing
 from coclo_vio.live.preparation import Prepared, prepared_of_measurements, prepared_of_messages, wants
-from coclo_vio.live.recording import LiveRecording
 from coclo_vio.live.ros_outputs import RosOutputs
 from coclo_vio.live.run_files import RunFiles
 from coclo_vio.live.unending import UnendingEstimator
@@ -28,7 +28,7 @@ from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.calibration import SensorCalibrations
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimate, Event, Output
+from coclo_vio.values.outputs import Estimate, Output
 
 _LOOK_AROUND_S = 0.05
 _POLL_S = 0.1
@@ -101,9 +101,6 @@ class _Session:
         self._live = settings.config.live
         self._polled_s = 0.0
         self._ends_s: float | None = None
-        self._published: Counter[str] = Counter()
-        self._unsent: Counter[str] = Counter()
-        self._recent: list[Event] = []
         self._recording: LiveRecording | None = None
 
     def gathered(self) -> tuple[Prepared, list[WireMessage | Measurement]]:
@@ -152,62 +149,49 @@ class _Session:
         stack: ExitStack,
     ) -> tuple[RunRecord, LiveRecord]:
         """Push everything and hand on what comes out."""
-        settings = self._settings
+        settings, live = self._settings, self._live
         files = stack.enter_context(RunFiles(settings.folder, settings.mode, prepared, self._source.name))
-        if self._live.records:
+        if live.records:
             self._recording = LiveRecording(settings.folder, types, self._source)
             stack.callback(self._recording.close)
-        outputs = RosOutputs(types, settings.mode.trajectory_names, self._live)
+        outputs = RosOutputs(types, settings.mode.trajectory_names, live)
+        all_sinks = [*sinks, *([] if self._recording is None else [self._recording])]
+        outgoing = Outgoing(outputs, all_sinks, self._events, live.diagnostics_s)
         latency = EstimateLatency()
-        estimator = UnendingEstimator(prepared.estimator, self._events)
         stream = MeasurementStream(prepared, settings.config, self._intake, latency)
-        due_s = time.monotonic() + self._live.diagnostics_s
-        all_sinks = [*sinks, *([self._recording] if self._recording is not None else [])]
         begun_s = time.monotonic()
-        latest_ns = 0
 
         def take(output: Output) -> None:
-            nonlocal latest_ns
             files.take(output)
             if isinstance(output, Estimate):
-                latest_ns = max(latest_ns, output.state.stamp_ns)
                 latency.estimated(output)
-                for message in outputs.of_estimate(output):
-                    self._send(all_sinks, *message)
-            elif isinstance(output, Event):
-                self._recent.append(output)
+            outgoing.take(output)
             settings.watch(output)
 
-        def record() -> LiveRecord:
-            return LiveRecord(
-                source=self._source.name,
-                mode=settings.mode.name,
-                roles=dict(prepared.roles),
-                topics=dict(self._intake.records()),
-                duration_s=time.monotonic() - begun_s,
-                estimates=latency.records(),
-                published=dict(self._published),
-                unsent=dict(self._unsent),
-            )
+        def write_counts(stamp_ns: int) -> None:
+            if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator.counts):
+                if self._recording is not None:
+                    self._recording.flush()
+                files.write_live(self._counted(prepared, outgoing, latency, begun_s))
 
-        def progress(stamp_ns: int) -> None:
-            nonlocal due_s
-            if time.monotonic() < due_s:
-                return
-            due_s = time.monotonic() + self._live.diagnostics_s
-            counts = prepared.estimator.counts
-            message = outputs.diagnostics(latest_ns or stamp_ns, self._intake.records(), counts, self._recent)
-            self._send(all_sinks, *message)
-            self._recent.clear()
-            if self._recording is not None:
-                self._recording.flush()
-            files.write_live(record())
-
-        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, progress)
+        estimator = UnendingEstimator(prepared.estimator, self._events)
+        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, write_counts)
         self._source.close()
-        live_record = record()
-        files.write_live(live_record)
-        return files.finish(summary), live_record
+        counted = self._counted(prepared, outgoing, latency, begun_s)
+        files.write_live(counted)
+        return files.finish(summary), counted
+
+    def _counted(self, prepared: Prepared, outgoing: Outgoing, latency: EstimateLatency, begun_s: float) -> LiveRecord:
+        return LiveRecord(
+            source=self._source.name,
+            mode=self._settings.mode.name,
+            roles=dict(prepared.roles),
+            topics=dict(self._intake.records()),
+            duration_s=time.monotonic() - begun_s,
+            estimates=latency.records(),
+            published=dict(outgoing.published),
+            unsent=dict(outgoing.unsent),
+        )
 
     def _items(self, first: list[WireMessage | Measurement]) -> Iterator[WireMessage | Measurement | None]:
         """What was gathered, then what comes; None where nothing comes for a while."""
@@ -245,12 +229,3 @@ class _Session:
     def _record(self, item: WireMessage | Measurement) -> None:
         if self._recording is not None and isinstance(item, WireMessage):
             self._recording.take(item)
-
-    def _send(self, sinks: Sequence[Sink], topic: str, msgtype: str, stamp_ns: int, data: bytes) -> None:
-        self._published[topic] += 1
-        for sink in sinks:
-            try:
-                sink.publish(topic, msgtype, stamp_ns, data)
-            except CocloError as error:
-                self._unsent[sink.name] += 1
-                self._events.report(topic, f"{sink.name} does not take it: {error}", kind="wire_publication_failed")

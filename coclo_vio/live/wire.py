@@ -120,3 +120,22 @@ class Sink(Protocol):
 
     def close(self) -> None:
         """End it."""
+
+
+class RobotWire(Sink, Protocol):
+    """A sink that can stand in for a robot: it announces its topics, and knows whether somebody listens."""
+
+    def announce(self, topic: str, msgtype: str, *, is_transient_local: bool = False) -> None:
+        """Announce a topic before anything is published on it.
+
+        Args:
+            topic: with a leading slash.
+            msgtype: of its messages.
+            is_transient_local: whether late subscribers get the last messages too.
+        """
+
+    def has_listeners(self, topic: str) -> bool:
+        """Whether somebody subscribes to a topic."""
+
+    def flush(self, timeout_s: float) -> None:
+        """Wait until what was published has been taken, where the wire knows that."""

@@ -11,8 +11,10 @@ from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+import zenoh
+import zenoh.ext as zenoh_ext
+
 from coclo_vio.datasets.rosbag.storage.type_definitions import TypeDefinitions
-from coclo_vio.live.extras import imported
 from coclo_vio.live.wire import Receiver, WireMessage
 from coclo_vio.live.zenoh_keys import (
     Advertised,
@@ -54,14 +56,12 @@ class ZenohWire:
             domain: ``ROS_DOMAIN_ID``.
 
         Raises:
-            ConfigError: zenoh is not installed.
             DatasetError: the session cannot be opened.
         """
-        self._zenoh = imported("zenoh", "the source zenoh", "live-zenoh")
         self._types, self._domain = types, domain
         self.name = f"zenoh {', '.join((*config.connect, *config.listen)) or config.config_file or 'without endpoint'}"
         try:
-            self._session = self._zenoh.open(_session_config(self._zenoh, config))
+            self._session = zenoh.open(_session_config(config))
         except Exception as error:  # zenoh's own error and those of its parser
             raise DatasetError(
                 f"the session of {self.name} cannot be opened: {shortened(error)}; correct --endpoint or live.zenoh"
@@ -103,23 +103,25 @@ class ZenohWire:
 
     def publish(self, topic: str, msgtype: str, stamp_ns: int, data: bytes) -> None:
         """Send a message with its number and the time of now."""
-        self.publisher(topic, msgtype).put(data)
+        self.announce(topic, msgtype)
+        self._publishers[topic].put(data)
 
-    def publisher(self, topic: str, msgtype: str, *, is_transient_local: bool = False) -> "_Publisher":
-        """The publisher of a topic, declared where there is none yet."""
-        known = self._publishers.get(topic)
-        if known is None:
+    def announce(self, topic: str, msgtype: str, *, is_transient_local: bool = False) -> None:
+        """Declare the publisher of a topic and its token, where there is none yet."""
+        if topic not in self._publishers:
             named = ZenohTopic(topic, msgtype, self._types.hash_of(msgtype))
             token = self._tokens.entity("MP", named, is_transient_local=is_transient_local)
-            known = _Publisher(self._declare(named.key(self._domain), is_transient_local), sender_of(token))
-            self._publishers[topic] = known
+            made = self._declare(named.key(self._domain), is_transient_local)
+            self._publishers[topic] = _Publisher(made, sender_of(token))
             self._declared.append(self._session.liveliness().declare_token(token))
-        return known
 
     def has_listeners(self, topic: str) -> bool:
         """Whether somebody subscribes to a topic that is published."""
         known = self._publishers.get(topic)
         return known is not None and known.has_listeners()
+
+    def flush(self, timeout_s: float) -> None:
+        """Nothing: zenoh does not say what has been taken."""
 
     def close(self) -> None:
         """Close the session; its tokens vanish."""
@@ -129,17 +131,15 @@ class ZenohWire:
     def _declare(self, key: str, is_transient_local: bool) -> Any:
         if not is_transient_local:
             return self._session.declare_publisher(key)
-        ext = imported("zenoh.ext", "a transient-local topic", "live-zenoh")
-        return ext.declare_advanced_publisher(
-            self._session, key, cache=ext.CacheConfig(_HISTORY), publisher_detection=True
+        return zenoh_ext.declare_advanced_publisher(
+            self._session, key, cache=zenoh_ext.CacheConfig(_HISTORY), publisher_detection=True
         )
 
     def _subscribe(self, topic: ZenohTopic, *, is_transient_local: bool) -> None:
         key = ZenohTopic(topic.name, topic.msgtype, "*").key(self._domain)
         if is_transient_local:
-            ext = imported("zenoh.ext", "a transient-local topic", "live-zenoh")
-            history = ext.HistoryConfig(detect_late_publishers=True)
-            subscriber = ext.declare_advanced_subscriber(self._session, key, self._receive, history=history)
+            history = zenoh_ext.HistoryConfig(detect_late_publishers=True)
+            subscriber = zenoh_ext.declare_advanced_subscriber(self._session, key, self._receive, history=history)
         else:
             subscriber = self._session.declare_subscriber(key, self._receive)
         token = self._tokens.entity("MS", topic, is_transient_local=is_transient_local)
@@ -147,7 +147,7 @@ class ZenohWire:
 
     def _see(self, sample: Any) -> None:
         """A token appeared or vanished."""
-        if sample.kind == self._zenoh.SampleKind.PUT:
+        if sample.kind == zenoh.SampleKind.PUT:
             found = advertised_by(str(sample.key_expr))
             if found is not None:
                 self._found.append(found)
@@ -197,7 +197,7 @@ class _Publisher:
         return bool(status is not None and status.matching)
 
 
-def _session_config(zenoh: Any, config: ZenohConfig) -> Any:
+def _session_config(config: ZenohConfig) -> Any:
     """As rmw_zenoh's own: a peer, no multicast, gossip; time stamps, which transient-local topics need."""
     if config.config_file is not None:
         return zenoh.Config.from_file(config.config_file)

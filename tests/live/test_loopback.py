@@ -98,7 +98,7 @@ def test_a_fuzzed_message_on_the_wire_ends_nothing(short_recording, tmp_path):
     with _live(arguments) as process, recorded_messages(short_recording, None, types) as messages:
         random = np.random.default_rng(21)
         for topic, kind in (("/joint_states", "JointState"), ("/imu", "Imu"), ("/camera/imu", "Imu")):
-            wire.publisher(topic, f"sensor_msgs/msg/{kind}")
+            wire.announce(topic, f"sensor_msgs/msg/{kind}")
         end = time.monotonic() + 60.0
         while not wire.has_listeners("/joint_states") and time.monotonic() < end:
             time.sleep(0.05)

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ class WireTrial:
     seconds: float
     mode: str
     folder: Path
-    recording: Path = sample_path()
+    recording: Path = field(default_factory=sample_path)
     robot: str = "daisy"
 
 
