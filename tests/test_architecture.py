@@ -19,7 +19,7 @@ _OURS = sorted([*_SOURCES, *(_ROOT / "tests").rglob("*.py")])
 _MOST_LINES = 400
 _MOST_FUNCTION_LINES = 50
 _MOST_PARAMETERS = 8
-_PRINTERS = ("cli/", "experiments/")
+_PRINTERS = ("cli/", "experiments/", "live/publish_recording.py")
 
 # Metaphors, each of which has a standard term: vision, event log, localisation, marginal, novel information.
 _REPLACED_WORDS = re.compile(
@@ -38,6 +38,8 @@ _IMPORTERS = {
     "filterpy": ("experiments/filterpy_rival.py",),
     "distributed": ("experiments/table/cluster.py",),
     "mujoco": ("simulation/",),
+    "zenoh": ("live/zenoh_wire.py",),
+    "cyclonedds": ("live/dds_wire.py", "live/dds_types.py"),
 }
 
 

@@ -1,49 +1,35 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A dataset whose samples, stamps and ground truth are corrected as configured (``corrections``)."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from coclo_vio.datasets.corrections import (
-    ACCELERATION_UNITS,
     LENGTH_UNITS,
-    RATE_UNITS,
     STAMP_UNITS_NS,
     Corrections,
-    ImuCorrections,
     upright,
 )
-from coclo_vio.datasets.joint_arrangement import ForceArrangement, JointArrangement
 from coclo_vio.datasets.joint_velocity import JointVelocityConfig, fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, StreamReport
+from coclo_vio.datasets.sample_corrections import SampleCorrections
 from coclo_vio.datasets.sequencer import merge_streams
 from coclo_vio.datasets.truth_defects import jumping_poses
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import RobotDescription
-from coclo_vio.values.arrays import Array
-from coclo_vio.values.errors import TimestampError
 from coclo_vio.values.measurements import (
     LEG_SENSORS,
-    CameraImuSample,
-    FootForceSample,
-    ImuSample,
-    JointSample,
     Measurement,
-    StereoFrame,
-    StereoTracks,
 )
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
-from coclo_vio.values.units import NS_PER_S
 
 if TYPE_CHECKING:
     from coclo_vio.datasets.dataset import Dataset
 
-_LATEST_NS = 2**62
 _JUMPS = "ground truth: pose that jumps"
-_Change = Callable[[Any], Measurement]
 
 
 class CorrectedDataset:
@@ -76,14 +62,7 @@ class CorrectedDataset:
         self._joint_velocity = joint_velocity or JointVelocityConfig()
         self._jumps = 0
         self._unit_ns = STAMP_UNITS_NS[corrections.stamp_unit]
-        self._delays_ns = {kind: round(delay_s * NS_PER_S) for kind, delay_s in _delays_s(corrections).items()}
-        self._changes: Mapping[type, _Change] = {
-            ImuSample: _imu_change(corrections.imu),
-            CameraImuSample: _imu_change(corrections.camera_imu),
-            JointSample: JointArrangement(corrections.joints, self._joint_names),
-            FootForceSample: ForceArrangement(corrections.foot_force, () if robot is None else robot.leg_names),
-            StereoFrame: self._frame,
-        }
+        self._of_samples = SampleCorrections(corrections, robot)
 
     def __getattr__(self, name: str) -> Any:
         """What the format has beyond the protocol, such as topics."""
@@ -103,11 +82,11 @@ class CorrectedDataset:
         yield from stream
 
     def _merged(self, sensors: frozenset[type]) -> Iterator[Measurement]:
-        delays = {self._delays_ns.get(kind, 0) for kind in sensors}
+        delays = {self._of_samples.delay_ns(kind) for kind in sensors}
         if len(delays) <= 1:
-            return map(self._corrected, self._dataset.measurements(sensors))
+            return map(self.corrected, self._dataset.measurements(sensors))
         streams = [self._dataset.measurements(frozenset({kind})) for kind in sensors]
-        return merge_streams([map(self._corrected, stream) for stream in streams])
+        return merge_streams([map(self.corrected, stream) for stream in streams])
 
     def ground_truth(self) -> GroundTruth | None:
         """The corrected reference trajectory, or None.
@@ -161,59 +140,10 @@ class CorrectedDataset:
             stream,
             rate_hz=stream.rate_hz / self._unit_ns,
             longest_gap_s=stream.longest_gap_s * self._unit_ns,
-            start_ns=self._stamp_ns(kind, stream.start_ns),
-            end_ns=self._stamp_ns(kind, stream.end_ns),
-            longest_gap_start_ns=self._stamp_ns(kind, stream.longest_gap_start_ns),
+            start_ns=self._of_samples.stamp_ns(kind, stream.start_ns),
+            end_ns=self._of_samples.stamp_ns(kind, stream.end_ns),
+            longest_gap_start_ns=self._of_samples.stamp_ns(kind, stream.longest_gap_start_ns),
         )
-
-    def _corrected(self, sample: Measurement) -> Measurement:
-        kind = type(sample)
-        change = self._changes.get(kind)
-        changed = sample if change is None else change(sample)
-        stamp_ns = self._stamp_ns(kind, sample.stamp_ns)
-        return changed if stamp_ns == sample.stamp_ns else replace(changed, stamp_ns=stamp_ns)
-
-    def _stamp_ns(self, kind: type, stamp_ns: int) -> int:
-        return _in_ns(stamp_ns, self._corrections.stamp_unit) - self._delays_ns.get(kind, 0)
-
-    def _frame(self, frame: StereoFrame) -> StereoFrame:
-        if not self._corrections.stereo.is_swapped:
-            return frame
-        return StereoFrame(frame.stamp_ns, frame.right, frame.left)
-
-
-def _in_ns(stamp: int, unit: str) -> int:
-    """Nanoseconds of a stamp in another unit."""
-    stamp_ns = stamp * STAMP_UNITS_NS[unit]
-    if abs(stamp_ns) > _LATEST_NS:
-        raise TimestampError(
-            f"the stamp {stamp} in {unit} is beyond the year 2116; correct stamp_unit under dataset.corrections"
-        )
-    return stamp_ns
-
-
-def _imu_change(how: ImuCorrections) -> _Change:
-    rotation: Array = how.rotation
-    rate_factor = RATE_UNITS[how.rate_unit]
-    force_factor = how.acceleration_sign * ACCELERATION_UNITS[how.acceleration_unit]
-
-    def change(sample: Any) -> Measurement:
-        rate, force = rotation @ sample.angular_velocity, rotation @ sample.specific_force
-        changed: Measurement = type(sample)(sample.stamp_ns, rate_factor * rate, force_factor * force)
-        return changed
-
-    return change
-
-
-def _delays_s(corrections: Corrections) -> dict[type, float]:
-    return {
-        ImuSample: corrections.imu.delay_s,
-        CameraImuSample: corrections.camera_imu.delay_s,
-        JointSample: corrections.joints.delay_s,
-        FootForceSample: corrections.foot_force.delay_s,
-        StereoFrame: corrections.stereo.delay_s,
-        StereoTracks: corrections.stereo.delay_s,
-    }
 
 
 def _described(corrections: Corrections) -> str:

@@ -53,19 +53,7 @@ class LegLog(RecordingReader):
         self._tables(ReadTally(self.format_name, config.gap_s))
 
     def _tables(self, tally: ReadTally) -> list[SampleTable]:
-        header = Header(self._log, self._header, self._config.columns)
-        table = SampleTable(
-            CsvTable(self._log, self._header),
-            self._log.name,
-            header.stamp(),
-            imu=header.required_imu() if self._robot is None else header.imu(),
-            joints=None if self._robot is None else header.joints(self._robot),
-            force=None if self._robot is None else header.forces(self._robot),
-        )
-        if table.imu is None:
-            tally.note(f"{table.label}: no IMU in the log")
-        table.describe(header, tally)
-        return [table]
+        return [sample_table(CsvTable(self._log, self._header), self._robot, self._config, tally)]
 
     def _read_ground_truth(self, tally: ReadTally) -> GroundTruth | None:
         folder = self._log.parent
@@ -83,6 +71,29 @@ class LegLog(RecordingReader):
                 f"several ground truth files: {found[0].name} is read, not {listing(path.name for path in found[1:])}"
             )
         return read_ground_truth(found[0], self._config.columns, tally)
+
+
+def sample_table(
+    table: CsvTable, robot: RobotDescription | None, config: DatasetConfig, tally: ReadTally
+) -> SampleTable:
+    """The sensors in the columns of a log; notes on them go to ``tally``.
+
+    Raises:
+        TopicNotFound: a column is missing; lists those that exist.
+    """
+    header = Header(table.path, table.header, config.columns)
+    samples = SampleTable(
+        table,
+        table.path.name,
+        header.stamp(),
+        imu=header.required_imu() if robot is None else header.imu(),
+        joints=None if robot is None else header.joints(robot),
+        force=None if robot is None else header.forces(robot),
+    )
+    if samples.imu is None:
+        tally.note(f"{samples.label}: no IMU in the log")
+    samples.describe(header, tally)
+    return samples
 
 
 def is_leg_log(path: Path) -> bool:

@@ -17,6 +17,7 @@ from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.online.config import OnlineConfig
 from coclo_vio.robot.description import EXTRA_SCHEME, RobotDescription, load_robot, robot_names
 from coclo_vio.runs.faults import FaultsConfig
+from coclo_vio.runs.live_config import LiveConfig
 from coclo_vio.runs.plugins import load_plugins
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.config import StageConfig, merged, parse_settings, read_yaml
@@ -39,6 +40,7 @@ class RunConfig(StageConfig):
     online: Annotated[OnlineConfig, Field(description="order and clocks of what is pushed")] = OnlineConfig()
     faults: Annotated[FaultsConfig, Field(description="what goes wrong on purpose")] = FaultsConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
+    live: Annotated[LiveConfig, Field(description="running on a wire")] = LiveConfig()
     imu_calibration: Annotated[
         Literal["recording", "robot"],
         Field(description="which mounting and noise of the IMU counts where both recording and robot have one"),

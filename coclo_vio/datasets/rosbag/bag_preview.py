@@ -12,7 +12,7 @@ import numpy as np
 from coclo_vio.datasets.rosbag.imu_bytes import ImuReader
 from coclo_vio.datasets.rosbag.imu_halves import HalfTally, ImuHalves
 from coclo_vio.datasets.rosbag.message_types import CAMERA_INFO, IMU, JOINT_STATE, POSES, WRENCH, missing_field
-from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
+from coclo_vio.datasets.rosbag.storage.message_set import MessageSet, RawMessage
 from coclo_vio.values.errors import DatasetError, listing
 from coclo_vio.values.units import NS_PER_S
 
@@ -64,7 +64,7 @@ class BagPreview:
         return NS_PER_S / period_ns if period_ns > 0 else None
 
 
-def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[str] = ()) -> BagPreview:
+def preview_of(bag: MessageSet, types: Mapping[str, str], joint_entries: Sequence[str] = ()) -> BagPreview:
     """Read a bag until the first messages of each topic have been found.
 
     Args:
@@ -80,7 +80,7 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
         name: types.get(name, topic.msgtype) for name, topic in bag.topics.items() if topic.count or not is_counted
     }
     if not available:
-        raise DatasetError(f"{bag.path} holds no message; its topics are: {listing(bag.topics)}")
+        raise DatasetError(f"{bag.origin} holds no message; its topics are: {listing(bag.topics)}")
     found = _Findings(bag, available, joint_entries)
     remaining = {name: _MESSAGES_READ.get(msgtype, 1) for name, msgtype in available.items() if msgtype in _DECODED}
     for message in bag.messages(set(remaining)):
@@ -98,7 +98,7 @@ def preview_of(bag: BagFile, types: Mapping[str, str], joint_entries: Sequence[s
 class _Findings:
     """What the first messages of the topics hold; a topic whose messages lack a field is taken out of ``available``."""
 
-    def __init__(self, bag: BagFile, available: dict[str, str], joint_entries: Sequence[str]) -> None:
+    def __init__(self, bag: MessageSet, available: dict[str, str], joint_entries: Sequence[str]) -> None:
         self._bag = bag
         self._available = available
         self._joint_entries = joint_entries
@@ -151,7 +151,7 @@ class _Findings:
 class _Halves:
     """What the Imu topics of a bag have."""
 
-    def __init__(self, bag: BagFile, topics: Sequence[str]) -> None:
+    def __init__(self, bag: MessageSet, topics: Sequence[str]) -> None:
         self._reader = ImuReader(bag)
         self._tallies = {topic: HalfTally(topic) for topic in topics}
 

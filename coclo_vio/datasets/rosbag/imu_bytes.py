@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.message_set import MessageSet
 from coclo_vio.values.arrays import Array
 
 _FIELDS = (
@@ -35,7 +35,7 @@ class ImuReader:
     A topic whose type has other fields, and a message of another length than the layout has, are decoded as a whole.
     """
 
-    def __init__(self, bag: BagFile) -> None:
+    def __init__(self, bag: MessageSet) -> None:
         self._bag = bag
         self._is_standard: dict[str, bool] = {}
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from coclo_vio.datasets.ground_truth import without_lost
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.config import RosbagConfig
-from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.message_set import MessageSet
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, is_finite
@@ -62,7 +62,7 @@ class FrameTree:
         return reached.get(b)
 
 
-def read_frames(bag: BagFile, topic: str) -> FrameTree:
+def read_frames(bag: MessageSet, topic: str) -> FrameTree:
     """The static transforms on a TFMessage topic, read to the end of the bag; an empty tree without that topic.
 
     Raises:
@@ -75,8 +75,8 @@ def read_frames(bag: BagFile, topic: str) -> FrameTree:
         return FrameTree(transform for message in messages for transform in getattr(message, "transforms", ()))
     except (AttributeError, TypeError) as error:
         raise DatasetError(
-            f"{bag.path}: the messages on {topic} are no TFMessage ({shortened(error)}); name the topic of the static "
-            "transforms in dataset.rosbag.topics.tf_static"
+            f"{bag.origin}: the messages on {topic} are no TFMessage ({shortened(error)}); name the topic of the "
+            "static transforms in dataset.rosbag.topics.tf_static"
         ) from error
 
 
@@ -97,7 +97,7 @@ def _numbers_of(position: Any, orientation: Any) -> Array | None:
     return numbers
 
 
-def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, tally: ReadTally) -> GroundTruth:
+def read_truth(bag: MessageSet, topic: str, config: RosbagConfig, clock: BagClock, tally: ReadTally) -> GroundTruth:
     """The body's poses from those of the tracked object on ``topic`` (TransformStamped, PoseStamped, Odometry).
 
     ``T_world_body = T_world_object @ T_object_body``, where ``T_body_object`` is configured.
@@ -123,7 +123,7 @@ def read_truth(bag: BagFile, topic: str, config: RosbagConfig, clock: BagClock, 
             poses.append(pose)
     if not poses:
         raise TimestampError(
-            f"{bag.path} holds no complete pose on {topic}; name another topic, or '' for none, in "
+            f"{bag.origin} holds no complete pose on {topic}; name another topic, or '' for none, in "
             "dataset.rosbag.topics.ground_truth"
         )
     T_body_object = _mounting(config)

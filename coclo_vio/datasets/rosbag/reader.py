@@ -18,15 +18,16 @@ from coclo_vio.datasets.joint_velocity import fill_velocities
 from coclo_vio.datasets.read_report import STREAM_NAMES, ReadReport, ReadTally, StreamReport
 from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
 from coclo_vio.datasets.rosbag.bag_preview import preview_of
+from coclo_vio.datasets.rosbag.conversion import Item, MessageConverter
 from coclo_vio.datasets.rosbag.field_paths import FieldsConfig
 from coclo_vio.datasets.rosbag.foreign_types import hints
-from coclo_vio.datasets.rosbag.mapped_bag import MappedBag, with_topics
+from coclo_vio.datasets.rosbag.mapped_messages import MappedMessages, with_topics
 from coclo_vio.datasets.rosbag.message_types import JOINT_STATE
 from coclo_vio.datasets.rosbag.poses import read_frames, read_truth
 from coclo_vio.datasets.rosbag.stereo_pairing import RawPair
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.datasets.rosbag.storage.files import LAYOUT, is_rosbag
-from coclo_vio.datasets.rosbag.stream import BagStream, Item
+from coclo_vio.datasets.rosbag.stream import BagStream
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.datasets.rosbag.topic_choice import TopicChoice
 from coclo_vio.datasets.rosbag.topic_roles import choose_roles, notes_of
@@ -39,7 +40,6 @@ from coclo_vio.values.trajectory import GroundTruth
 __all__ = ["LAYOUT", "RosBag", "TopicChoice", "is_rosbag", "joint_names"]
 
 _MOST_TOPICS = 15
-_ROLES = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
 
 
 class RosBag:
@@ -64,7 +64,8 @@ class RosBag:
         self.name = path.resolve().name if path.is_dir() else path.stem
         config = config.model_copy(update={"rosbag": with_topics(config.rosbag, robot)})
         self._path, self._robot, self._config = path, robot, config
-        self._bag: BagFile = MappedBag(path, config.rosbag, robot, allow_partial=config.allow_partial)
+        bag = BagFile(path, allow_partial=config.allow_partial)
+        self._bag = MappedMessages(bag, config.rosbag, robot, allow_partial=config.allow_partial)
         self._preview = preview_of(self._bag, config.rosbag.types, config.rosbag.joint_entries)
         self._roles = choose_roles(self._preview, robot, config.rosbag)
         if self._roles.joints is not None and self._roles.joints.has_other_names and not config.allow_partial:
@@ -184,8 +185,10 @@ class RosBag:
         """Samples in order, with estimated velocities where the bag has none; image pairs are not decoded."""
         clock = self._clock(tally, drops_defects=drops_defects)
         config, robot = self._config, self._robot
-        reader = BagStream(self._bag, self._roles, robot, config.rosbag, clock, tally, drops_broken=drops_defects)
-        stream = reader.in_order(sensors, sorts=config.sort)
+        converter = MessageConverter(
+            self._bag, self._roles, robot, config.rosbag, clock, tally, sensors=sensors, drops_broken=drops_defects
+        )
+        stream = BagStream(self._bag, converter, config.rosbag, tally).in_order(sorts=config.sort)
         joints = self._roles.joints
         if joints is None or joints.has_velocity.all():
             return stream
@@ -249,8 +252,7 @@ class RosBag:
             config = self._config.rosbag
             self._calibration = BagCalibration(
                 self._preview,
-                {role: self._roles.topic(role) for role in _ROLES}
-                | {f"{role}_acceleration": self._roles.acceleration_topic(role) for role in ("imu", "camera_imu")},
+                self._roles.calibrated_topics(),
                 read_frames(self._bag, config.topics.tf_static),
                 self._robot,
                 config,
@@ -268,7 +270,7 @@ class RosBag:
 
     def _missing_joints(self) -> TopicNotFound:
         problem = "" if self._roles.joints is None else "; ".join([self._roles.joints.problem or "", *self._hints()])
-        return TopicNotFound(f"{self._bag.path}: {problem}; --allow-partial (dataset.allow_partial) reads the rest")
+        return TopicNotFound(f"{self._bag.origin}: {problem}; --allow-partial (dataset.allow_partial) reads the rest")
 
     def _no_sample(self, tally: ReadTally) -> DatasetError:
         left_out = dict(tally.report().dropped)
@@ -282,7 +284,7 @@ class RosBag:
         parts += [] if self._bag.damage is None else [self._bag.damage]
         topics = listing((f"{name} ({topic.msgtype})" for name, topic in self._bag.topics.items()), _MOST_TOPICS)
         return DatasetError(
-            f"{self._bag.path} holds no sample that is read: {'; '.join(parts)}; its topics are {topics}"
+            f"{self._bag.origin} holds no sample that is read: {'; '.join(parts)}; its topics are {topics}"
         )
 
     def _new_tally(self) -> ReadTally:

@@ -9,7 +9,7 @@ import numpy as np
 
 from coclo_vio.datasets import images
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.message_set import MessageSet
 from coclo_vio.values.arrays import ByteImage
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import StereoFrame
@@ -39,7 +39,7 @@ class RawPair(NamedTuple):
         """The time of the left image, ns."""
         return self.left.stamp_ns
 
-    def decoded(self, bag: BagFile) -> StereoFrame:
+    def decoded(self, bag: MessageSet) -> StereoFrame:
         """The two images.
 
         Raises:
@@ -48,7 +48,7 @@ class RawPair(NamedTuple):
         left, right = (decoded_image(bag, image) for image in self)
         if left.shape != right.shape:
             raise DatasetError(
-                f"{bag.path}: the images on {self.left.topic} and {self.right.topic} at {self.stamp_ns} ns have "
+                f"{bag.origin}: the images on {self.left.topic} and {self.right.topic} at {self.stamp_ns} ns have "
                 f"{left.shape[1]} x {left.shape[0]} and {right.shape[1]} x {right.shape[0]} pixels; they must agree"
             )
         return StereoFrame(self.stamp_ns, left, right)
@@ -111,14 +111,14 @@ class StereoPairer:
         self._tally.dropped[f"{image.topic}: no image of the other camera at this stamp"] += 1
 
 
-def decoded_image(bag: BagFile, image: RawImage) -> ByteImage:
+def decoded_image(bag: MessageSet, image: RawImage) -> ByteImage:
     """The grey image (rows, columns) of an Image or CompressedImage message.
 
     Raises:
         DatasetError: an unsupported encoding, or a damaged image.
     """
     message = bag.decoded(image.topic, image.data)
-    where = f"{bag.path}, the image on {image.topic} at {image.stamp_ns} ns"
+    where = f"{bag.origin}, the image on {image.topic} at {image.stamp_ns} ns"
     try:
         if not hasattr(message, "encoding"):
             return images.decoded(bytes(message.data), f"{where} ({message.format})")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from coclo_vio.datasets.read_report import ReadTally
-from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, RawMessage
+from coclo_vio.datasets.rosbag.storage.message_set import MessageSet, RawMessage
 from coclo_vio.values.errors import TimestampError
 from coclo_vio.values.units import NS_PER_S
 
@@ -28,7 +28,7 @@ class BagClock:
     """
 
     def __init__(
-        self, bag: BagFile, *, uses_header: bool, drops_backward: bool, keeps_backward: bool, tally: ReadTally
+        self, bag: MessageSet, *, uses_header: bool, drops_backward: bool, keeps_backward: bool, tally: ReadTally
     ) -> None:
         """Set the clock and the handling of stamps that go back.
 
@@ -80,7 +80,7 @@ class BagClock:
     def _leave_out(self, topic: str, reason: str, sentence: str) -> None:
         if not self._drops:
             raise TimestampError(
-                f"{self._bag.path}, message {self._count[topic]} on {topic}: {sentence}; --allow-partial "
+                f"{self._bag.origin}, message {self._count[topic]} on {topic}: {sentence}; --allow-partial "
                 "(dataset.allow_partial) leaves such messages out, dataset.rosbag.clock=received uses arrival times"
             )
         self._tally.dropped[f"{topic}: {reason}"] += 1
@@ -130,11 +130,15 @@ class ReorderWindow(Generic[Item]):
 
     def push(self, received_ns: int, key: tuple[int, int], item: Item) -> Iterator[Item]:
         """Add an item that arrived at ``received_ns``; yields the items that are due, ordered by (stamp_ns, rank)."""
-        self._now_ns = max(self._now_ns, received_ns)
         held = _Held(key, self._pushed, received_ns, item)
         self._pushed += 1
         heapq.heappush(self._heap, held)
         self._arrivals.append(held)
+        yield from self.advance(received_ns)
+
+    def advance(self, now_ns: int) -> Iterator[Item]:
+        """Let time pass; yields the items that are due."""
+        self._now_ns = max(self._now_ns, now_ns)
         while self._arrivals and self._is_over(self._arrivals[0]):
             yield from self._release(self._arrivals.popleft())
 

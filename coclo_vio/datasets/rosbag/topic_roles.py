@@ -21,6 +21,8 @@ from coclo_vio.values.arrays import BoolArray
 from coclo_vio.values.errors import listing
 from coclo_vio.values.measurements import CameraImuSample, FootForceSample, ImuSample, JointSample, StereoFrame
 
+_CALIBRATED = ("imu", "camera_imu", "left_image", "right_image", "left_info", "right_info")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BagJoints:
@@ -82,6 +84,12 @@ class TopicRoles:
     def choice(self, role: str) -> TopicChoice:
         """The choice for a role."""
         return next(choice for choice in self.choices if choice.role == role)
+
+    def calibrated_topics(self) -> dict[str, str | None]:
+        """The topics by which sensors are calibrated, by role: images, their infos, IMUs and their accelerations."""
+        return {role: self.topic(role) for role in _CALIBRATED} | {
+            f"{role}_acceleration": self.acceleration_topic(role) for role in ("imu", "camera_imu")
+        }
 
     @property
     def sensors(self) -> frozenset[type]:

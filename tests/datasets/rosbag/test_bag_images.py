@@ -74,7 +74,7 @@ def test_compressed_images_are_decoded_and_16_bits_refused(mcap, biped):
 
 
 def test_a_message_without_the_fields_of_an_image_is_refused():
-    bag = SimpleNamespace(path="walk.mcap", decoded=lambda topic, data: SimpleNamespace(format="png"))
+    bag = SimpleNamespace(origin="walk.mcap", decoded=lambda topic, data: SimpleNamespace(format="png"))
     with pytest.raises(DatasetError, match="/left/image at 5 ns has other fields than an image"):
         decoded_image(bag, RawImage(5, 5, "/left/image", b""))
 

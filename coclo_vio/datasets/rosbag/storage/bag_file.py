@@ -4,55 +4,31 @@
 Errors of ``rosbags``, of its compressions and of its databases become a ``DatasetError`` here.
 """
 
-import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from coclo_vio.datasets.rosbag.storage import files
+from coclo_vio.datasets.rosbag.storage.message_set import BagTopic, MessageSet, RawMessage
 from coclo_vio.datasets.rosbag.storage.storage import Storage
-from coclo_vio.values.errors import DatasetError, TimestampError, shortened
-from coclo_vio.values.units import NS_PER_S
+from coclo_vio.values.errors import DatasetError, shortened
 
 _IDL_RULE = "=" * 80 + "\n"
 _SERIALIZATIONS = ("cdr", "ros1")
 _MOST_DEFINITIONS = 64  # of messages, whose compiled decoders are kept
 
 
-@dataclass(frozen=True, slots=True)
-class BagTopic:
-    """A topic of a bag: its name, its type such as ``sensor_msgs/msg/Imu``, and how many messages it has."""
-
-    name: str
-    msgtype: str
-    count: int
-
-
-class RawMessage(NamedTuple):
-    """A message as bytes, and the time at which the bag received it, ns."""
-
-    topic: str
-    received_ns: int
-    data: bytes
-
-
-class BagFile:
+class BagFile(MessageSet):
     """A bag that can be read from its beginning any number of times.
 
     Attributes:
         path: the file, or the folder with ``metadata.yaml``.
-        is_ros1: whether it is a ROS 1 bag.
-        topics: the topics by name.
-        damage: what is damaged, or None for a bag that could be read so far.
-        notes: sentences on what is odd about the files.
     """
 
     def __init__(self, path: Path, *, allow_partial: bool) -> None:
@@ -66,12 +42,9 @@ class BagFile:
             DatasetError: the bag is damaged and ``allow_partial`` is not set.
         """
         self.path = files.bag_in(path)
-        self.is_ros1 = files.is_ros1(self.path)
+        super().__init__(str(self.path), is_ros1=files.is_ros1(self.path), allow_partial=allow_partial)
         self._metadata = files.metadata_of(self.path)
-        self.damage: str | None = None
-        self.notes: list[str] = []
         self._is_cut = False
-        self._allow_partial = allow_partial
         self._types: dict[str, tuple[str, Typestore | None]] = {}
         connections = self._readable(self._survey())
         self._definitions = {connection.topic: connection for connection in reversed(connections)}
@@ -88,19 +61,6 @@ class BagFile:
             name: BagTopic(name, self._definitions[name].msgtype, counts[name]) for name in sorted(self._definitions)
         }
 
-    def readable(self, topic: str, data: bytes) -> Any | None:
-        """The message in ``data``, or None where it cannot be decoded and partial reading is allowed.
-
-        Raises:
-            DatasetError: the bytes do not fit the type.
-        """
-        try:
-            return self.decoded(topic, data)
-        except DatasetError:
-            if not self._allow_partial:
-                raise
-            return None
-
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
         """The messages of the topics ``names`` in the order of arrival, streamed; no other topic is opened.
 
@@ -114,57 +74,6 @@ class BagFile:
                 storage.open()
                 stack.callback(storage.close)
                 yield from self._messages_of(storage, names)
-
-    def decoded(self, topic: str, data: bytes) -> Any:
-        """The message in ``data``, an object with the fields of its type.
-
-        Raises:
-            DatasetError: the bytes do not fit the type.
-        """
-        try:
-            msgtype, store = self._typed(topic)
-            if msgtype not in store.fielddefs:
-                raise LookupError(f"the bag has no definition of {msgtype}; record it as MCAP, which has them")
-            return store.deserialize_ros1(data, msgtype) if self.is_ros1 else store.deserialize_cdr(data, msgtype)
-        except Exception as error:  # rosbags raises its own, struct's, KeyError, assertions
-            raise DatasetError(
-                f"{self.path}: a message on {topic} does not decode as "
-                f"{self.topics[topic].msgtype} ({files.reason_of(error)}); --allow-partial "
-                "(dataset.allow_partial) leaves it out"
-            ) from error
-
-    def header_stamp_ns(self, topic: str, data: bytes) -> int:
-        """The stamp in the header with which the message begins, ns, without decoding the rest.
-
-        Raises:
-            TimestampError: the message is too short to have one.
-        """
-        try:
-            if self.is_ros1:
-                _, seconds, nanoseconds = struct.unpack_from("<III", data)
-            else:
-                is_little = data[1] & 1
-                seconds, nanoseconds = struct.unpack_from("<iI" if is_little else ">iI", data, 4)
-        except (struct.error, IndexError) as error:
-            raise TimestampError(f"{self.path}: a message on {topic} is too short to have a stamp") from error
-        return int(seconds) * NS_PER_S + int(nanoseconds)
-
-    def readable_stamp_ns(self, message: RawMessage) -> int | None:
-        """The stamp in a message's header, or the time of its arrival where that is 0; None where it has none.
-
-        Raises:
-            TimestampError: the message is too short to have one, and partial reading is not allowed.
-        """
-        try:
-            return self.header_stamp_ns(message.topic, message.data) or message.received_ns
-        except DatasetError:
-            if not self._allow_partial:
-                raise
-            return None
-
-    def is_stamped_on_arrival(self, message: RawMessage) -> bool:
-        """Whether a message's time is that of its arrival, whatever the configuration: it has no header."""
-        return False
 
     def _survey(self) -> list[Connection]:
         """The connections of all files; determines whether the bag is sound."""
@@ -255,18 +164,18 @@ class BagFile:
             f"{self.path}: {self.damage}; --allow-partial (dataset.allow_partial) reads what is before it"
         )
 
-    def _typed(self, topic: str) -> tuple[str, Typestore]:
+    def typed(self, topic: str) -> tuple[str, Typestore]:
         """The type of a topic and its message definitions."""
         msgtype, store = self._types.get(topic, ("", None))
         if store is None:
             connection = self._definitions[topic]
-            msgtype, store = connection.msgtype, _typestore(connection.msgdef, connection.msgtype, self.is_ros1)
+            msgtype, store = connection.msgtype, typestore_of(connection.msgdef, connection.msgtype, self.is_ros1)
             self._types[topic] = (msgtype, store)
         return msgtype, store
 
 
 @lru_cache(maxsize=_MOST_DEFINITIONS)
-def _typestore(definition: MessageDefinition, msgtype: str, is_ros1: bool) -> Typestore:
+def typestore_of(definition: MessageDefinition, msgtype: str, is_ros1: bool) -> Typestore:
     """The message definitions of a topic: those in the bag, otherwise those of the distribution (Noetic, Humble).
 
     Topics of one definition share them, since ``rosbags`` compiles a decoder for each.

@@ -3,12 +3,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from coclo_vio.datasets.images import ImageEncoding
-from coclo_vio.datasets.rosbag.writing.new_bag import TF_MESSAGE, NewBag
+from coclo_vio.datasets.rosbag.writing.new_bag import TF_MESSAGE
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import CameraCalibration
@@ -20,10 +20,24 @@ _ABSENT = np.array([-1.0, *[0.0] * 8])
 _EMPTY = np.zeros(0)
 
 
-class BagMessages:
-    """Makes the messages of one bag; each method is named after the message it makes."""
+class MessageTypes(Protocol):
+    """The message classes of one version of ROS; a ``NewBag`` has them, and the ``TypeDefinitions`` of a wire.
 
-    def __init__(self, bag: NewBag) -> None:
+    Attributes:
+        types: the classes by name, such as ``sensor_msgs/msg/Imu``.
+    """
+
+    types: dict[str, Any]
+
+    @property
+    def ros(self) -> Literal[1, 2]:
+        """The version of ROS."""
+
+
+class BagMessages:
+    """Makes the messages of one bag or wire; each method is named after the message it makes."""
+
+    def __init__(self, bag: MessageTypes) -> None:
         self._types = bag.types
         self._has_seq = bag.ros == 1
 
@@ -135,6 +149,21 @@ class BagMessages:
     def twist(self, linear: Array, angular: Array) -> Any:
         """A ``Twist``, m/s and rad/s."""
         return self._make("geometry_msgs/Twist", self.vector(linear), self.vector(angular))
+
+    def diagnostics(self, stamp_ns: int, statuses: Iterable[tuple[int, str, str, Mapping[str, str]]]) -> Any:
+        """A ``DiagnosticArray`` of statuses: level (0 fine, 1 warning, 2 error), name, sentence, values by key."""
+        entries = [
+            self._make(
+                "diagnostic_msgs/DiagnosticStatus",
+                level,
+                name,
+                sentence,
+                "coclo_vio",
+                [self._make("diagnostic_msgs/KeyValue", key, value) for key, value in values.items()],
+            )
+            for level, name, sentence, values in statuses
+        ]
+        return self._make("diagnostic_msgs/DiagnosticArray", self.header(stamp_ns, ""), entries)
 
     def path(self, stamp_ns: int, frame_id: str, stamped_poses: Iterable[tuple[int, Array]]) -> Any:
         """A ``Path`` through stamped poses (ns, (4, 4)) in the frame."""

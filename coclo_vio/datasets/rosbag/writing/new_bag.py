@@ -18,8 +18,9 @@ from rosbags.rosbag1 import WriterError as Ros1Error
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.rosbag2 import WriterError as Ros2Error
+from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from coclo_vio.values.errors import DatasetError, TimestampError
@@ -88,6 +89,67 @@ class NewBag:
             return self._writer.add_connection(topic, msgtype, typestore=self._store, latching=int(is_latched))
         profiles = [_LATCHED] if is_latched else []
         return self._writer.add_connection(topic, msgtype, typestore=self._store, offered_qos_profiles=profiles)
+
+
+class RawBag:
+    """An MCAP bag that is written where it stays, of messages that are serialized already; not compressed.
+
+    What was written until the last ``flush`` can be read if nothing else is done.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Make the folder with ``<name of the folder>.mcap``.
+
+        Raises:
+            DatasetError: the folder exists or cannot be made.
+        """
+        self._folder = folder
+        self._topics: dict[str, Connection] = {}
+        try:
+            self._writer = Ros2Writer(folder, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
+            self._writer.open()
+        except (Ros2Error, OSError) as error:
+            raise DatasetError(f"cannot write the bag {folder}: {error}; choose another folder") from error
+
+    def write(self, topic: str, msgtype: str, received_ns: int, data: bytes, store: Typestore) -> None:
+        """Append a message.
+
+        Args:
+            topic: its name.
+            msgtype: its type.
+            received_ns: its time of arrival, ns.
+            data: CDR.
+            store: has the definition of the type.
+
+        Raises:
+            DatasetError: it cannot be written.
+        """
+        try:
+            connection = self._topics.get(topic)
+            if connection is None:
+                connection = self._topics[topic] = self._writer.add_connection(topic, msgtype, typestore=store)
+            self._writer.write(connection, received_ns, data)
+        except (Ros2Error, OSError, TypesysError) as error:
+            raise DatasetError(f"cannot write {topic} to the bag {self._folder}: {error}") from error
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        storage = self._writer.storage
+        if isinstance(storage, McapWriter):
+            if storage.chunk.bio.tell():
+                storage.close_chunk()
+            storage.bio.flush()
+
+    def close(self) -> None:
+        """Complete the bag.
+
+        Raises:
+            DatasetError: it cannot be written.
+        """
+        try:
+            self._writer.close()
+        except (Ros2Error, OSError) as error:
+            raise DatasetError(f"cannot complete the bag {self._folder}: {error}") from error
 
 
 @contextmanager

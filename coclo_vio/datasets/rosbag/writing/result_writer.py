@@ -76,7 +76,9 @@ def write_result_bag(path: Path, estimates: Sequence[EstimatedTrajectory], refer
         make = BagMessages(bag)
         trajectories = [estimate.trajectory for estimate in estimates] + ([] if reference is None else [reference])
         first_ns = min(int(trajectory.stamps_ns[0]) for trajectory in trajectories)
-        named = [(estimate, *_frames(estimate.name, is_first=number == 0)) for number, estimate in enumerate(estimates)]
+        named = [
+            (estimate, *frames_of(estimate.name, is_first=number == 0)) for number, estimate in enumerate(estimates)
+        ]
         alignments = [make.transform(first_ns, MAP_FRAME, odom, estimate.T_map_odom) for estimate, odom, _ in named]
         bag.write("/tf_static", first_ns, make.tf(alignments), is_latched=True)
         for estimate, odom, _ in named:
@@ -108,8 +110,9 @@ def ros_pose_covariance(covariance: Array, R_odom_body: Array) -> Array:
     return np.asarray(J @ covariance @ J.T)
 
 
-def _frames(name: str, *, is_first: bool) -> tuple[str, str]:
-    return (ODOM_FRAME, BODY_FRAME) if is_first else (f"{name}/{ODOM_FRAME}", f"{name}/{BODY_FRAME}")
+def frames_of(name: str, *, is_first: bool, odom: str = ODOM_FRAME, body: str = BODY_FRAME) -> tuple[str, str]:
+    """The frames of an estimator's world and of its body: REP 105 allows a frame one parent."""
+    return (odom, body) if is_first else (f"{name}/{odom}", f"{name}/{body}")
 
 
 def _thinned(trajectory: Trajectory) -> Iterator[tuple[int, Array]]:

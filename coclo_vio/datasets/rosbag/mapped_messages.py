@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bag in which fields of messages of any type are read as Imu, JointState and WrenchStamped.
+"""Messages in which fields of any type are read as Imu, JointState and WrenchStamped.
 
 Each reading that ``dataset.rosbag.fields`` names becomes a topic of its own, such as ``/lowstate as imu``, beside those
-of the bag. A message without a header has the time at which the bag received it.
+of the bag. A message without a header has the time at which the origin received it.
 """
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from coclo_vio.datasets.rosbag.config import RosbagConfig
 from coclo_vio.datasets.rosbag.field_paths import FieldsConfig, ImuFields, JointFields, numbers_at
 from coclo_vio.datasets.rosbag.message_types import IMU, JOINT_STATE, WRENCH
-from coclo_vio.datasets.rosbag.storage.bag_file import BagFile, BagTopic, RawMessage
+from coclo_vio.datasets.rosbag.storage.message_set import BagTopic, MessageSet, RawMessage
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import DatasetError, TopicNotFound, listing
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 _UNKNOWN = np.zeros(9)
 
@@ -80,19 +82,20 @@ class _Role:
     leg: int = 0
 
 
-class MappedBag(BagFile):
-    """A bag with topics made of fields."""
+class MappedMessages(MessageSet):
+    """Those of another set, with topics made of fields beside its own."""
 
     def __init__(
-        self, path: Path, config: RosbagConfig, robot: RobotDescription | None, *, allow_partial: bool
+        self, source: MessageSet, config: RosbagConfig, robot: RobotDescription | None, *, allow_partial: bool
     ) -> None:
         """List the topics.
 
         Raises:
-            TopicNotFound: a topic of ``config.fields`` is not in the bag.
-            DatasetError: the bag is damaged and ``allow_partial`` is not set.
+            TopicNotFound: a topic of ``config.fields`` is not among those of the source.
         """
-        super().__init__(path, allow_partial=allow_partial)
+        self._all = source
+        super().__init__(source.origin, is_ros1=source.is_ros1, allow_partial=allow_partial)
+        self.topics, self.notes = dict(source.topics), source.notes
         self._robot = robot
         self._roles = _roles(config.fields, robot)
         self._has_header: dict[str, bool] = {}
@@ -100,33 +103,60 @@ class MappedBag(BagFile):
         for name, role in self._roles.items():
             if role.topic not in self.topics:
                 raise TopicNotFound(
-                    f"{self.path} has no topic {role.topic}, which dataset.rosbag.fields names; those there are: "
+                    f"{self.origin} has no topic {role.topic}, which dataset.rosbag.fields names; those there are: "
                     f"{listing(self.topics)}"
                 )
             self.topics[name] = BagTopic(name, role.msgtype, self.topics[role.topic].count)
 
+    @property
+    def damage(self) -> str | None:
+        """What is damaged in the source, which may be found as it is read."""
+        return self._all.damage
+
+    @damage.setter
+    def damage(self, sentence: str | None) -> None:
+        """Damage that is found is that of the source."""
+        if sentence is not None:
+            self._all.damage = sentence
+
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
-        """As ``BagFile.messages``; a message is passed on once for each topic that is made of its fields."""
-        made = {name: self._roles[name].topic for name in names if name in self._roles}
-        if not made:
-            yield from super().messages(names)
+        """Those of the source; a message is passed on once for each topic that is made of its fields.
+
+        Raises:
+            DatasetError: the source is damaged and partial reading is not allowed.
+        """
+        carriers = self.carriers(names)
+        if carriers == set(names):
+            yield from self._all.messages(names)
             return
-        for message in super().messages({*(set(names) - set(made)), *made.values()}):
-            if message.topic in names:
-                yield message
-            for name, topic in made.items():
-                if topic == message.topic:
-                    yield message._replace(topic=name)
+        for message in self._all.messages(carriers):
+            yield from self.expanded(message, names)
+
+    def carriers(self, names: Collection[str]) -> frozenset[str]:
+        """The topics of the source whose messages belong to the topics ``names``, or have their fields."""
+        return frozenset(self._roles[name].topic if name in self._roles else name for name in names)
+
+    def expanded(self, message: RawMessage, names: Collection[str]) -> Iterator[RawMessage]:
+        """The message once for each of the topics ``names`` to which it belongs or that is made of its fields."""
+        if message.topic in names:
+            yield message
+        for name, role in self._roles.items():
+            if role.topic == message.topic and name in names:
+                yield message._replace(topic=name)
+
+    def typed(self, topic: str) -> "tuple[str, Typestore]":
+        """The type of a topic of the source and its message definitions."""
+        return self._all.typed(topic)
 
     def decoded(self, topic: str, data: bytes) -> Any:
-        """As ``BagFile.decoded``; of a topic made of fields a message with those that are read of its type.
+        """As ``MessageSet.decoded``; of a topic made of fields a message with those that are read of its type.
 
         Raises:
             DatasetError: the bytes do not fit the type, or the type has no such fields.
         """
         role = self._roles.get(topic)
         if role is None:
-            return super().decoded(topic, data)
+            return self._all.decoded(topic, data)
         message = self._source(role.topic, data)
         header = getattr(message, "header", None)
         frame = str(getattr(header, "frame_id", ""))
@@ -145,11 +175,11 @@ class MappedBag(BagFile):
         return _WrenchStamped(_Header(frame), _Wrench(_Vector(0.0, 0.0, float(forces[role.leg]))))
 
     def header_stamp_ns(self, topic: str, data: bytes) -> int:
-        """As ``BagFile.header_stamp_ns``; 0 for a message without a header."""
+        """As ``MessageSet.header_stamp_ns``; 0 for a message without a header."""
         role = self._roles.get(topic)
         if role is None:
-            return super().header_stamp_ns(topic, data)
-        return super().header_stamp_ns(role.topic, data) if self._with_header(role.topic, data) else 0
+            return self._all.header_stamp_ns(topic, data)
+        return self._all.header_stamp_ns(role.topic, data) if self._with_header(role.topic, data) else 0
 
     def is_stamped_on_arrival(self, message: RawMessage) -> bool:
         """Whether the message has no header, so that its time is that of its arrival."""
@@ -162,16 +192,16 @@ class MappedBag(BagFile):
             self._has_header[topic] = first == "header"
             if first != "header":
                 self.notes.append(
-                    f"the messages on {topic} have no header: they are stamped with the time at which the bag received "
-                    "them"
+                    f"the messages on {topic} have no header: they are stamped with the time at which they were "
+                    "received"
                 )
         return self._has_header[topic]
 
     def _source(self, topic: str, data: bytes) -> Any:
-        """The message of the bag, decoded once for all topics that are made of it."""
+        """The message of the source, decoded once for all topics that are made of it."""
         known, of, message = self._decoded
         if known != topic or of is not data:
-            message = super().decoded(topic, data)
+            message = self._all.decoded(topic, data)
             self._decoded = topic, data, message
         return message
 

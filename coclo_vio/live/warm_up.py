@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Kernels loaded before the first message comes: the first samples would wait for them, seconds in a fresh install."""
+
+from collections import deque
+from contextlib import suppress
+
+import numpy as np
+
+from coclo_vio.api.online import make_estimator
+from coclo_vio.robot.description import RobotDescription
+from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.values.errors import CocloError
+from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
+from coclo_vio.values.units import NS_PER_S
+
+_STEPS = 60
+_STEP_NS = NS_PER_S // 100
+
+
+def warm_up(config: RunConfig) -> None:
+    """Run leg odometry on a robot at rest for half a second, and forget it; nothing without a robot."""
+    robot = config.robot
+    if robot is None:
+        return
+    with suppress(CocloError):
+        estimator = make_estimator("coclo", robot=robot, config=config)
+        for sample in _at_rest(robot):
+            deque(estimator.push(sample), maxlen=0)
+
+
+def _at_rest(robot: RobotDescription) -> "list[ImuSample | FootForceSample | JointSample]":
+    joints, legs = len(robot.joint_names), len(robot.legs)
+    zero, up = np.zeros(3), np.array([0.0, 0.0, 9.81])
+    samples: list[ImuSample | FootForceSample | JointSample] = []
+    for number in range(_STEPS):
+        at_ns = NS_PER_S + number * _STEP_NS
+        samples += [
+            FootForceSample(at_ns, np.full(legs, 100.0)),
+            ImuSample(at_ns, zero, up),
+            JointSample(at_ns, np.full(joints, 0.1), np.zeros(joints), np.zeros(joints)),
+        ]
+    return samples

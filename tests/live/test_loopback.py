@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Real serialised messages between two processes on this computer: every one accounted for."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from live_processes import environment, free_port, run_both
+
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
+from coclo_vio.live.live_record import read_live_record
+from coclo_vio.live.open_wire import types_of
+from coclo_vio.live.recorded_messages import recorded_messages, restamped
+from coclo_vio.runs.live_config import LiveConfig, ZenohConfig
+from coclo_vio.runs.run_folder import read_estimates, read_record
+
+_ENDED = ["--set", "live.idle_s=2", "--set", "live.first_messages_s=0.5"]
+_PLAYED = ["--seconds", "4", "--wait", "40"]
+
+
+def _check(sent, record, topics):
+    for topic in topics:
+        came = record.topics[topic]
+        assert came.received + came.lost + came.earlier == sent[topic] > 0, topic
+        assert came.received > 0.9 * sent[topic]
+        assert came.refused == {}
+        assert came.latency.count == came.received
+        assert came.latency.negative == 0
+        assert came.latency.p50_ms < 100.0
+
+
+def test_zenoh_accounts_for_every_message_and_gets_estimates_back(short_recording, tmp_path):
+    pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    live = ["-s", "zenoh", "--endpoint", endpoint, "-m", "coclo", "-r", "daisy", *_ENDED]
+    sent, record = run_both([str(short_recording), "--listen", endpoint, *_PLAYED], live, tmp_path / "out")
+    _check(sent, record, ("/joint_states", "/imu", "/camera/imu"))
+    estimates = len(read_estimates(tmp_path / "out", "coclo").trajectory)
+    assert estimates > 300
+    assert record.published["/coclo/odometry"] == record.published["/tf"] == estimates
+    assert record.estimates["coclo"].p50_ms < 500.0
+    bag = BagFile(tmp_path / "out" / "recording" / "recording.mcap", allow_partial=False)
+    counts = Counter(message.topic for message in bag.messages(bag.topics.keys()))
+    assert counts["/coclo/odometry"] == estimates
+    assert counts["/joint_states"] == record.topics["/joint_states"].received
+
+
+def test_dds_accounts_for_every_message(short_recording, tmp_path):
+    pytest.importorskip("cyclonedds", reason="cyclonedds is an extra (live-dds)")
+    domain = str(free_port() % 100 + 100)
+    live = ["-s", "dds", "--domain", domain, "-m", "coclo", "-r", "daisy", *_ENDED]
+    publisher = [str(short_recording), "--wire", "dds", "--domain", domain, *_PLAYED]
+    sent, record = run_both(publisher, live, tmp_path / "out")
+    _check(sent, record, ("/joint_states", "/imu", "/camera/imu"))
+    assert len(read_estimates(tmp_path / "out", "coclo").trajectory) > 300
+
+
+def test_low_states_of_unitree_are_read_as_joints_and_imu(short_recording, tmp_path):
+    pytest.importorskip("cyclonedds", reason="cyclonedds is an extra (live-dds)")
+    domain = str(free_port() % 100 + 100)
+    live = ["-s", "unitree", "--domain", domain, "-m", "coclo", "-r", "daisy", *_ENDED]
+    publisher = [str(short_recording), "--wire", "unitree", "--robot", "daisy", "--domain", domain, *_PLAYED]
+    sent, record = run_both(publisher, live, tmp_path / "out")
+    _check(sent, record, ("/lowstate",))
+    assert record.roles["joints"] == ("/lowstate as joints",)
+    assert len(read_estimates(tmp_path / "out", "coclo").trajectory) > 300
+
+
+@contextmanager
+def _live(arguments):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "coclo_vio", "live", *arguments],
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+
+
+def test_a_fuzzed_message_on_the_wire_ends_nothing(short_recording, tmp_path):
+    pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
+    from coclo_vio.live.zenoh_wire import ZenohWire  # noqa: PLC0415 -- an extra
+
+    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "out"
+    types = types_of(LiveConfig())
+    arguments = ["-s", "zenoh", "--endpoint", endpoint, "-m", "coclo", "-r", "daisy", "-o", str(folder), *_ENDED]
+    wire = ZenohWire(types, ZenohConfig(connect=(), listen=(endpoint,)), "fuzzer")
+    with _live(arguments) as process, recorded_messages(short_recording, None, types) as messages:
+        random = np.random.default_rng(21)
+        for topic, kind in (("/joint_states", "JointState"), ("/imu", "Imu"), ("/camera/imu", "Imu")):
+            wire.announce(topic, f"sensor_msgs/msg/{kind}")
+        end = time.monotonic() + 60.0
+        while not wire.has_listeners("/joint_states") and time.monotonic() < end:
+            time.sleep(0.05)
+        begun, first, fuzzed = time.time_ns(), None, 0
+        for message in messages:
+            first = message.at_ns if first is None else first
+            if message.topic not in ("/joint_states", "/imu", "/camera/imu"):
+                continue
+            data = restamped(message, types, begun - first)
+            wire.publish(message.topic, message.msgtype, 0, data)
+            if (message.at_ns - first) > 2 * 10**9 and random.random() < 0.2:
+                wire.publish(message.topic, message.msgtype, 0, _mutated(data, random))
+                fuzzed += 1
+            if (message.at_ns - first) > 4 * 10**9:
+                break
+            time.sleep(0.0005)
+        wire._session.put("0/joint_states/sensor_msgs::msg::dds_::JointState_/RIHS01_00", b"of another definition")
+        said, _ = process.communicate(timeout=120)
+    wire.close()
+    assert process.returncode == 0, said
+    record = read_live_record(folder)
+    run = read_record(folder).estimators["coclo"]
+    assert run.failure is None
+    assert fuzzed > 50
+    refused = sum(sum(topic.refused.values()) for topic in record.topics.values())
+    assert refused > fuzzed / 5
+    kinds = {event.kind for event in run.events}
+    assert "wire_message_refused" in kinds
+    reasons = [event.detail for event in run.events if event.kind == "wire_message_refused"]
+    assert any("/joint_states" in reason for reason in reasons)
+    assert len(reasons) < refused / 2  # one a second of each reason, with their number
+    assert any("another definition" in reason for reason in reasons)
+
+
+def _mutated(data, random):
+    """Bytes that are cut, flipped or replaced, but for the stamp in the first half of the cases."""
+    kind = random.integers(4)
+    mutable = bytearray(data)
+    if kind == 0:
+        return bytes(mutable[: random.integers(0, len(mutable))])
+    if kind == 1:
+        return random.bytes(int(random.integers(1, 300)))
+    start = 12 if kind == 2 else 0
+    for at in random.integers(start, len(mutable), 6):
+        mutable[at] = random.integers(256)
+    return bytes(mutable)
+
+
+def test_an_interrupt_finishes_the_files(short_recording, tmp_path):
+    growing, folder = tmp_path / "growing.mcap", tmp_path / "out"
+    data = short_recording.read_bytes()
+    growing.write_bytes(data[: len(data) * 3 // 4])
+    arguments = ["-s", "file", "--endpoint", str(growing), "-m", "coclo", "-r", "daisy", "-o", str(folder)]
+    with _live(arguments) as process:
+        end = time.monotonic() + 90.0
+        while time.monotonic() < end and not _has_estimates(folder):
+            time.sleep(0.1)
+        os.kill(process.pid, signal.SIGINT)
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    estimates = read_estimates(folder, "coclo")
+    assert read_record(folder).estimators["coclo"].estimates == len(estimates.trajectory) > 0
+    assert "run folder" in said
+
+
+def _has_estimates(folder):
+    path = folder / "coclo.tum"
+    return path.exists() and path.stat().st_size > 0
