@@ -31,6 +31,7 @@ _IMPORTERS = {
     "gtsam": ("backend/",),
     "pinocchio": ("geometry/se3.py", "robot/pinocchio_legs.py"),
     "matplotlib": ("evaluation/figure_style.py", "experiments/studies/"),
+    "plotly": ("evaluation/plotly_page.py",),
     "rosbags": ("datasets/rosbag/storage/", "datasets/rosbag/writing/new_bag.py"),
     "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),
     "typer": ("cli/",),
