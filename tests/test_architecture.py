@@ -32,6 +32,8 @@ _IMPORTERS = {
     "pinocchio": ("geometry/se3.py", "robot/pinocchio_legs.py"),
     "matplotlib": ("evaluation/figure_style.py", "experiments/studies/"),
     "plotly": ("evaluation/plotly_page.py",),
+    "foxglove": ("views/foxglove_canvas.py",),
+    "rerun": ("views/rerun_canvas.py",),
     "rosbags": ("datasets/rosbag/storage/", "datasets/rosbag/writing/new_bag.py"),
     "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),
     "typer": ("cli/",),

@@ -13,6 +13,7 @@ from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs.comparison_report import Compared, report_title, write_comparison, write_comparisons
 from coclo_vio.runs.running import Progress
 from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
+from coclo_vio.views.view import View
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +106,7 @@ def compare(
     output: str | Path | None = None,
     progress: Progress | None = None,
     done: Callable[[ComparedRecording], None] | None = None,
+    view: View | None = None,
 ) -> Comparison:
     """Run several modes on recordings and measure them against ground truth.
 
@@ -114,6 +116,7 @@ def compare(
         output: folder for run folders, ``compare.json``, figures and ``report.html``; nothing is kept if None.
         progress: called with the mode and the stamp (ns) of each measurement.
         done: called with each recording once it has run and its report is written.
+        view: shown measurements and outputs of all modes; the caller closes it. Of several recordings there is none.
 
     Raises:
         DatasetError: a recording cannot be read or has no ground truth, or none could be run.
@@ -121,6 +124,8 @@ def compare(
     """
     given = [recordings] if isinstance(recordings, Recording | str | Path) else list(recordings)
     opened = [one if isinstance(one, Recording) else open_recording(one) for one in given]
+    if view is not None and len(opened) > 1:
+        raise ConfigError(f"a view shows one recording, not {len(opened)}; compare one at a time, or without a view")
     if not opened:
         raise ConfigError("there is no recording to compare on; give at least one")
     for recording in opened:
@@ -130,7 +135,7 @@ def compare(
     for recording, name in zip(opened, distinct_names(opened), strict=True):
         folder = None if output is None else result_folder(Path(output), name, count=len(opened))
         try:
-            compared.append(compare_one(recording, modes, name=name, folder=folder, progress=progress))
+            compared.append(compare_one(recording, modes, name=name, folder=folder, progress=progress, view=view))
         except CocloError as error:
             if len(opened) == 1:
                 raise
@@ -155,13 +160,14 @@ def compare_one(
     name: str | None = None,
     folder: Path | None = None,
     progress: Progress | None = None,
+    view: View | None = None,
 ) -> ComparedRecording:
     """Run several modes on one recording and measure them.
 
     Raises:
         CocloError: the recording is at fault, or no mode has what it needs.
     """
-    done = run(recording, recording.modes if modes is None else modes, folder=folder, progress=progress)
+    done = run(recording, recording.modes if modes is None else modes, folder=folder, progress=progress, view=view)
     evaluations, failures = done.evaluated(config=recording.config.evaluation)
     stopped = done.failures
     others = {name: why for name, why in failures.items() if done.record.estimators[name].mode not in stopped}

@@ -29,6 +29,7 @@ from coclo_vio.runs.running import Progress, Watch, run_modes
 from coclo_vio.values.errors import ConfigError, DatasetError, EvaluationError, listing
 from coclo_vio.values.outputs import Calibration, Event, KeyframeHealth
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.views.view import View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -192,6 +193,7 @@ def run(
     progress: Progress | None = None,
     watch: Watch | None = None,
     pictures_every: int | None = None,
+    view: View | None = None,
 ) -> Run:
     """Run one or several modes on a recording. A mode that stops early keeps its estimates up to there.
 
@@ -202,6 +204,7 @@ def run(
         progress: called with the mode and the stamp (ns) of each measurement.
         watch: called with the mode and each of its outputs.
         pictures_every: write every n-th frame with its tracks to ``debug_images`` of the folder; none if None.
+        view: shown measurements and outputs while they come, such as ``open_view`` gives; the caller closes it.
 
     Raises:
         ConfigError: there is no such mode, or the list of modes is empty.
@@ -222,6 +225,7 @@ def run(
             progress=progress,
             watch=watch,
             pictures_every=pictures_every,
+            view=view,
         )
         return Run(Path(folder), record, remove=stack.pop_all().close)
 

@@ -27,6 +27,7 @@ from coclo_vio.cli.printing import (
     progress_bar,
 )
 from coclo_vio.cli.terminal import give, say
+from coclo_vio.cli.viewing import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.sample import DURATION_S, LENGTH_M, sample_path
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.runs.modes.registry import mode_of, modes
@@ -56,13 +57,18 @@ def compare(
     settings: SetOption = None,
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
+    view: ViewOption = None,
+    view_file: ViewFileOption = None,
+    view_port: ViewPortOption = None,
 ) -> None:
     """Run several modes side by side against ground truth: table, plots, compare.json, report.html."""
     names = _mode_names(modes)
     changed = with_partial(settings, allow_partial)
     recordings = [open_recording(dataset, robot, config=config, settings=changed) for dataset in datasets]
-    with progress_bar() as progress:
-        comparison = compare_recordings(recordings, names, output=output, progress=progress, done=_print)
+    if view is not None and len(recordings) > 1:
+        raise ConfigError(f"--view shows one recording, not {len(recordings)}; compare one at a time")
+    with opened_view(view, recordings[0], view_file, view_port) as shown, progress_bar() as progress:
+        comparison = compare_recordings(recordings, names, output=output, progress=progress, done=_print, view=shown)
     _finish(comparison, output)
 
 

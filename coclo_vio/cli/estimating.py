@@ -23,6 +23,7 @@ from coclo_vio.cli.options import (
 )
 from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
 from coclo_vio.cli.terminal import give, give_json
+from coclo_vio.cli.viewing import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
 from coclo_vio.runs.comparison_report import report_title
@@ -53,14 +54,22 @@ def run(
     bag: Annotated[
         Path | None, typer.Option("--bag", help="Write the result as a rosbag too: .mcap, .bag or a folder.")
     ] = None,
+    view: ViewOption = None,
+    view_file: ViewFileOption = None,
+    view_port: ViewPortOption = None,
 ) -> None:
     """Run one mode on a recording; with ground truth, print its drift."""
     if bag is not None:
         check_bag_path(bag)
     recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
-    with progress_bar() as progress:
+    with opened_view(view, recording, view_file, view_port) as shown, progress_bar() as progress:
         done = run_recording(
-            recording, mode, folder=output, progress=progress, pictures_every=every if debug_images else None
+            recording,
+            mode,
+            folder=output,
+            progress=progress,
+            pictures_every=every if debug_images else None,
+            view=shown,
         )
     print_run(done.record, output)
     first = done.record.estimators[done.names[0]]

@@ -20,10 +20,12 @@ from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
+from coclo_vio.runs.viewing import VIEWED_FRAMES, seen
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import IMAGE_SENSORS
-from coclo_vio.values.outputs import Estimator, Output
+from coclo_vio.values.outputs import Estimator, Output, Picture
+from coclo_vio.views.view import View
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
 Progress = Callable[[str, int], None]
@@ -41,6 +43,7 @@ def run_modes(
     progress: Progress | None = None,
     watch: Watch | None = None,
     pictures_every: int | None = None,
+    view: View | None = None,
 ) -> RunRecord:
     """Run each mode on a recording; returns what ``run.json`` holds.
 
@@ -55,6 +58,7 @@ def run_modes(
         progress: called with mode and stamp.
         watch: called with mode and output.
         pictures_every: write the picture of every n-th frame of a mode that processes images; none if None.
+        view: shown what every mode reads and gives, pictures among it; the caller closes it.
 
     Raises:
         CocloError: the recording, the robot or the configuration is at fault, or no mode has what it needs.
@@ -63,7 +67,9 @@ def run_modes(
     dataset = open_dataset(path, config.robot, config.dataset)
     resolved = config.on_recording(dataset.imu_calibration())
     faults = Faults(resolved.faults, resolved.robot)
-    prepared = {name: _prepared(mode, path, dataset, resolved, pictures_every) for name, mode in modes.items()}
+    every = VIEWED_FRAMES if pictures_every is None and view is not None else pictures_every
+    prepared = {name: _prepared(mode, path, dataset, resolved, every) for name, mode in modes.items()}
+    observers = _Observers(progress, watch, view, keeps_pictures=pictures_every is not None)
     diagnosis = preflight(dataset, resolved)
     if not config.dataset.allow_partial:
         prepared = {name: _contradicted(modes[name], ready, diagnosis) or ready for name, ready in prepared.items()}
@@ -80,7 +86,7 @@ def run_modes(
             if isinstance(ready, CocloError):
                 recording_ns, trajectories = None, failed_records(modes[name], str(ready))
             else:
-                recording_ns, trajectories = _run_one(ready, dataset, faults, folder, progress, watch)
+                recording_ns, trajectories = _run_one(ready, dataset, faults, folder, observers)
             record = _with_trajectories(record, recording_ns, trajectories)
             run_folder.write_record(folder, record)
         record = _with_reader(record, dataset)
@@ -120,6 +126,23 @@ class _Prepared:
     sensors: frozenset[type]
     leg_names: tuple[str, ...]
     reads_ahead: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Observers:
+    """Who is shown what a mode reads and gives.
+
+    Attributes:
+        progress: called with mode and stamp.
+        watch: called with mode and output.
+        view: of measurements and outputs.
+        keeps_pictures: whether pictures go into the run folder too.
+    """
+
+    progress: Progress | None
+    watch: Watch | None
+    view: View | None
+    keeps_pictures: bool
 
 
 def _prepared(
@@ -163,21 +186,26 @@ def _described(
 
 
 def _run_one(
-    ready: _Prepared, dataset: Dataset, faults: Faults, folder: Path, progress: Progress | None, watch: Watch | None
+    ready: _Prepared, dataset: Dataset, faults: Faults, folder: Path, observers: _Observers
 ) -> tuple[Interval | None, dict[str, TrajectoryRecord]]:
     """Run one mode; the interval of what it read, and the records of its trajectories."""
     name = ready.mode.name
     with OutputRecorder(folder, ready.mode, ready.leg_names) as recorder:
 
         def take(output: Output) -> None:
-            recorder.take(output)
-            if watch is not None:
-                watch(name, output)
+            if observers.keeps_pictures or not isinstance(output, Picture):
+                recorder.take(output)
+            if observers.watch is not None:
+                observers.watch(name, output)
+            if observers.view is not None:
+                observers.view.take(output)
 
         measurements = faults.measurements(dataset.measurements, ready.sensors)
+        progress, view = observers.progress, observers.view
         with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
+            shown = source if view is None else seen(source, view)
             summary = pipeline.run(
-                ready.estimator, source, take, None if progress is None else lambda stamp_ns: progress(name, stamp_ns)
+                ready.estimator, shown, take, None if progress is None else lambda stamp_ns: progress(name, stamp_ns)
             )
     return summary.recording_ns, recorder.records(summary, ready.sensors)
 
