@@ -5,8 +5,8 @@ from pathlib import Path
 
 from coclo_vio.api.recording import Recording, open_recording
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.runs.recording_view import view_of_recording, view_of_robot
 from coclo_vio.runs.replay import replay
-from coclo_vio.runs.viewing import view_of_recording, view_of_robot
 from coclo_vio.views.view import View
 
 

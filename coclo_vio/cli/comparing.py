@@ -27,7 +27,7 @@ from coclo_vio.cli.printing import (
     progress_bar,
 )
 from coclo_vio.cli.terminal import give, say
-from coclo_vio.cli.viewing import ViewFileOption, ViewOption, ViewPortOption, opened_view
+from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.sample import DURATION_S, LENGTH_M, sample_path
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.runs.modes.registry import mode_of, modes

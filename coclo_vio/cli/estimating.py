@@ -23,7 +23,7 @@ from coclo_vio.cli.options import (
 )
 from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
 from coclo_vio.cli.terminal import give, give_json
-from coclo_vio.cli.viewing import ViewFileOption, ViewOption, ViewPortOption, opened_view
+from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
 from coclo_vio.runs.comparison_report import report_title

@@ -79,8 +79,7 @@ class LegOdometryFilter:
                 of the cameras' calibration, for ``mark_frame``.
             preintegrates: keep the whole state of a keyframe in the state, for ``preintegration``; robust profile.
             extra_blocks: further blocks of the state of the robust profile.
-            camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's; None
-                where there is none.
+            camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's.
             reports_innovations: give an ``Innovation`` of the robust profile 25 times a second with the events.
         """
         self.config = config or FilterConfig.of_robot(robot.description)

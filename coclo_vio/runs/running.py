@@ -18,9 +18,9 @@ from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
+from coclo_vio.runs.recording_view import VIEWED_FRAMES, seen
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
-from coclo_vio.runs.viewing import VIEWED_FRAMES, seen
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import IMAGE_SENSORS

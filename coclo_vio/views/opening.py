@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.views.canvas import Canvas
-from coclo_vio.views.scene import Scene
+from coclo_vio.views.drawn_scene import Scene
 from coclo_vio.views.view import Setting, View
 
 

@@ -20,8 +20,8 @@ from coclo_vio.values.measurements import JointSample
 from coclo_vio.values.outputs import Calibration, Estimate, Event, Innovation, KeyframeHealth, Picture, WindowSnapshot
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.views.drawn_robot import DrawnRobot, mesh_path
+from coclo_vio.views.drawn_scene import ellipsoid_of
 from coclo_vio.views.opening import open_view, view_kinds
-from coclo_vio.views.scene import ellipsoid_of
 from coclo_vio.views.view import Setting
 
 pytest.importorskip("foxglove")
@@ -223,7 +223,5 @@ def test_a_view_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path, monkey
     with pytest.raises(ConfigError, match=r"the view cannot use the file .*is_folder\.rrd: .*choose another one"):
         open_view("rerun", Setting(), file=tmp_path / "is_folder.rrd")
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(
-        ConfigError, match=r"rerun needs rerun-sdk, which is not installed: pip install 'coclo-vio\[view"
-    ):
+    with pytest.raises(ConfigError, match=r"needs rerun-sdk, which is not installed: pip install .coclo-vio\[view"):
         open_view("rerun", Setting(), file=tmp_path / "a.rrd")
