@@ -17,6 +17,7 @@ _HOMES = {
     "api.comparison": ("ComparedRecording", "Comparison", "compare"),
     "api.trajectory_evaluation": ("evaluate",),
     "api.online": ("make_estimator",),
+    "api.viewing": ("open_view", "view_run"),
     "datasets.dataset": ("Dataset", "register_format"),
     "datasets.sample": ("sample_path",),
     "evaluation.evaluate": ("EvaluationConfig",),
@@ -65,14 +66,17 @@ _HOMES = {
         "Estimate",
         "Estimator",
         "Event",
+        "Innovation",
         "KeyframeHealth",
         "Output",
         "Picture",
         "Status",
         "StreamStatus",
+        "WindowSnapshot",
     ),
     "values.trajectory": ("GroundTruth", "Trajectory", "read_tum", "write_tum"),
     "values.trajectory_kind": ("TrajectoryKind",),
+    "views.view": ("View",),
 }
 _MODULES = {name: module for module, names in _HOMES.items() for name in names}
 _RENAMED = {"open": ("api.recording", "open_recording")}  # the built-in's name, as numpy and PIL do
@@ -112,6 +116,8 @@ if TYPE_CHECKING:
     from coclo_vio.api.run import load_run as load_run
     from coclo_vio.api.run import run as run
     from coclo_vio.api.trajectory_evaluation import evaluate as evaluate
+    from coclo_vio.api.viewing import open_view as open_view
+    from coclo_vio.api.viewing import view_run as view_run
     from coclo_vio.datasets.dataset import Dataset as Dataset
     from coclo_vio.datasets.dataset import register_format as register_format
     from coclo_vio.datasets.sample import sample_path as sample_path
@@ -179,13 +185,16 @@ if TYPE_CHECKING:
     from coclo_vio.values.outputs import Estimate as Estimate
     from coclo_vio.values.outputs import Estimator as Estimator
     from coclo_vio.values.outputs import Event as Event
+    from coclo_vio.values.outputs import Innovation as Innovation
     from coclo_vio.values.outputs import KeyframeHealth as KeyframeHealth
     from coclo_vio.values.outputs import Output as Output
     from coclo_vio.values.outputs import Picture as Picture
     from coclo_vio.values.outputs import Status as Status
     from coclo_vio.values.outputs import StreamStatus as StreamStatus
+    from coclo_vio.values.outputs import WindowSnapshot as WindowSnapshot
     from coclo_vio.values.trajectory import GroundTruth as GroundTruth
     from coclo_vio.values.trajectory import Trajectory as Trajectory
     from coclo_vio.values.trajectory import read_tum as read_tum
     from coclo_vio.values.trajectory import write_tum as write_tum
     from coclo_vio.values.trajectory_kind import TrajectoryKind as TrajectoryKind
+    from coclo_vio.views.view import View as View

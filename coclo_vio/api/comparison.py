@@ -12,10 +12,12 @@ from coclo_vio.evaluation.ranking import Ranking, rank
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.comparison_report import Compared, report_title, write_comparison, write_comparisons
+from coclo_vio.runs.observers import Progress
 from coclo_vio.runs.run_folder import Existing
-from coclo_vio.runs.running import Ending, Progress
+from coclo_vio.runs.running import Ending
 from coclo_vio.runs.stop_request import RunStopped, StopRequest
 from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
+from coclo_vio.views.view import View
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +112,7 @@ def compare(
     done: Callable[[ComparedRecording], None] | None = None,
     existing: Existing | str = Existing.REFUSE,
     stop: StopRequest | None = None,
+    view: View | None = None,
 ) -> Comparison:
     """Run several modes on recordings and measure them against ground truth.
 
@@ -121,6 +124,7 @@ def compare(
         done: called with each recording once it has run and its report is written.
         existing: what becomes of results in the folder: ``refuse``, ``overwrite``, or ``resume`` their runs.
         stop: asked before each measurement whether to stop.
+        view: shown measurements and outputs of all modes; the caller closes it. Of several recordings there is none.
 
     Raises:
         DatasetError: a recording cannot be read or has no ground truth, none could be run, or the folder holds results
@@ -131,6 +135,8 @@ def compare(
     ending = Ending(existing_of(existing), stop)
     given = [recordings] if isinstance(recordings, Recording | str | Path) else list(recordings)
     opened = [one if isinstance(one, Recording) else open_recording(one) for one in given]
+    if view is not None and len(opened) > 1:
+        raise ConfigError(f"a view shows one recording, not {len(opened)}; compare one at a time, or without a view")
     if not opened:
         raise ConfigError("there is no recording to compare on; give at least one")
     for recording in opened:
@@ -142,7 +148,9 @@ def compare(
     for recording, name in zip(opened, distinct_names(opened), strict=True):
         folder = None if output is None else result_folder(Path(output), name, count=len(opened))
         try:
-            compared.append(compare_one(recording, modes, name=name, folder=folder, progress=progress, ending=ending))
+            compared.append(
+                compare_one(recording, modes, name=name, folder=folder, progress=progress, ending=ending, view=view)
+            )
         except CocloError as error:
             if len(opened) == 1:
                 raise
@@ -168,6 +176,7 @@ def compare_one(
     folder: Path | None = None,
     progress: Progress | None = None,
     ending: Ending | None = None,
+    view: View | None = None,
 ) -> ComparedRecording:
     """Run several modes on one recording and measure them.
 
@@ -181,8 +190,8 @@ def compare_one(
         recording.modes if modes is None else modes,
         folder=folder,
         progress=progress,
-        existing=ending.existing,
-        stop=ending.stop,
+        existing=ending,
+        view=view,
     )
     if ending.is_requested:
         raise RunStopped(f"stopped; {done.folder} has what was estimated so far")

@@ -36,7 +36,8 @@ def make_estimator(
             the robot's description has it where this does not contain it.
         config: of all stages; the robot's own and the defaults if None.
         sensors: kinds of measurements that will come; without ``StereoFrame`` the cameras' tracks are expected.
-        pictures_every: give a ``Picture`` of every n-th frame; none if None.
+        pictures_every: give a ``Picture`` of every n-th frame, and with them a ``WindowSnapshot`` at every keyframe
+            and each ``Innovation``; none if None.
 
     Raises:
         ConfigError: no such mode or robot, or legs without a robot.

@@ -21,15 +21,16 @@ from coclo_vio.runs import evaluating, run_folder
 from coclo_vio.runs.equipment import check_pictures
 from coclo_vio.runs.evaluating import evaluation_config
 from coclo_vio.runs.modes.registry import mode_of, modes
+from coclo_vio.runs.observers import Observers, Progress, Watch
 from coclo_vio.runs.output_logs import read_calibrations, read_health
 from coclo_vio.runs.run_figures import check_figure, draw_figure
 from coclo_vio.runs.run_folder import Existing, RecordedTrajectory
 from coclo_vio.runs.run_record import RunRecord
-from coclo_vio.runs.running import Ending, Progress, Watch, run_modes
-from coclo_vio.runs.stop_request import StopRequest
+from coclo_vio.runs.running import Ending, run_modes
 from coclo_vio.values.errors import ConfigError, DatasetError, EvaluationError, listing
 from coclo_vio.values.outputs import Calibration, Event, KeyframeHealth
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
+from coclo_vio.views.view import View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -199,8 +200,8 @@ def run(
     progress: Progress | None = None,
     watch: Watch | None = None,
     pictures_every: int | None = None,
-    existing: Existing | str = Existing.REFUSE,
-    stop: StopRequest | None = None,
+    existing: Existing | Ending | str = Existing.REFUSE,
+    view: View | None = None,
 ) -> Run:
     """Run one or several modes on a recording. A mode that stops early keeps its estimates up to there.
 
@@ -211,18 +212,20 @@ def run(
         progress: called with the mode and the stamp (ns) of each measurement.
         watch: called with the mode and each of its outputs.
         pictures_every: write every n-th frame with its tracks to ``debug_images`` of the folder; none if None.
-        existing: what becomes of results in the folder: ``refuse``, ``overwrite``, or ``resume`` their run.
-        stop: asked before each measurement whether to stop; the run's ``record.status`` is ``interrupted`` then.
+        existing: what becomes of results in the folder: ``refuse``, ``overwrite``, or ``resume`` their run; or an
+            ``Ending``, which may stop the run, whose ``record.status`` is ``interrupted`` then.
+        view: shown measurements and outputs while they come, such as ``open_view`` gives; the caller closes it.
 
     Raises:
         ConfigError: there is no such mode, or the list of modes is empty.
-        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or no mode has what it needs.
+        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or
+            no mode has what it needs.
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
     names = mode_names(recording.default_mode if mode is None else mode)
     check_pictures(pictures_every)
-    ending = Ending(existing_of(existing), stop)
+    ending = existing if isinstance(existing, Ending) else Ending(existing_of(existing))
     with ExitStack() as stack:
         if folder is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_"))
@@ -231,9 +234,7 @@ def run(
             names,
             recording.config,
             Path(folder),
-            progress=progress,
-            watch=watch,
-            pictures_every=pictures_every,
+            observers=Observers(progress, watch, view, pictures_every),
             ending=ending,
         )
         return Run(Path(folder), record, remove=stack.pop_all().close)

@@ -32,6 +32,7 @@ from coclo_vio.cli.printing import (
 )
 from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give, say
+from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.sample import DURATION_S, LENGTH_M, sample_path
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.runs import run_folder
@@ -78,6 +79,9 @@ def compare(
     output: OutOption = Path("out"),
     overwrite: OverwriteOption = False,
     resume: ResumeOption = False,
+    view: ViewOption = None,
+    view_file: ViewFileOption = None,
+    view_port: ViewPortOption = None,
 ) -> None:
     """Run several modes side by side against ground truth: table, plots, compare.json, report.html."""
     names = _mode_names(modes)
@@ -85,9 +89,18 @@ def compare(
     earlier = existing(overwrite=overwrite, resume=resume)
     with stoppable(partial(done_so_far, output)) as stop:
         recordings = [open_recording(dataset, robot, config=config, settings=changed) for dataset in datasets]
-        with progress_bar() as progress:
+        if view is not None and len(recordings) > 1:
+            raise ConfigError(f"--view shows one recording, not {len(recordings)}; compare one at a time")
+        with opened_view(view, recordings[0], view_file, view_port) as shown, progress_bar() as progress:
             comparison = compare_recordings(
-                recordings, names, output=output, progress=progress, done=_print, existing=earlier, stop=stop
+                recordings,
+                names,
+                output=output,
+                progress=progress,
+                done=_print,
+                existing=earlier,
+                stop=stop,
+                view=shown,
             )
         _finish(comparison, output)
 

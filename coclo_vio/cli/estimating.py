@@ -28,12 +28,14 @@ from coclo_vio.cli.options import (
 from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
 from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give, give_json
+from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
 from coclo_vio.runs.comparison_report import report_title
 from coclo_vio.runs.evaluating import evaluation_config
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.result_bag import write_run_bag
+from coclo_vio.runs.running import Ending
 from coclo_vio.values.errors import DatasetError, EvaluationError
 
 if TYPE_CHECKING:
@@ -60,6 +62,9 @@ def run(
     ] = None,
     overwrite: OverwriteOption = False,
     resume: ResumeOption = False,
+    view: ViewOption = None,
+    view_file: ViewFileOption = None,
+    view_port: ViewPortOption = None,
 ) -> None:
     """Run one mode on a recording; with ground truth, print its drift."""
     if bag is not None:
@@ -67,15 +72,15 @@ def run(
     earlier = existing(overwrite=overwrite, resume=resume)
     with stoppable(partial(done_so_far, output)) as stop:
         recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
-        with progress_bar() as progress:
+        with opened_view(view, recording, view_file, view_port) as shown, progress_bar() as progress:
             done = run_recording(
                 recording,
                 mode,
                 folder=output,
                 progress=progress,
                 pictures_every=every if debug_images else None,
-                existing=earlier,
-                stop=stop,
+                existing=Ending(earlier, stop),
+                view=shown,
             )
         if not stop.is_requested:
             _show(done, recording, bag)

@@ -20,8 +20,8 @@ from coclo_vio.evaluation.paper_table import PAPER_MARK
 from coclo_vio.evaluation.ranking import rank, resolution_sentence
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.evaluation.trajectory_roles import in_order
+from coclo_vio.runs.observers import Progress as ProgressCallback
 from coclo_vio.runs.run_record import CalibrationRecord, RunRecord, TrajectoryRecord
-from coclo_vio.runs.running import Progress as ProgressCallback
 from coclo_vio.values.units import MRAD_PER_RAD, NS_PER_S
 
 _EVERY_NS = 200_000_000

@@ -16,7 +16,8 @@ from coclo_vio.values.units import NS_PER_S
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SIGMAS = 3.0
+SIGMAS = 3.0
+"""Half the width of an error band."""
 _ROWS = ("x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
 _SCALES = np.array([1e3, 1e3, 1e3, np.degrees(1.0)])  # of m and rad, to the units of _ROWS
 
@@ -169,7 +170,7 @@ def plot_error_bands(
         error, sigma = error_and_sigma(inside, reference, rotation_noise_rad, position_noise_m)
         times_s, style = (inside.stamps_ns - zero_ns) / NS_PER_S, {**style_of(name), "linewidth": 1.0}
         for row, label in enumerate(_ROWS):
-            axis, band = axes[row, column], _SIGMAS * _SCALES[row] * sigma[:, row]
+            axis, band = axes[row, column], SIGMAS * _SCALES[row] * sigma[:, row]
             axis.fill_between(times_s, -band, band, color=style["color"], alpha=0.2, linewidth=0)
             axis.plot(times_s, _SCALES[row] * error[:, row], **style)
             axis.axhline(0.0, color="black", linewidth=0.6)

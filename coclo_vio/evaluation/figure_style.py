@@ -41,6 +41,11 @@ def style_of(name: str) -> dict[str, Any]:
     }
 
 
+def event_colours(count: int) -> list[str]:
+    """Colours of so many kinds of events, the same in all figures."""
+    return [_EVENT_COLOURS[index % len(_EVENT_COLOURS)] for index in range(count)]
+
+
 NO_FIGURES = "no figures: matplotlib is not installed; pip install 'coclo-vio[viz]' brings it"
 """Why a report has no figures, where matplotlib is missing."""
 
@@ -80,8 +85,7 @@ def mark_events(axes: Sequence[Any], events: Mapping[str, Sequence[float]]) -> N
         axes: of matplotlib, the time in seconds along x.
         events: times, s, by kind.
     """
-    for index, (kind, times_s) in enumerate(events.items()):
-        colour = _EVENT_COLOURS[index % len(_EVENT_COLOURS)]
+    for colour, (kind, times_s) in zip(event_colours(len(events)), events.items(), strict=True):
         for axis in axes:
             for number, time_s in enumerate(times_s):
                 label = kind if axis is axes[0] and number == 0 else None

@@ -10,14 +10,21 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
-from coclo_vio.evaluation.association import gaps_ns
+from coclo_vio.evaluation.curves import (
+    Estimates,
+    ahead_of,
+    broken,
+    distance,
+    middle,
+    own_velocity,
+    seconds,
+    smooth_velocity,
+    within,
+    zero_ns_of,
+)
 from coclo_vio.evaluation.figure_style import REFERENCE, empty_figure, finish, mark_events, style_of
-from coclo_vio.evaluation.metrics import velocities
 from coclo_vio.evaluation.trajectory_roles import featured, is_fused
-from coclo_vio.values.arrays import Array
-from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.values.units import NS_PER_S
 
@@ -25,15 +32,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AXES = ("x", "y", "z")
-_HOLE_S = 1.0
 _SCALE_OF_FEATURED = 2.5  # baselines further off than this times the worst featured estimate leave the figure
 _SMALL_M = 0.1
 _MM_PER_M = 1e3
-_AVERAGING_S = 0.3
-_LONGEST_S = 20.0
 _PATH_WIDTH, _PATH_HEIGHTS = 7.0, (1.8, 6.5)
 
-Estimates = Mapping[str, Trajectory]
 Events = Mapping[str, Sequence[int]]
 """Stamps, ns, by kind."""
 
@@ -46,14 +49,14 @@ def plot_positions(estimates: Estimates, reference: Trajectory | None, *, start_
         reference: the ground truth, where there is any.
         start_ns: time zero; the first estimate where None.
     """
-    zero_ns, shown = _zero_ns(estimates, start_ns), _within(estimates, reference)
+    zero_ns, shown = zero_ns_of(estimates, start_ns), within(estimates, reference)
 
     def draw(axis: Any, index: int, names: Sequence[str]) -> None:
         if shown is not None:
-            axis.plot(_seconds(shown, zero_ns), _broken(shown, shown.positions)[:, index], **REFERENCE)
+            axis.plot(seconds(shown, zero_ns), broken(shown, shown.positions)[:, index], **REFERENCE)
         for name in names:
             estimate = estimates[name]
-            axis.plot(_seconds(estimate, zero_ns), _broken(estimate, estimate.positions)[:, index], **style_of(name))
+            axis.plot(seconds(estimate, zero_ns), broken(estimate, estimate.positions)[:, index], **style_of(name))
 
     return _in_columns(list(estimates), [f"{name} [m]" for name in _AXES], draw)
 
@@ -78,18 +81,18 @@ def plot_velocities(
         window_s: over which positions give a velocity, s.
         max_gap_s: a hole of the ground truth is longer, s.
     """
-    zero_ns, leading = _zero_ns(estimates, start_ns), set(featured(estimates))
-    estimates = _middle({name: estimate for name, estimate in estimates.items() if name in leading})
-    names, shown = list(estimates), _within(estimates, reference)
-    true = None if shown is None else _velocity(shown, window_s, max_gap_s)
-    own = {name: _own_velocity(estimates[name], window_s) for name in names}
+    zero_ns, leading = zero_ns_of(estimates, start_ns), set(featured(estimates))
+    estimates = middle({name: estimate for name, estimate in estimates.items() if name in leading})
+    names, shown = list(estimates), within(estimates, reference)
+    true = None if shown is None else smooth_velocity(shown, window_s, max_gap_s)
+    own = {name: own_velocity(estimates[name], window_s) for name in names}
 
     def draw(axis: Any, index: int, drawn: Sequence[str]) -> None:
         for name in drawn:
             style = {**style_of(name), "linewidth": 0.7 * style_of(name)["linewidth"]}
-            axis.plot(_seconds(estimates[name], zero_ns), own[name][:, index], **style)
+            axis.plot(seconds(estimates[name], zero_ns), own[name][:, index], **style)
         if shown is not None and true is not None:
-            axis.plot(_seconds(shown, zero_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
+            axis.plot(seconds(shown, zero_ns), true[:, index], **{**REFERENCE, "zorder": 7, "linewidth": 0.9})
 
     return _in_columns(names, [f"v{name} [m/s]" for name in _AXES], draw)
 
@@ -99,7 +102,7 @@ def plot_path(estimates: Estimates, reference: Trajectory | None) -> "Figure":
 
     The height in the view from the side is not to scale.
     """
-    shown = _within(estimates, reference)
+    shown = within(estimates, reference)
     longest = shown if shown is not None else next(iter(estimates.values()))
     extent = np.ptp(longest.positions, axis=0)
     height = float(np.clip(_PATH_WIDTH * extent[1] / max(extent[0], 1e-9), *_PATH_HEIGHTS))
@@ -135,7 +138,7 @@ def plot_position_error(
     """
     figure = empty_figure(9.0, 3.8)
     axis = figure.subplots()
-    zero_ns = _zero_ns(estimates, start_ns)
+    zero_ns = zero_ns_of(estimates, start_ns)
     _draw_error(axis, estimates, references, max_gap_s, zero_ns)
     mark_events([axis], _event_times(events or {}, zero_ns))
     return finish(figure, [axis], "time [s]")
@@ -159,7 +162,7 @@ def plot_overview(
     figure = empty_figure(10.0, 3.9)
     route, error = figure.subplots(1, 2)
     reference = next(iter(references.values()))
-    shown = _within(estimates, reference)
+    shown = within(estimates, reference)
     extent = reference.positions.max(axis=0) - reference.positions.min(axis=0)
     if extent[2] > 0.05 * float(np.hypot(extent[0], extent[1])):
         _draw_side(route, estimates, shown)
@@ -169,7 +172,7 @@ def plot_overview(
         route.set_aspect("equal", adjustable="datalim")
         route.set_xlabel("x [m]")
         route.set_ylabel("y [m]")
-    _draw_error(error, estimates, references, max_gap_s, _zero_ns(estimates, start_ns))
+    _draw_error(error, estimates, references, max_gap_s, zero_ns_of(estimates, start_ns))
     return finish(figure, [route, error], "time [s]")
 
 
@@ -193,106 +196,35 @@ def _in_columns(names: Sequence[str], rows: Sequence[str], draw: Any) -> "Figure
 def _draw_path(axis: Any, estimates: Estimates, reference: Trajectory | None, plane: tuple[int, int]) -> None:
     """Positions in a plane of the world."""
     if reference is not None:
-        axis.plot(*_broken(reference, reference.positions)[:, plane].T, **REFERENCE)
+        axis.plot(*broken(reference, reference.positions)[:, plane].T, **REFERENCE)
     for name, estimate in estimates.items():
-        axis.plot(*_broken(estimate, estimate.positions)[:, plane].T, **style_of(name))
+        axis.plot(*broken(estimate, estimate.positions)[:, plane].T, **style_of(name))
 
 
 def _draw_side(axis: Any, estimates: Estimates, reference: Trajectory | None) -> None:
     """Height over the horizontal direction of the largest extent of the path."""
     longest = reference if reference is not None else next(iter(estimates.values()))
-    start = longest.positions[0]
-    ahead = np.linalg.svd(longest.positions[:, :2] - longest.positions[:, :2].mean(axis=0), full_matrices=False)[2][0]
-    ahead = ahead * (1.0 if ahead @ (longest.positions[-1] - start)[:2] >= 0.0 else -1.0)
+    start, ahead = longest.positions[0], ahead_of(longest)
     drawn = [] if reference is None else [(reference, dict(REFERENCE))]
     for trajectory, style in [*drawn, *((estimate, style_of(name)) for name, estimate in estimates.items())]:
-        moved = _broken(trajectory, trajectory.positions - start)
+        moved = broken(trajectory, trajectory.positions - start)
         axis.plot(moved[:, :2] @ ahead, moved[:, 2], **style)
     axis.set_ylabel("height [m]")
 
 
 def _draw_error(axis: Any, estimates: Estimates, references: Estimates, max_gap_s: float, zero_ns: int) -> None:
     """Distances to the ground truth, its noise averaged out; in millimetres where they are small."""
-    errors = {name: _distance(estimate, references[name], max_gap_s) for name, estimate in estimates.items()}
+    errors = {name: distance(estimate, references[name], max_gap_s) for name, estimate in estimates.items()}
     worst = {name: float(np.nanmax(error, initial=0.0)) for name, (_, error) in errors.items()}
     leading = max(worst[name] for name in featured(worst))
     top_m = min(max(worst.values()), _SCALE_OF_FEATURED * leading)
     scale, unit = (_MM_PER_M, "mm") if top_m < _SMALL_M else (1.0, "m")
     for name, (inside, error) in errors.items():
-        axis.plot(_seconds(inside, zero_ns), scale * error, **style_of(name))
+        axis.plot(seconds(inside, zero_ns), scale * error, **style_of(name))
     axis.set_ylabel(f"position error [{unit}]")
     axis.set_ylim(0.0, 1.05 * scale * top_m or None)
     axis.margins(x=0.01)
 
 
-def _distance(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> tuple[Trajectory, Array]:
-    """The part of an estimate within the ground truth, and how far it is off, m; NaN in holes of the ground truth.
-
-    Positions are averaged over ``_AVERAGING_S``, so that the noise of the ground truth does not count as an error.
-    """
-    inside = estimate.between(int(reference.stamps_ns[0]), int(reference.stamps_ns[-1]))
-    apart = inside.positions - reference.interpolated(inside.stamps_ns).positions
-    spacing_s = inside.duration_s / max(1, len(inside) - 1)
-    width = min(len(inside), max(1, round(_AVERAGING_S / spacing_s))) if spacing_s > 0.0 else 1
-    error = np.linalg.norm(uniform_filter1d(apart, width, axis=0, mode="nearest"), axis=1)
-    for start, end in gaps_ns(reference.stamps_ns, max_gap_s):
-        error[(inside.stamps_ns > start) & (inside.stamps_ns < end)] = np.nan
-    return inside, error
-
-
 def _event_times(events: Events, zero_ns: int) -> dict[str, list[float]]:
     return {kind: [(stamp_ns - zero_ns) / NS_PER_S for stamp_ns in stamps] for kind, stamps in events.items()}
-
-
-def _zero_ns(estimates: Estimates, start_ns: int | None) -> int:
-    return _start_ns(estimates) if start_ns is None else start_ns
-
-
-def _start_ns(estimates: Estimates) -> int:
-    if not estimates:
-        raise EvaluationError("a figure needs at least one estimate, there is none; run an estimator first")
-    return min(int(estimate.stamps_ns[0]) for estimate in estimates.values())
-
-
-def _within(estimates: Estimates, reference: Trajectory | None) -> Trajectory | None:
-    """The ground truth while there are estimates."""
-    start_ns = _start_ns(estimates)
-    if reference is None:
-        return None
-    return reference.between(start_ns, max(int(estimate.stamps_ns[-1]) for estimate in estimates.values()))
-
-
-def _middle(estimates: Estimates) -> Estimates:
-    """The parts within ``_LONGEST_S`` about the middle of the time covered; the whole where there is none in it."""
-    start_ns, end_ns = _start_ns(estimates), max(int(estimate.stamps_ns[-1]) for estimate in estimates.values())
-    margin_ns = (end_ns - start_ns - round(_LONGEST_S * NS_PER_S)) // 2
-    if margin_ns <= 0:
-        return estimates
-    first_ns, last_ns = start_ns + margin_ns, end_ns - margin_ns
-    inside = {
-        name: estimate.between(first_ns, last_ns)
-        for name, estimate in estimates.items()
-        if ((estimate.stamps_ns >= first_ns) & (estimate.stamps_ns <= last_ns)).any()
-    }
-    return inside or estimates
-
-
-def _seconds(trajectory: Trajectory, zero_ns: int) -> Array:
-    return np.asarray((trajectory.stamps_ns - zero_ns) / NS_PER_S)
-
-
-def _broken(trajectory: Trajectory, values: Array) -> Array:
-    """Values (N, k) with NaN before each hole, so that no line is drawn across it."""
-    shown = values.copy()
-    shown[:-1][np.diff(trajectory.stamps_ns) > _HOLE_S * NS_PER_S] = np.nan
-    return shown
-
-
-def _own_velocity(estimate: Trajectory, window_s: float) -> Array:
-    own = estimate.velocity_world
-    return _velocity(estimate, window_s, _HOLE_S) if own is None else _broken(estimate, own)
-
-
-def _velocity(trajectory: Trajectory, window_s: float, max_gap_s: float) -> Array:
-    velocity, is_trusted = velocities(trajectory, window_s, max_gap_s)
-    return np.where(is_trusted[:, None], velocity, np.nan)

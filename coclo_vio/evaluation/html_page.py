@@ -20,6 +20,19 @@ td.best { font-weight: bold; } tr.paper { color: #666; }
 img { max-width: 100%; } figure { margin: 1rem 0 2rem; } figcaption { color: #555; }
 summary { cursor: pointer; margin: .6rem 0; } pre { background: #f5f5f5; padding: 1rem; overflow-x: auto; }
 .lead { font-size: 1.1rem; }
+p, li, figcaption, td { overflow-wrap: break-word; }
+div.scroll { overflow-x: auto; }
+div.zoomable { width: 100%; }
+#trajectories { position: sticky; top: 0; z-index: 5; background: #fffffff0; padding: .3rem 0; font-size: .9rem; }
+#trajectories label { display: inline-block; margin-right: .9rem; white-space: nowrap; }
+.swatch { display: inline-block; width: .9em; height: .9em; margin: 0 .3em; vertical-align: -.1em; }
+@media (max-width: 40rem) {
+  body { margin: .6rem auto; padding: 0 .6rem; } h1 { font-size: 1.4rem; } table { font-size: .85rem; }
+  th, td { padding: .25rem .4rem; }
+  table.numbers th:first-child, table.numbers td:first-child { position: sticky; left: 0; background: #fff;
+    min-width: 8rem; max-width: 9rem; }
+  tr.text td:last-child { min-width: 14rem; } #trajectories { font-size: .8rem; }
+}
 """
 
 
@@ -31,7 +44,8 @@ def write_page(path: Path, title: str, parts: Iterable[str]) -> Path:
     """
     text = "\n".join(
         (
-            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>',
             f"<style>{_STYLE}</style></head><body><h1>{escape(title)}</h1>",
             *parts,
             "</body></html>\n",
@@ -45,9 +59,10 @@ def write_page(path: Path, title: str, parts: Iterable[str]) -> Path:
 
 
 def table(head: Sequence[str], rows: Iterable[str]) -> str:
-    """A table with these column heads and rows of ``row``."""
+    """A table with these column heads and rows of ``row``; on a narrow screen it scrolls, its first column stays."""
     cells = "".join(f"<th>{escape(text)}</th>" for text in head)
-    return "\n".join((f"<table><tr>{cells}</tr>", *rows, "</table>"))
+    kind = "" if head[0] else ' class="numbers"'
+    return "\n".join((f'<div class="scroll"><table{kind}><tr>{cells}</tr>', *rows, "</table></div>"))
 
 
 def row(label: str, cells: Iterable[str], *, best: Iterable[int] = (), kind: str = "") -> str:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import yaml
 
-from coclo_vio.evaluation import html_page
+from coclo_vio.evaluation import html_page, plotly_page
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.evaluation_record import EvaluationRecord
 from coclo_vio.evaluation.notes import merged_notes
 from coclo_vio.evaluation.ranking import Ranking, resolution_sentence
+from coclo_vio.evaluation.zoomable_plot import ZoomablePlot
 from coclo_vio.values.outputs import Calibration
 
 _ROWS = (
@@ -97,6 +98,7 @@ def write_report(
     evaluations: Mapping[str, Evaluation],
     figures: Sequence[Path] = (),
     content: ReportContent | None = None,
+    plots: Sequence[ZoomablePlot] = (),
 ) -> Path:
     """Write the report and return its path.
 
@@ -106,18 +108,26 @@ def write_report(
         evaluations: by name of the trajectory; a column each.
         figures: PNG files, embedded; the first one is at the top.
         content: what else it shows.
+        plots: zoomable ones in place of the figures; the first two are at the top. They need plotly.
 
     Raises:
         EvaluationError: a figure cannot be read, or the report cannot be written.
     """
     content = content or ReportContent()
+    if plots:
+        shown = [plotly_page.holder(plot) for plot in plots]
+        shown[0] = plotly_page.tick_boxes(plots) + shown[0]
+        first, others = shown[:2], shown[2:]
+    else:
+        shown = [_figure(figure) for figure in figures]
+        first, others = shown[:1], shown[1:]
     parts = [
         *(f'<p class="lead">{escape(sentence)}</p>' for sentence in content.summary),
-        *(_figure(figure) for figure in figures[:1]),
+        *first,
         "<h2>Numbers</h2>",
         numbers_table(evaluations),
         ranking_list(content.rankings, "<h2>Ranking</h2>"),
-        *(("<h2>Figures</h2>", *(_figure(figure) for figure in figures[1:])) if figures[1:] else ()),
+        *(("<h2>Figures</h2>", *others) if others else ()),
         _calibrations(content.calibrations or {}),
         _events(content.events),
         _notes(evaluations),
@@ -127,6 +137,8 @@ def write_report(
         parts.append(
             f"<h2>Configuration</h2>{html_page.folded('as resolved for this run', f'<pre>{escape(text)}</pre>')}"
         )
+    if plots:
+        parts.append(plotly_page.scripts(plots))
     return html_page.write_page(path, title, parts)
 
 

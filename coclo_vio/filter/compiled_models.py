@@ -168,6 +168,11 @@ class CompiledExpectation:
         return innovation_squared_of(rows, noise, self.measured.innovation)
 
     @property
+    def degrees_of_freedom(self) -> int:
+        """As in ``Expectation``."""
+        return len(self.measured.innovation)
+
+    @property
     def mean_excess(self) -> float:
         """As in ``Expectation``."""
         return mean_excess_of(self.measured.rows, self.measured.innovation)

@@ -13,6 +13,7 @@ from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.frame_motion import BodyTrail, FrameMotion
 from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import initial_filter
+from coclo_vio.filter.innovation_log import InnovationLog
 from coclo_vio.filter.interruption import Learnt, learnt_by, take_learnt, widen_over_gap
 from coclo_vio.filter.keyframe_exchange import KeyframeExchange, MarkedFrame
 from coclo_vio.filter.leg_consistency import LegConsistency
@@ -35,7 +36,7 @@ from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Calibration, Event
+from coclo_vio.values.outputs import Calibration, Event, Innovation
 from coclo_vio.values.units import NS_PER_S
 
 _NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
@@ -63,6 +64,7 @@ class LegOdometryFilter:
         preintegrates: bool = False,
         extra_blocks: Sequence[StateBlock] = (),
         camera_imu: ImuCalibration | None = None,
+        reports_innovations: bool = False,
     ) -> None:
         """Take a robot and a configuration.
 
@@ -73,19 +75,18 @@ class LegOdometryFilter:
                 of the cameras' calibration, for ``mark_frame``.
             preintegrates: keep the whole state of a keyframe in the state, for ``preintegration``; robust profile.
             extra_blocks: further blocks of the state of the robust profile.
-            camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's; None
-                where there is none.
+            camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's.
+            reports_innovations: give an ``Innovation`` of the robust profile 25 times a second with the events.
         """
         self.config = config or FilterConfig.of_robot(robot.description)
-        self._counts: Counter[str] = Counter()
+        self._counts, self._innovations = Counter[str](), InnovationLog()
         self._robot = robot
         contact = robot.description.contact
-        self._profile: Profile
         self._camera_imu: CameraImu | None = None
         initial = self.config.initial
         if self.config.profile == "paper":
             contact = contact.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
-            self._profile = PaperProfile(
+            self._profile: Profile = PaperProfile(
                 robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
             )
         else:
@@ -104,6 +105,7 @@ class LegOdometryFilter:
                 extra_blocks=(*extra, *start),
                 holds_soles=not preintegrates,
             )
+            self._profile.watch = self._innovations.add if reports_innovations else None
         timeout_s, rest = self.config.force_timeout_s, self.config.standstill
         self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
         self._start_rule = StartRule(self.config.rest_timeout_s)
@@ -213,10 +215,10 @@ class LegOdometryFilter:
         """Delay of the gyroscope behind the joints; None before the start, and in the paper's profile."""
         return self._profile.imu_delay
 
-    def take_events(self) -> Sequence[Event]:
-        """What was reported since the last call: legs that are set aside or used again."""
+    def take_events(self) -> Sequence[Event | Innovation]:
+        """What was reported since the last call: legs that are set aside or used again, and requested innovations."""
         check = self._profile.leg_check
-        return () if check is None else check.take_events()
+        return (*self._innovations.take(), *(() if check is None else check.take_events()))
 
     def mark_frame(self, stamp_ns: int) -> MarkedFrame:
         """Remember the pose at the first camera frame, at its own stamp between samples; starts a new exchange.

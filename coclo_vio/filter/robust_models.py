@@ -26,6 +26,10 @@ class Expectation(Protocol):
         """Normalised innovation squared of all rows."""
 
     @property
+    def degrees_of_freedom(self) -> int:
+        """Of ``innovation_squared``: the number of rows."""
+
+    @property
     def mean_excess(self) -> float:
         """Mean over the rows of the squared innovation less the variance of what the filter expects."""
 
@@ -183,6 +187,11 @@ class DirectExpectation:
     def innovation_squared(self) -> float:
         """As in ``Expectation``."""
         return innovation_squared_of(self.rows, self.noise, self.innovation)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """As in ``Expectation``."""
+        return len(self.innovation)
 
     @property
     def mean_excess(self) -> float:

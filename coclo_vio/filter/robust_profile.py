@@ -2,7 +2,7 @@
 """One step of the ``robust`` profile: predict with the feet, reject legs that slip, update with the others."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -77,6 +77,7 @@ class RobustProfile:
         self.can_coast = True
         self.leg_check: LegCheck | None = None
         self.imu_delay: ImuDelay | None = None
+        self.watch: Callable[[int, Expectation], None] | None = None  # called before each update, with its stamp
         self._robot: RobotDescription = robot.description
         self._model = robot
         self._gyroscope_error_radps = bias_sigmas(initial, imu)[0]
@@ -136,6 +137,8 @@ class RobustProfile:
             self._counts["step_without_measurement"] += 1
             self._gravity.close()
             return np.zeros(self.layout.legs, dtype=np.bool_)
+        if self.watch is not None:
+            self.watch(reading.stamp_ns, expectation)
         rejected = self._rejected(expectation, self._footholds, reading, dt_s)
         expectation.update(core, rejected)
         self._update_gravity(core, reading, is_gap=is_gap)

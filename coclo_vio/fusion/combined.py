@@ -29,6 +29,7 @@ from coclo_vio.fusion.rotation_monitor import RotationMonitor
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, TrackedFrame, VisionChain, prefixed
 from coclo_vio.fusion.visual_odometry import stereo_stages
+from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import StereoCalibration
 from coclo_vio.values.errors import SmootherError
@@ -51,7 +52,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
-from coclo_vio.values.outputs import Estimate, Event, Output
+from coclo_vio.values.outputs import Estimate, Event, Innovation, Output
 from coclo_vio.values.units import NS_PER_S
 
 _InWorld = Callable[[Array, Array], tuple[Array, Array]]
@@ -308,6 +309,8 @@ class CombinedOdometry(Continuing, StreamingEstimator):
         if feedback is not None:
             gate = pair.correct(feedback.evidence, feedback.inflation, feedback.fallback)
             outcome = gate.outcome
+            if self._vision.gives_pictures:
+                yield Innovation(pair.stamp_ns, "vision", gate.innovation_squared, gate.rows)
             self._last_pose = pair.T_world_body
             if outcome in {GateOutcome.REJECTED, GateOutcome.FORCED}:
                 yield Event(pair.stamp_ns, f"feedback_{outcome.value}", _gate_sentence(gate))
@@ -330,6 +333,8 @@ class CombinedOdometry(Continuing, StreamingEstimator):
         T_world_body, covariance[:6, :6] = in_world(
             result.estimate.nav.T_world_body, result.estimate.covariance[:6, :6]
         )
+        in_window = se3.inverse(result.estimate.nav.T_world_body)
+        yield from (snapshot.moved(T_world_body @ in_window) for snapshot in result.snapshots)
         covariance[6:, 6:] = latest.covariance[6:, 6:]
         nav = replace(latest.nav, T_world_body=T_world_body)
         yield Estimate(self._smoother_name, replace(result.estimate, nav=nav, covariance=covariance))
@@ -374,7 +379,7 @@ def combined_odometry(
     stages, rig = stereo_stages(stereo, frontend, has_frames=has_frames)
     return CombinedOdometry(
         leg_filter,
-        SlidingWindowSmoother(rig, smoother),
+        SlidingWindowSmoother(rig, smoother, gives_snapshots=pictures_every is not None),
         stages,
         config,
         check=RotationCheck(rig, leg_filter.imu_rotation),

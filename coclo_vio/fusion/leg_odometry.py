@@ -8,7 +8,7 @@ from coclo_vio.fusion.continuation import Continuing
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimate, Event, Output
+from coclo_vio.values.outputs import Estimate, Event, Innovation, Output
 
 
 class StateFilter(Protocol):
@@ -26,7 +26,7 @@ class StateFilter(Protocol):
 class ReportsEvents(Protocol):
     """A filter that reports unusual conditions."""
 
-    def take_events(self) -> Sequence[Event]:
+    def take_events(self) -> Sequence[Event | Innovation]:
         """What was reported since the last call."""
 
 

@@ -226,6 +226,7 @@ class TightOdometry(Continuing, StreamingEstimator):
         if result.estimate is None:
             return
         covariance, measured = np.zeros((9, 9)), result.estimate.nav.T_world_body
+        yield from (each.moved(legs.true_pose(measured) @ se3.inverse(measured)) for each in result.snapshots)
         covariance[:6, :6] = legs.true_covariance(measured, result.estimate.covariance[:6, :6])
         covariance[6:, 6:] = latest.covariance[6:, 6:]
         nav = replace(latest.nav, T_world_body=legs.true_pose(measured))
@@ -273,7 +274,12 @@ def tight_odometry(
     def make_smoother(state: LegState, rotation: Array) -> tuple[Smoother, LegSource]:
         source, at = LegSource(state), rig.T_body_camera[:3, 3]
         turn = se3.transform(rotation.T, at - rotation.T @ at)  # about the left camera
-        return SlidingWindowSmoother(rig.moved(turn), smoother, None, [source]), source
+        return (
+            SlidingWindowSmoother(
+                rig.moved(turn), smoother, None, [source], gives_snapshots=pictures_every is not None
+            ),
+            source,
+        )
 
     leg_filter = LegOdometryFilter(robot, filter_config, preintegrates=True, camera_imu=camera_imu)
     own = None if camera_imu is None else camera_imu.T_body_imu[:3, :3]

@@ -93,6 +93,11 @@ class VisionChain:
         self._counted: Counter[str] = Counter()
 
     @property
+    def gives_pictures(self) -> bool:
+        """Whether pictures were requested."""
+        return self._pictures_every is not None
+
+    @property
     def counts(self) -> Mapping[str, int]:
         """What was counted here and by the front end."""
         return {**self._counted, **prefixed("frontend", {} if self._frontend is None else self._frontend.counts)}

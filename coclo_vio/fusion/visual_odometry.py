@@ -108,6 +108,7 @@ class VisualOdometry(StreamingEstimator):
         result = self._smoother.push_tracks(tracked.tracks)
         yield from result.events
         yield from result.health
+        yield from result.snapshots
         if result.estimate is not None:
             yield Estimate(self._name, result.estimate)
 
@@ -154,7 +155,7 @@ def visual_odometry(
     }
     return VisualOdometry(
         name,
-        SlidingWindowSmoother(rig, smoother, calibration, sources[ties]()),
+        SlidingWindowSmoother(rig, smoother, calibration, sources[ties](), gives_snapshots=pictures_every is not None),
         stages,
         imu_kind=kind,
         twist_kind=BodyTwistSample if ties == "twist" else None,

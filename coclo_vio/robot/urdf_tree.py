@@ -189,7 +189,7 @@ def _link(element: ElementTree.Element) -> UrdfLink:
 
 
 def _shapes(collision: ElementTree.Element) -> list[CollisionShape]:
-    placed = _placement(collision.find("origin"))
+    placed = placement_of(collision.find("origin"))
     return [
         CollisionShape(
             shape.tag,
@@ -216,7 +216,7 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         kind=kind,
         parent=parent,
         child=child,
-        T_parent_joint=_placement(element.find("origin")),
+        T_parent_joint=placement_of(element.find("origin")),
         axis=axis / norm if norm > 0.0 else axis,
         lower=lower,
         upper=upper,
@@ -224,7 +224,8 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     )
 
 
-def _placement(origin: ElementTree.Element | None) -> Array:
+def placement_of(origin: ElementTree.Element | None) -> Array:
+    """The transform (4, 4) of an ``<origin>`` element; identity without one."""
     if origin is None:
         return np.eye(4)
     roll, pitch, yaw = _vector(origin.get("rpy", "0 0 0"))

@@ -10,12 +10,15 @@ from coclo_vio.evaluation.evaluation_record import ComparisonRecord, Comparisons
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.evaluation.html_index import Entry, write_index
 from coclo_vio.evaluation.html_report import ReportContent, ReportedEvent, write_report
+from coclo_vio.evaluation.plotly_page import can_zoom
 from coclo_vio.evaluation.ranking import end_error_m, least_drift, length_text, rank
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import run_folder
+from coclo_vio.runs.drawn_run import DrawnRun
 from coclo_vio.runs.output_logs import read_calibrations
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_figures import write_figures
+from coclo_vio.runs.run_plots import zoomable_plots
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +39,15 @@ class Compared:
 def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluation], config: RunConfig) -> Path:
     """``compare.json``, ``ranking.json``, figures and ``report.html`` of a run folder; the path of the report.
 
-    Without matplotlib the report has no figures, and a sentence instead.
+    The report has zoomable plots; without plotly it has the figures as pictures, without matplotlib too a sentence
+    instead.
     """
     rankings = rank(evaluations, config.evaluation)
     with run_folder.writing(folder):
         ComparisonRecord.of(evaluations).write(folder / "compare.json")
         RankingRecord.of(rankings).write(folder / "ranking.json")
         record = run_folder.read_record(folder)
+        drawn = DrawnRun(folder, record, evaluations, config.evaluation)
         return write_report(
             folder / "report.html",
             title,
@@ -50,11 +55,12 @@ def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluat
             write_figures(folder, record, evaluations, config.evaluation) if evaluations and can_draw() else (),
             ReportContent(
                 config.model_dump(mode="json"),
-                [*_summary(evaluations, config), *(() if can_draw() else (f"There are {NO_FIGURES}.",))],
+                [*_summary(evaluations, config), *(() if can_draw() or can_zoom() else (f"There are {NO_FIGURES}.",))],
                 rankings,
                 [ReportedEvent(event.time_s, mode, event.kind, event.detail) for mode, event in record.events()],
                 {name: learnt[-1] for name in record.estimators if (learnt := read_calibrations(folder, name))},
             ),
+            zoomable_plots(drawn) if evaluations and can_zoom() else (),
         )
 
 

@@ -37,7 +37,8 @@ class Equipment:
         stereo: the two cameras.
         sensors: those that have samples; all where that is not known.
         name: of the recording.
-        pictures_every: a mode with images draws its tracks on every n-th frame; on none if None.
+        pictures_every: a mode with images draws its tracks on every n-th frame; on none if None. Where it is given,
+            snapshots of the window and innovations are among the outputs too.
         notes: sentences of the reader, among them why a sensor is not read.
     """
 

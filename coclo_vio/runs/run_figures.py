@@ -2,7 +2,6 @@
 """The figures of a run, by name; their time is counted from the beginning of the recording, as that of events is."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,97 +16,39 @@ from coclo_vio.evaluation.figures import (
     plot_positions,
     plot_velocities,
 )
-from coclo_vio.runs import run_folder
-from coclo_vio.runs.modes.registry import modes
-from coclo_vio.runs.output_logs import read_keyframes
+from coclo_vio.runs.drawn_run import DrawnRun
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.errors import EvaluationError, listing
-from coclo_vio.values.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
-    """What figures are drawn from.
-
-    Attributes:
-        folder: of the run.
-        record: of the run.
-        evaluations: by trajectory; empty without ground truth.
-        config: how they were compared.
-    """
-
-    folder: Path
-    record: RunRecord
-    evaluations: Mapping[str, Evaluation]
-    config: EvaluationConfig
-
-    @property
-    def start_ns(self) -> int | None:
-        return None if self.record.recording_ns is None else self.record.recording_ns[0]
-
-    @property
-    def estimates(self) -> dict[str, Trajectory]:
-        """In the world of the ground truth where there is one, otherwise in that of each estimator."""
-        if self.evaluations:
-            return {name: evaluation.estimate for name, evaluation in self.evaluations.items()}
-        estimated = [name for name, run in self.record.estimators.items() if run.estimates]
-        if not estimated:
-            raise EvaluationError(f"{self.folder} has no estimate to draw")
-        return {name: run_folder.read_estimates(self.folder, name).trajectory for name in estimated}
-
-    @property
-    def references(self) -> dict[str, Trajectory]:
-        return {name: evaluation.reference for name, evaluation in self.evaluations.items()}
-
-    @property
-    def reference(self) -> Trajectory | None:
-        return next(iter(self.references.values()), None)
-
-    @property
-    def events(self) -> dict[str, list[int]]:
-        """Stamps of the events of all modes, by kind."""
-        stamps: dict[str, list[int]] = {}
-        for _, event in self.record.events():
-            stamps.setdefault(f"event: {event.kind}", []).append(event.stamp_ns)
-        return stamps
-
-    @property
-    def with_covariance(self) -> dict[str, Trajectory]:
-        """Featured trajectories of leg odometry whose covariance is known."""
-        legs = {
-            mode.trajectories[0].name for mode in modes().values() if mode.has_legs and mode.trajectories[0].is_featured
-        }
-        return {name: one for name, one in self.estimates.items() if name in legs and one.covariance is not None}
-
-
-def _overview(run: _Drawn) -> "Figure | None":
+def _overview(run: DrawnRun) -> "Figure | None":
     if not run.evaluations:
         return None
     return plot_overview(run.estimates, run.references, start_ns=run.start_ns)
 
 
-def _path(run: _Drawn) -> "Figure | None":
+def _path(run: DrawnRun) -> "Figure | None":
     return plot_path(run.estimates, run.reference)
 
 
-def _positions(run: _Drawn) -> "Figure | None":
+def _positions(run: DrawnRun) -> "Figure | None":
     return plot_positions(run.estimates, run.reference, start_ns=run.start_ns)
 
 
-def _velocities(run: _Drawn) -> "Figure | None":
+def _velocities(run: DrawnRun) -> "Figure | None":
     return plot_velocities(run.estimates, run.reference, start_ns=run.start_ns)
 
 
-def _position_error(run: _Drawn) -> "Figure | None":
+def _position_error(run: DrawnRun) -> "Figure | None":
     if not run.evaluations:
         return None
     return plot_position_error(run.estimates, run.references, events=run.events, start_ns=run.start_ns)
 
 
-def _error_bands(run: _Drawn) -> "Figure | None":
+def _error_bands(run: DrawnRun) -> "Figure | None":
     if not run.evaluations or not run.with_covariance:
         return None
     return plot_error_bands(
@@ -119,22 +60,20 @@ def _error_bands(run: _Drawn) -> "Figure | None":
     )
 
 
-def _keyframes(run: _Drawn) -> "Figure | None":
-    found = ((name, read_keyframes(run.folder, name)) for name in run.record.estimators)
-    keyframes = {name: columns for name, columns in found if columns is not None}
+def _keyframes(run: DrawnRun) -> "Figure | None":
+    keyframes = run.keyframes
     return plot_keyframes(keyframes, events=run.events, start_ns=run.start_ns) if keyframes else None
 
 
-def _contacts(run: _Drawn) -> "Figure | None":
-    recorded = (run_folder.read_estimates(run.folder, name) for name in run.estimates)
-    first = next((one for one in recorded if one.leg_names), None)
+def _contacts(run: DrawnRun) -> "Figure | None":
+    first = run.with_feet
     if first is None:
         return None
     stamps_ns = first.trajectory.stamps_ns
     return plot_contacts(stamps_ns, first.contact_probability, first.leg_names, start_ns=run.start_ns)
 
 
-_FIGURES: Mapping[str, Callable[[_Drawn], "Figure | None"]] = {
+_FIGURES: Mapping[str, Callable[[DrawnRun], "Figure | None"]] = {
     "overview": _overview,
     "path": _path,
     "positions": _positions,
@@ -172,7 +111,7 @@ def draw_figure(
         EvaluationError: there is no such figure, the run has no data for it, or matplotlib is not installed.
     """
     check_figure(kind)
-    figure = _FIGURES[kind](_Drawn(folder, record, evaluations, config))
+    figure = _FIGURES[kind](DrawnRun(folder, record, evaluations, config))
     if figure is None:
         raise EvaluationError(
             f"{folder} has no data for the figure {kind!r}: overview, position_error and error_bands "
@@ -192,7 +131,7 @@ def write_figures(
     (folder / "figures").mkdir(exist_ok=True)
     for kind in _FIGURES:
         (folder / "figures" / f"{kind}.png").unlink(missing_ok=True)
-    run = _Drawn(folder, record, evaluations, config)
+    run = DrawnRun(folder, record, evaluations, config)
     drawn = {kind: draw(run) for kind, draw in _FIGURES.items()}
     return [
         save_png(figure, folder / "figures" / f"{kind}.png") for kind, figure in drawn.items() if figure is not None

@@ -216,9 +216,7 @@ def _read_poses(folder: Path, name: str) -> tuple[Trajectory, dict[str, Array], 
     notes += filter(None, [cut_note])
     if len(rows) != len(poses):
         if not notes and not _is_unfinished(folder, name):
-            raise DatasetError(
-                f"{state_path} has {len(rows)} rows for the {len(poses)} poses beside it; run again"
-            )
+            raise DatasetError(f"{state_path} has {len(rows)} rows for the {len(poses)} poses beside it; run again")
         count = min(len(rows), len(poses))
         if not count:
             raise TimestampError(f"{state_path} holds no state: the run was stopped before it wrote one; run again")

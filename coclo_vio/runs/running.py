@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording through several modes into one run folder."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +17,10 @@ from coclo_vio.runs.faults import Faults
 from coclo_vio.runs.guarding import guarded
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
+from coclo_vio.runs.recording_view import seen
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_folder import Existing
 from coclo_vio.runs.run_journal import Progressed, RunJournal
@@ -30,10 +32,6 @@ from coclo_vio.values.measurements import IMAGE_SENSORS
 from coclo_vio.values.outputs import Estimator, Output
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
-Progress = Callable[[str, int], None]
-"""Called with the mode and the stamp (ns) of each measurement."""
-Watch = Callable[[str, Output], None]
-"""Called with the mode and each of its outputs."""
 
 
 def run_modes(
@@ -42,9 +40,7 @@ def run_modes(
     config: RunConfig,
     folder: Path,
     *,
-    progress: Progress | None = None,
-    watch: Watch | None = None,
-    pictures_every: int | None = None,
+    observers: Observers | None = None,
     ending: "Ending | None" = None,
 ) -> RunRecord:
     """Run each mode on a recording; returns what ``run.json`` holds.
@@ -58,13 +54,12 @@ def run_modes(
         names: of the modes.
         config: resolved configuration.
         folder: run folder, made if needed.
-        progress: called with mode and stamp.
-        watch: called with mode and output.
-        pictures_every: write the picture of every n-th frame of a mode that processes images; none if None.
+        observers: who is shown what the modes read and give.
         ending: what becomes of earlier results, and what stops the run; earlier results are refused if None.
 
     Raises:
-        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or no mode has what it needs.
+        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or no mode has
+            what it needs.
     """
     modes = {name: mode_of(name) for name in names}  # a misspelt mode is found before anything runs
     ending = ending or Ending()
@@ -73,7 +68,9 @@ def run_modes(
     dataset = open_dataset(path, config.robot, config.dataset)
     resolved = config.on_recording(dataset.imu_calibration())
     faults = Faults(resolved.faults, resolved.robot)
-    prepared = {name: _prepared(mode, path, dataset, resolved, pictures_every) for name, mode in modes.items()}
+    observers = observers or Observers()
+    every = observers.drawn_every
+    prepared = {name: _prepared(mode, path, dataset, resolved, every) for name, mode in modes.items()}
     diagnosis = preflight(dataset, resolved)
     if not config.dataset.allow_partial:
         prepared = {name: _contradicted(modes[name], ready, diagnosis) or ready for name, ready in prepared.items()}
@@ -92,7 +89,7 @@ def run_modes(
                 if isinstance(ready, CocloError):
                     journal.update((None, failed_records(modes[name], str(ready))))
                 else:
-                    _run_one(ready, dataset, faults, journal, _Observers(progress, watch, ending.stop))
+                    _run_one(ready, dataset, faults, journal, observers, ending.stop)
             return journal.end(_with_reader(journal.record, dataset))
         except BaseException as error:
             journal.abandon(error)
@@ -191,18 +188,16 @@ def _described(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Observers:
-    """What receives progress and outputs of a run, and what may stop it; None where nothing does."""
-
-    progress: Progress | None
-    watch: Watch | None
-    stop: StopRequest | None
-
-
-def _run_one(ready: _Prepared, dataset: Dataset, faults: Faults, journal: RunJournal, observers: _Observers) -> None:
+def _run_one(
+    ready: _Prepared,
+    dataset: Dataset,
+    faults: Faults,
+    journal: RunJournal,
+    observers: Observers,
+    stop: StopRequest | None,
+) -> None:
     """Run one mode, and keep what it comes to in the journal."""
-    name, progress, watch, stop = ready.mode.name, observers.progress, observers.watch, observers.stop
+    name = ready.mode.name
     tally = pipeline.Tally()
     with OutputRecorder(journal.folder, ready.mode, ready.leg_names) as recorder:
 
@@ -211,14 +206,13 @@ def _run_one(ready: _Prepared, dataset: Dataset, faults: Faults, journal: RunJou
             return summary.recording_ns, recorder.records(summary, ready.sensors, is_running=True)
 
         def take(output: Output) -> None:
-            recorder.take(output)
-            if watch is not None:
-                watch(name, output)
+            if observers.keep(output):
+                recorder.take(output)
+            observers.take(name, output)
 
         def advance(stamp_ns: int) -> None:
             journal.tick(progressed)
-            if progress is not None:
-                progress(name, stamp_ns)
+            observers.advance(name, stamp_ns)
 
         journal.update(progressed())
         measurements = faults.measurements(dataset.measurements, ready.sensors)
@@ -227,7 +221,8 @@ def _run_one(ready: _Prepared, dataset: Dataset, faults: Faults, journal: RunJou
                 closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source,
                 nullcontext() if stop is None else stop.polled(),
             ):
-                summary = pipeline.run(ready.estimator, source, take, advance, tally=tally, stop=stop)
+                shown = source if observers.view is None else seen(source, observers.view)
+                summary = pipeline.run(ready.estimator, shown, take, advance, tally=tally, stop=stop)
         except BaseException:
             with suppress(OSError):
                 journal.update(progressed())

@@ -8,7 +8,7 @@ import numpy as np
 from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, checked, frozen
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.outputs import Event, KeyframeHealth
+from coclo_vio.values.outputs import Event, KeyframeHealth, WindowSnapshot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,9 +161,11 @@ class FrameResult:
         keyframe: None if the frame is not a keyframe, or results of keyframes were not requested.
         events: since the last frame.
         health: of the window, one per solve.
+        snapshots: of the window, one per keyframe where they were requested.
     """
 
     estimate: StateEstimate | None = None
     keyframe: KeyframeResult | None = None
     events: tuple[Event, ...] = ()
     health: tuple[KeyframeHealth, ...] = ()
+    snapshots: tuple[WindowSnapshot, ...] = ()

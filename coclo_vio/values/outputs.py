@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, pictures, status."""
+"""The one stream that comes out of an estimator: estimates, events, keyframe health, calibration, status, and more.
+
+Pictures, snapshots of the window and innovations come only where they were requested.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
+
+import numpy as np
 
 from coclo_vio.values.arrays import Array, ByteImage, checked, frozen, read_only
 from coclo_vio.values.estimates import StateEstimate
@@ -146,7 +151,50 @@ class Status:
         return "; ".join(map(str, self.streams))
 
 
-Output = Estimate | Event | KeyframeHealth | Calibration | Picture | Status
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowSnapshot:
+    """Keyframes and landmarks of a sliding window after a keyframe, on request.
+
+    Attributes:
+        stamp_ns: of the newest keyframe, in nanoseconds.
+        T_world_keyframes: poses of the body at the keyframes, the oldest first, (K, 4, 4).
+        landmarks_world: positions, m, world frame, (L, 3).
+    """
+
+    stamp_ns: int
+    T_world_keyframes: Array
+    landmarks_world: Array
+
+    def __post_init__(self) -> None:
+        poses = checked("WindowSnapshot.T_world_keyframes", self.T_world_keyframes, (None, 4, 4))
+        frozen(self, "T_world_keyframes", poses)
+        points = checked("WindowSnapshot.landmarks_world", self.landmarks_world, (None, 3))
+        frozen(self, "landmarks_world", points)
+
+    def moved(self, T_new_world: Array) -> "WindowSnapshot":
+        """The same in another world frame."""
+        points = self.landmarks_world @ T_new_world[:3, :3].T + T_new_world[:3, 3]
+        return WindowSnapshot(self.stamp_ns, np.asarray(T_new_world @ self.T_world_keyframes), points)
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """How far measurements were from what a filter expected of them, on request.
+
+    Attributes:
+        stamp_ns: of the measurements, in nanoseconds.
+        source: of the measurements: ``legs`` (with the IMU), or ``vision``.
+        squared: normalised innovation squared; of a consistent filter chi-square distributed.
+        rows: its degrees of freedom.
+    """
+
+    stamp_ns: int
+    source: str
+    squared: float
+    rows: int
+
+
+Output = Estimate | Event | KeyframeHealth | Calibration | Picture | Status | WindowSnapshot | Innovation
 
 
 class Estimator(Protocol):

@@ -93,8 +93,9 @@ def test_a_recording_without_ground_truth_is_refused_before_anything_runs(
 def test_a_recording_that_fails_leaves_the_others_their_results(
     coclo: Coclo, leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And a report needs no matplotlib."""
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    """And a report needs neither matplotlib nor plotly."""
+    for name in ("matplotlib.figure", "plotly.offline"):
+        monkeypatch.setitem(sys.modules, name, None)
     run = api_comparison.run
 
     def failing_at_first(recording: Recording, *arguments: Any, **options: Any) -> Run:

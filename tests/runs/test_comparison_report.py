@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from headless_chromium import chromium, drawn
 
 from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord, ComparisonsRecord, RankingRecord
@@ -37,7 +38,8 @@ def test_a_comparison_writes_numbers_figures_and_a_report(leg_log: Path, tmp_pat
     assert not (tmp_path / "figures" / "keyframes.png").exists()
     page = report.read_text(encoding="utf-8")
     assert "a &lt;walk&gt;" in page
-    assert "data:image/png" in page
+    assert "data:image/png" not in page, "zoomable plots are there instead"
+    assert 'id="plot-contacts"' in page
     assert "The robot daisy travelled" in page
 
 
@@ -47,11 +49,39 @@ def test_a_comparison_shows_keyframes_calibration_faults_and_events(film: Path, 
     evaluations = compared(film, tmp_path, ["resting"], config)
     page = write_comparison(tmp_path, "film", evaluations, config).read_text(encoding="utf-8")
     assert (tmp_path / "figures" / "keyframes.png").stat().st_size > 1000
-    assert 'alt="keyframes"' in page
+    assert 'id="plot-keyframes"' in page
     assert "A body travelled 0.00 m" in page
     assert "Simulated faults: frame_loss 0.25." in page
     assert "<td>resting</td><td>vision_lost</td><td>it is dark</td>" in page
     assert "<td>2.00 &plusmn; 3.00</td>" in page, "the stereo scale that was learnt, %"
+
+
+def test_without_plotly_the_report_has_the_figures_as_pictures(
+    leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("coclo_vio.runs.comparison_report.can_zoom", lambda: False)
+    page = write_comparison(tmp_path, "walk", compared(leg_log, tmp_path, ["naive"], CONFIG), CONFIG)
+    text = page.read_text(encoding="utf-8")
+    assert "data:image/png" in text
+    assert 'alt="contacts"' in text
+    assert "<script" not in text
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_a_browser_draws_the_report(leg_log: Path, tmp_path: Path, width: int) -> None:
+    chromium()
+    evaluations = compared(leg_log, tmp_path, ["naive", "naive_rolling"], CONFIG)
+    page = write_comparison(tmp_path, "walk", evaluations, CONFIG)
+    assert page.stat().st_size < 5_000_000
+    shown = drawn(page, tmp_path, width)
+    assert shown.console == []
+    assert shown.measured["failed"] == ""
+    assert shown.measured["drawn"] == page.read_text(encoding="utf-8").count('class="zoomable"') == 5
+    assert shown.measured["lines"] == 3 * (2 + 3 + 3) + 2, "ground truth has no error, the others all curves"
+    assert shown.measured["buttons"] == "Zoom, Pan, Zoom in, Zoom out, Reset axes", "nothing sends data anywhere"
+    assert shown.measured["needed"] <= shown.measured["width"] <= width, "no horizontal scrolling"
+    assert shown.measured["smallest"] >= 11.0
 
 
 def test_several_recordings_have_a_page_with_links_to_their_own(leg_log: Path, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from tiny_recordings import FILM_START_NS
 from coclo_vio.datasets.read_ahead import THREAD_NAME
 from coclo_vio.runs import line_file, run_folder, run_journal
 from coclo_vio.runs.evaluating import evaluate_run
+from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.output_logs import read_calibrations
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_folder import Existing
@@ -101,7 +102,7 @@ def test_events_keyframes_and_calibration_of_a_run_are_recorded(film: Path, tmp_
 
 
 def test_pictures_are_written_on_request(film: Path, tmp_path: Path) -> None:
-    record = run_modes(film, ["resting"], resolve(), tmp_path, pictures_every=1)
+    record = run_modes(film, ["resting"], resolve(), tmp_path, observers=Observers(pictures_every=1))
     assert record.estimators["resting"].pictures == 20
     names = sorted(path.name for path in (tmp_path / "debug_images" / "resting").iterdir())
     assert names[0] == f"{FILM_START_NS}.jpg"
@@ -109,7 +110,7 @@ def test_pictures_are_written_on_request(film: Path, tmp_path: Path) -> None:
 
 
 def test_a_mode_without_images_writes_no_picture(leg_log: Path, tmp_path: Path) -> None:
-    record = run_modes(leg_log, ["naive"], CONFIG, tmp_path, pictures_every=1)
+    record = run_modes(leg_log, ["naive"], CONFIG, tmp_path, observers=Observers(pictures_every=1))
     assert record.estimators["naive"].pictures == 0
     assert not (tmp_path / "debug_images").exists()
 
@@ -191,7 +192,8 @@ def test_a_file_that_cannot_be_written_is_named(leg_log: Path, tmp_path: Path) -
 
 def test_progress_gets_the_mode_and_the_stamps(leg_log: Path, tmp_path: Path) -> None:
     calls: list[tuple[str, int]] = []
-    run_modes(leg_log, ["naive"], CONFIG, tmp_path, progress=lambda name, stamp_ns: calls.append((name, stamp_ns)))
+    observers = Observers(progress=lambda name, stamp_ns: calls.append((name, stamp_ns)))
+    run_modes(leg_log, ["naive"], CONFIG, tmp_path, observers=observers)
     assert calls[0] == ("naive", 0)
     assert calls[-1] == ("naive", END_NS)
     assert len(calls) == 903
@@ -199,7 +201,8 @@ def test_progress_gets_the_mode_and_the_stamps(leg_log: Path, tmp_path: Path) ->
 
 def test_a_watch_gets_every_output_with_its_mode(film: Path, tmp_path: Path) -> None:
     seen: list[tuple[str, Output]] = []
-    run_modes(film, ["resting"], resolve(), tmp_path, watch=lambda name, output: seen.append((name, output)))
+    observers = Observers(watch=lambda name, output: seen.append((name, output)))
+    run_modes(film, ["resting"], resolve(), tmp_path, observers=observers)
     assert {name for name, _ in seen} == {"resting"}
     for kind in (Estimate, Event, KeyframeHealth):
         assert sum(isinstance(output, kind) for _, output in seen) == 20
@@ -240,7 +243,7 @@ def test_a_second_run_into_a_folder_is_refused_with_the_choices(leg_log: Path, f
 
 
 def test_a_second_run_that_may_overwrite_replaces_the_first(leg_log: Path, film: Path, tmp_path: Path) -> None:
-    run_modes(film, ["resting"], resolve(), tmp_path, pictures_every=1)
+    run_modes(film, ["resting"], resolve(), tmp_path, observers=Observers(pictures_every=1))
     run_modes(leg_log, ["naive"], CONFIG, tmp_path, ending=Ending(Existing.OVERWRITE))
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {"naive.tum", "naive_state.csv", "groundtruth.tum", "config.yaml", "run.json"}
@@ -274,7 +277,7 @@ def test_the_record_is_there_from_the_start_and_renewed(
         ["naive"],
         CONFIG,
         tmp_path,
-        progress=lambda name, stamp_ns: seen.append(RunRecord.read(tmp_path / "run.json")),
+        observers=Observers(progress=lambda name, stamp_ns: seen.append(RunRecord.read(tmp_path / "run.json"))),
     )
     assert {record.status for record in seen} == {"running"}
     assert {record.estimators["naive"].status for record in seen} == {"running"}
@@ -296,7 +299,8 @@ def test_a_run_that_is_asked_to_stop_does_between_two_measurements_and_says_so(l
             stop.request()
 
     ending = Ending(stop=stop)
-    record = run_modes(leg_log, ["naive", "naive_rolling"], CONFIG, tmp_path, progress=progress, ending=ending)
+    observers = Observers(progress=progress)
+    record = run_modes(leg_log, ["naive", "naive_rolling"], CONFIG, tmp_path, observers=observers, ending=ending)
     assert not stop.is_polled
     assert record == run_folder.read_record(tmp_path)
     assert (record.status, list(record.estimators)) == ("interrupted", ["naive"])
@@ -318,7 +322,7 @@ def test_a_run_that_is_interrupted_leaves_whole_files_and_says_so(
             raise error
 
     with pytest.raises(type(error)):
-        run_modes(leg_log, ["naive"], CONFIG, tmp_path, progress=progress)
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path, observers=Observers(progress=progress))
     record = run_folder.read_record(tmp_path)
     naive = record.estimators["naive"]
     assert (record.status, naive.status) == (status, status)

@@ -28,6 +28,7 @@ from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.start import FIXED_SIGMA, Starter
 from coclo_vio.backend.window.stereo_model import StereoModel
 from coclo_vio.backend.window.variables import VELOCITY
+from coclo_vio.backend.window.window_snapshot import snapshot_of
 from coclo_vio.backend.window.window_updater import WindowUpdater
 from coclo_vio.robot.standstill import ImuMeans, StandstillDetector
 from coclo_vio.values.arrays import Array
@@ -51,6 +52,8 @@ class SlidingWindowSmoother:
         config: SmootherConfig | None = None,
         imu: ImuCalibration | None = None,
         sources: Sequence[KeyframeSource] = (),
+        *,
+        gives_snapshots: bool = False,
     ) -> None:
         """Make a smoother.
 
@@ -60,10 +63,11 @@ class SlidingWindowSmoother:
             imu: of the readings that level the first pose.
             sources: of motion between keyframes, the first one that measures a frame predicts it; without any, what
                 comes with a frame, or steady motion.
+            gives_snapshots: give a ``WindowSnapshot`` at each keyframe.
         """
         self.config = config or SmootherConfig()
         calibration = imu or ImuCalibration()
-        self._rig = rig
+        self._rig, self._gives_snapshots = rig, gives_snapshots
         noise = PixelNoise(self.config.noise)
         self._model = StereoModel(rig, noise)
         self._inertial = [source for source in sources if isinstance(source, InertialSource)]
@@ -162,7 +166,9 @@ class SlidingWindowSmoother:
             return FrameResult()
         self._log.count("frames")
         estimate = self._estimate(tracks, odometry, evidence)
-        return FrameResult(estimate, self._keyframe_result(tracks.stamp_ns), *self._log.take())
+        window = self._updater.window if self._gives_snapshots and self.keyframe_ns == tracks.stamp_ns else None
+        snapshots = () if window is None else (snapshot_of(window),)
+        return FrameResult(estimate, self._keyframe_result(tracks.stamp_ns), *self._log.take(), snapshots)
 
     def _keyframe_result(self, stamp_ns: int) -> KeyframeResult | None:
         """Marginal and evidence of the frame of this stamp, if it is a keyframe and the start was given."""

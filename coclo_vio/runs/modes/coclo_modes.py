@@ -32,7 +32,13 @@ def _estimator(name: str, equipment: "Equipment", config: "RunConfig") -> Estima
     from coclo_vio.fusion.leg_odometry import LegOdometry  # noqa: PLC0415
 
     return LegOdometry(
-        name, LegOdometryFilter(equipment.require_robot(), config.filter, camera_imu=equipment.second_imu)
+        name,
+        LegOdometryFilter(
+            equipment.require_robot(),
+            config.filter,
+            camera_imu=equipment.second_imu,
+            reports_innovations=equipment.pictures_every is not None,
+        ),
     )
 
 

@@ -18,7 +18,11 @@ def _combined(equipment: "Equipment", config: "RunConfig") -> Estimator:
 
     return combined_odometry(
         LegOdometryFilter(
-            equipment.require_robot(), config.filter, remembers_frames=True, camera_imu=equipment.second_imu
+            equipment.require_robot(),
+            config.filter,
+            remembers_frames=True,
+            camera_imu=equipment.second_imu,
+            reports_innovations=equipment.pictures_every is not None,
         ),
         equipment.require_cameras(),
         config.frontend,
