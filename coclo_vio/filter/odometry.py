@@ -85,7 +85,7 @@ class LegOdometryFilter:
         self._camera_imu: CameraImu | None = None
         initial = self.config.initial
         if self.config.profile == "paper":
-            contact = contact.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
+            contact = contact.for_paper()
             self._profile: Profile = PaperProfile(
                 robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
             )

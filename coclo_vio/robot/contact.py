@@ -1,32 +1,48 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the load on a foot to contact: a probability and a decision for each leg.
+"""From the load on a foot, or from its motion, to contact: a probability and a decision for each leg.
 
-The load comes from a foot sensor or from joint torques (``FootLoad``); the filter uses the resulting ``ContactState``.
-Contact estimators are registered by name; ``contact.method`` of the configuration chooses one.
+The load comes from a foot sensor or from joint torques (``FootLoad``), the motion from joints and IMU (``FootMotion``);
+the filter uses the resulting ``ContactState``. Contact estimators are registered by name; ``contact.method`` of the
+configuration chooses one.
 """
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol, Self
+from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import expit
 
+from coclo_vio.robot.foot_motion import FootMotion
+from coclo_vio.robot.kinematic_contact import KinematicContact, KinematicContactConfig
 from coclo_vio.values.arrays import Array, BoolArray, has_nan
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.units import NS_PER_S
 
 
+_OF_LOAD = ("paper", "logistic", "hysteresis")
+_OF_MOTION = ("kinematic", "kinematic_load")
+
+
 class ContactConfig(StageConfig):
     """How the load on a foot becomes contact. Forces are in N, or in the raw counts of a foot sensor."""
 
-    source: Annotated[Literal["torque", "force_sensor"], Field(description="where the load comes from")] = "torque"
+    source: Annotated[
+        Literal["torque", "force_sensor", "kinematic"],
+        Field(description="where the load comes from; kinematic: from nowhere, contact is by the motion of the feet"),
+    ] = "torque"
     method: Annotated[
         str,
-        Field(description="contact estimator: paper, logistic, hysteresis, or the name of a registered one"),
+        Field(
+            description="contact estimator: paper, logistic, hysteresis, kinematic, kinematic_load, or the name of a "
+            "registered one"
+        ),
     ] = "hysteresis"
+    kinematic: Annotated[KinematicContactConfig, Field(description="contact by the motion of the feet")] = (
+        KinematicContactConfig()
+    )
     parameters: dict[str, float] = Field(
         default_factory=dict, description="parameters of a registered contact estimator, by name"
     )
@@ -74,6 +90,22 @@ class ContactConfig(StageConfig):
         return self
 
     @property
+    def estimator(self) -> str:
+        """The contact estimator that is used: without a load ``kinematic`` instead of those that have nothing else."""
+        return "kinematic" if self.source == "kinematic" and self.method in _OF_LOAD else self.method
+
+    @property
+    def uses_motion(self) -> bool:
+        """Whether one of the estimators by the motion of the feet is used."""
+        return self.estimator in _OF_MOTION
+
+    def for_paper(self) -> Self:
+        """The same by the paper's measure of contact, |F| / (|Fmax| - |Fmin|), unless contact is by motion."""
+        if self.uses_motion:
+            return self
+        return self.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
+
+    @property
     def centre(self) -> float:
         """Load at which the logistic form gives 0.5, N or counts."""
         middle = 0.5 * (self.on_force + self.off_force)
@@ -117,6 +149,14 @@ class ContactEstimator(Protocol):
             stamp_ns: time in nanoseconds, never before the last one.
             load: on each foot, N or counts, (legs,); NaN where unknown: such a leg has probability 0 and is in swing.
         """
+
+
+@runtime_checkable
+class UsesMotion(Protocol):
+    """A contact estimator that uses the motion of the feet too."""
+
+    def observe(self, motion: FootMotion) -> None:
+        """Take the motion at a joint sample; ``update`` follows with the load at the same stamp."""
 
 
 ContactFactory = Callable[[ContactConfig, int], ContactEstimator]
@@ -213,7 +253,8 @@ class ContactDetector:
 
     def __init__(self, config: ContactConfig, legs: int) -> None:
         self.config = config
-        self._estimator = _registered(config.method).factory(config, legs)
+        self._estimator = _registered(config.estimator).factory(config, legs)
+        self._motion_estimator = self._estimator if isinstance(self._estimator, UsesMotion) else None
         self._legs = legs
         self._stamp_ns: int | None = None
         self._state = ContactState(np.zeros(legs), np.zeros(legs, dtype=np.bool_), np.full(legs, np.nan))
@@ -224,19 +265,27 @@ class ContactDetector:
         """Loads that were NaN, and samples refused for their stamp."""
         return self._counts
 
-    def update(self, stamp_ns: int, load: Array) -> ContactState:
-        """Take the loads (legs,), in N or counts, at ``stamp_ns``; returns the contact of every leg then."""
+    def update(self, stamp_ns: int, load: Array, motion: FootMotion | None = None) -> ContactState:
+        """Take loads and motion of the feet; returns the contact of every leg then.
+
+        Args:
+            stamp_ns: time in nanoseconds.
+            load: on each foot, N or counts, (legs,); NaN where unknown.
+            motion: of the feet at that time, for estimators that use it.
+        """
         if self._stamp_ns is not None and stamp_ns < self._stamp_ns:
             self._counts["contact_stamp_backwards"] += 1
             return self._state
         self._stamp_ns = stamp_ns
-        if has_nan(load):
+        if motion is not None and self._motion_estimator is not None:
+            self._motion_estimator.observe(motion)
+        if self.config.source != "kinematic" and has_nan(load):
             self._counts["contact_load_missing"] += int(np.isnan(load).sum())
         self._state = self._estimator.update(stamp_ns, load)
         for name, values in (("probability", self._state.probability), ("is_stance", self._state.is_stance)):
             if np.shape(values) != (self._legs,):
                 raise ConfigError(
-                    f"contact estimator {self.config.method!r}: {name} has shape {np.shape(values)}, but the robot has "
+                    f"contact estimator {self.config.estimator!r}: {name} has shape {np.shape(values)}, but the robot has "
                     f"{self._legs} legs; return one value for each leg, shape ({self._legs},)"
                 )
         return self._state
@@ -280,6 +329,34 @@ class _Hysteresis:
         return ContactState(probability, self._is_stance, load)
 
 
+class _Kinematic:
+    """Stance by the motion of the feet, from ``on_probability`` until below ``off_probability``."""
+
+    def __init__(self, config: ContactConfig, legs: int, *, weighs_load: bool) -> None:
+        self._config, self._weighs_load = config, weighs_load
+        self._contact = KinematicContact(config.kinematic, legs)
+        self._motion: FootMotion | None = None
+        self._is_stance: BoolArray = np.zeros(legs, dtype=np.bool_)
+
+    def observe(self, motion: FootMotion) -> None:
+        """Keep the motion for ``update``."""
+        self._motion = motion
+
+    def update(self, stamp_ns: int, load: Array) -> ContactState:
+        """One step; without motion at this stamp no foot is in stance."""
+        motion, kinematic = self._motion, self._config.kinematic
+        if motion is None or motion.stamp_ns != stamp_ns:
+            return ContactState(np.zeros(len(load)), np.zeros(len(load), dtype=np.bool_), load)
+        odds = None
+        if self._weighs_load:
+            limit = kinematic.load_limit
+            odds = np.clip(np.nan_to_num((load - self._config.centre) / self._config.width), -limit, limit)
+        probability = self._contact.update(motion, odds)
+        limits = np.where(self._is_stance, kinematic.off_probability, kinematic.on_probability)
+        self._is_stance = probability >= limits
+        return ContactState(probability, self._is_stance, load)
+
+
 def _without_nan(load: Array) -> Array:
     return np.where(np.isnan(load), -np.inf, load) if has_nan(load) else load
 
@@ -300,4 +377,14 @@ register_contact_estimator(
     "paper",
     lambda config, legs: _ProbabilityThreshold(config, lambda load: paper_probability(load, config.span)),
     "|F| / (|Fmax| - |Fmin|) clipped to 0..1 (section III-D), stance from stance_probability on",
+)
+register_contact_estimator(
+    "kinematic",
+    lambda config, legs: _Kinematic(config, legs, weighs_load=False),
+    "by the motion of the feet and the IMU alone, whatever the load (contact.kinematic)",
+)
+register_contact_estimator(
+    "kinematic_load",
+    lambda config, legs: _Kinematic(config, legs, weighs_load=True),
+    "by the motion of the feet, and the load as logistic weighs it, up to contact.kinematic.load_limit",
 )

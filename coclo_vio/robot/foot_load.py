@@ -60,6 +60,8 @@ class FootLoad:
             jacobian: of the feet at the sample, (n, 6, J), where it is known already.
         """
         before, self._joints = self._joints, sample
+        if self._config.source == "kinematic":
+            return np.full(len(self._robot.leg_names), np.nan)
         if self._config.source == "force_sensor":
             if self._force is None or sample.stamp_ns - self._force.stamp_ns > self._timeout_ns:
                 return np.full(len(self._robot.leg_names), np.nan)

@@ -13,6 +13,8 @@ import numpy as np
 
 from coclo_vio.robot.contact import ContactConfig, ContactDetector, ContactState
 from coclo_vio.robot.foot_load import FootLoad
+from coclo_vio.robot.foot_motion import FootMotion
+from coclo_vio.robot.foot_motion_model import FootMotionModel
 from coclo_vio.robot.model import FeetKinematics, RobotModel
 from coclo_vio.robot.sole_contact import SoleContact
 from coclo_vio.robot.standstill import ImuMeans, StandstillConfig, StandstillDetector
@@ -38,6 +40,7 @@ class Reading:
         joint_position: as read, rad, (J,); None where it was not kept.
         contact_shift_body: how far the point of contact of each foot went along its sole since the last reading, m, in
             body axes of then and of now, (2, n, 3): ``feet`` are at these points; None where they are at the centres.
+        motion: of the feet, as standing feet would measure the body; None where it was not kept.
         is_known: legs whose kinematics are known, (n,).
         is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
     """
@@ -51,6 +54,7 @@ class Reading:
     is_stationary: bool
     joint_position: Array | None = None
     contact_shift_body: Array | None = None
+    motion: FootMotion | None = None
     is_known: BoolArray = field(init=False)
     is_stance: BoolArray = field(init=False)
 
@@ -89,6 +93,7 @@ class LegSensing:
         self._contact = ContactDetector(contact, len(robot.leg_names))
         self._standstill = StandstillDetector(standstill.limits_of(has_flat_feet=robot.description.has_flat_feet))
         self._load = FootLoad(robot, contact, force_timeout_s)
+        self._motion = FootMotionModel(robot)
         self._counts: Counter[str] = Counter()
         self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
         self._imu: ImuSample | None = None
@@ -183,15 +188,18 @@ class LegSensing:
         rates = tuple(self._rates)
         rate = _mean([each for _, each in rates]) if rates else None
         load = self._load.loads_at(sample, up_body, rate, feet.jacobian)
-        contact = self._contact.update(sample.stamp_ns, load)
-        feet, shift = self._soles.moved(feet, up_body) if self._soles else (feet, None)
         self._rest = self._rest_now()
+        stamp_ns, is_stationary = sample.stamp_ns, self._rest is not None
+        motion = self._motion.at(stamp_ns, feet, rate, force, up_body, is_stationary=is_stationary)
+        contact = self._contact.update(stamp_ns, load, motion)
+        feet, shift = self._soles.moved(feet, up_body) if self._soles else (feet, None)
         self._counts["imu_missing"] += rate is None
         self._rates = []
         self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
-        is_stationary, joints = self._rest is not None, sample.position
-        reading = Reading(sample.stamp_ns, feet, contact, rate, rates, force, is_stationary, joints, shift)
+        reading = Reading(
+            stamp_ns, feet, contact, rate, rates, force, is_stationary, sample.position, shift, motion
+        )
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading
