@@ -22,6 +22,9 @@ KNOWN_SIGMA = 1e-12
 KEYFRAME, FRAME, ANCHOR = "keyframe", "frame", "anchor"
 """Names of the remembered poses."""
 
+HELD = "held_frame"
+"""Name of the pose of a frame that waits until the one before it is processed, where there is one."""
+
 
 class Retraction(Enum):
     """How an error ``e`` of a block changes its mean.
@@ -178,6 +181,11 @@ def remembered_blocks(initial: InitialConfig) -> tuple[StateBlock, ...]:
     sigmas = (*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma)
     camera = StateBlock("camera", 4, sigma=sigmas, is_reported=True, is_passive=True)
     return (_pose(KEYFRAME), _pose(FRAME), _pose(ANCHOR), camera)
+
+
+def held_frame_block() -> StateBlock:
+    """The pose of a frame that waits, for ``Keyframe.hold_frame``."""
+    return _pose(HELD)
 
 
 def _pose(name: str) -> StateBlock:
