@@ -83,6 +83,11 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         self._restarts = 0
         self._is_stopped = False  # vision failed too often
 
+    @property
+    def vision_pid(self) -> int | None:
+        """Number of the process of vision; None where there is none."""
+        return self._frames.pid
+
     def prepare(self, within_s: float = 120.0) -> None:
         """Wait, at most so long, until the process of vision has loaded; frames that come before are left out."""
         end_s = time.monotonic() + within_s

@@ -2,23 +2,19 @@
 """Front end and smoother in a process of their own: frames go there, results come back whenever they are ready.
 
 A thread would share the interpreter's lock with the filter, which GTSAM holds while it solves. Images go through memory
-that both processes map: an anonymous file, which the system frees with the last process that has it open. The rest is
-pickled.
+that both processes map (``SharedImages``), the rest is pickled.
 """
 
-import mmap
 import os
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 
-import numpy as np
-
 from coclo_vio.fusion.child_process import ChildProcess
 from coclo_vio.fusion.frame_processor import FrameJob, Processed, VisionStages
+from coclo_vio.fusion.shared_images import SharedFrame, SharedImages
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import StereoFrame
 
@@ -30,14 +26,6 @@ _FIRST_FRAME_WITHIN_S = 120.0
 
 StageRecipe = Callable[[], VisionStages]
 """Makes the stages in the process; it can be pickled."""
-
-
-@dataclass(frozen=True, slots=True)
-class _SharedFrame:
-    """Two images that stand one after the other in the shared memory."""
-
-    stamp_ns: int
-    shape: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +51,7 @@ class VisionProcess:
             timeout_s: a frame that is in process for longer has failed.
         """
         self._recipe, self._timeout_s = recipe, timeout_s
-        self._memory = _SharedImages(2 * image_bytes)
+        self._memory = SharedImages(image_bytes, 1)
         self._child: ChildProcess | None = None
         self._future: Future[Processed] | None = None
         self._counts: Mapping[str, int] = {}
@@ -94,7 +82,8 @@ class VisionProcess:
         """
         self.close()
         self._answered = 0
-        arguments = self._recipe, self._memory.descriptor, self._memory.size
+        self._memory.clear()
+        arguments = self._recipe, self._memory.descriptor, self._memory.image_bytes
         self._child = ChildProcess(_serve, *arguments, descriptors=(self._memory.descriptor,))
         self._deadline_s = time.monotonic() + _READY_WITHIN_S
 
@@ -104,8 +93,8 @@ class VisionProcess:
         self._future = future
         frame = job.frame
         message: object = job
-        if isinstance(frame, StereoFrame) and self._memory.write(frame):
-            message = replace(job, frame=_SharedFrame(frame.stamp_ns, frame.left.shape))  # type: ignore[arg-type]
+        if isinstance(frame, StereoFrame) and self._memory.fits(frame):
+            message = replace(job, frame=self._memory.write(frame))  # type: ignore[arg-type]
         limit_s = self._timeout_s if self._answered else max(_FIRST_FRAME_WITHIN_S, self._timeout_s)
         self._deadline_s = time.monotonic() + limit_s
         if self._child is not None:
@@ -165,54 +154,14 @@ class VisionProcess:
         return f"{how} (status {status})" if status and how == "ended" else how
 
 
-class _SharedImages:
-    """Memory for the two images of one frame, in an anonymous file."""
-
-    def __init__(self, size: int, descriptor: int | None = None) -> None:
-        """Make it, or map the one of an open file."""
-        self.size = max(size, 1)
-        if descriptor is None:
-            descriptor = _anonymous_file()
-            os.ftruncate(descriptor, self.size)
-        self.descriptor = descriptor
-        self._map = mmap.mmap(descriptor, self.size)
-        self._bytes = np.frombuffer(self._map, dtype=np.uint8)
-
-    def write(self, frame: StereoFrame) -> bool:
-        """Put the images there; False where there is too little room."""
-        half = frame.left.size
-        if 2 * half > self.size:
-            return False
-        self._bytes[:half] = frame.left.reshape(-1)
-        self._bytes[half : 2 * half] = frame.right.reshape(-1)
-        return True
-
-    def read(self, shared: _SharedFrame) -> StereoFrame:
-        """Copies of the images."""
-        rows, columns = shared.shape
-        both = self._bytes[: 2 * rows * columns].reshape(2, rows, columns).copy()
-        return StereoFrame(shared.stamp_ns, both[0], both[1])
-
-    def __del__(self) -> None:
-        os.close(self.descriptor)
-
-
-def _anonymous_file() -> int:
-    """A file without a name: in memory where the system has that, else in the folder of temporary files."""
-    if hasattr(os, "memfd_create"):
-        return os.memfd_create("coclo_vio_images")
-    with tempfile.TemporaryFile() as file:
-        return os.dup(file.fileno())
-
-
-def _serve(connection: Connection, recipe: StageRecipe, descriptor: int, size: int) -> None:
+def _serve(connection: Connection, recipe: StageRecipe, descriptor: int, image_bytes: int) -> None:
     """What the process does: a frame in, its result out, until the connection is closed."""
     os.nice(NICENESS)
-    memory, stages = _SharedImages(size, descriptor), recipe()
+    memory, stages = SharedImages(image_bytes, 1, descriptor), recipe()
     connection.send(_Answer())
     while True:
         job = connection.recv()
-        if isinstance(job.frame, _SharedFrame):
+        if isinstance(job.frame, SharedFrame):
             job = replace(job, frame=memory.read(job.frame))
         result: Processed | CocloError
         try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording through several modes into one run folder."""
 
-from collections.abc import Callable, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,13 +16,14 @@ from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.paced_feed import PacedFeed
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, Interval, RunRecord, TrajectoryRecord
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
-from coclo_vio.values.measurements import IMAGE_SENSORS
+from coclo_vio.values.measurements import IMAGE_SENSORS, Measurement
 from coclo_vio.values.outputs import Estimator, Output
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
@@ -41,6 +42,7 @@ def run_modes(
     progress: Progress | None = None,
     watch: Watch | None = None,
     pictures_every: int | None = None,
+    feed: PacedFeed | None = None,
 ) -> RunRecord:
     """Run each mode on a recording; returns what ``run.json`` holds.
 
@@ -55,6 +57,7 @@ def run_modes(
         progress: called with mode and stamp.
         watch: called with mode and output.
         pictures_every: write the picture of every n-th frame of a mode that processes images; none if None.
+        feed: plays the recording to the estimators by its stamps; None: they get it as fast as they take it.
 
     Raises:
         CocloError: the recording, the robot or the configuration is at fault, or no mode has what it needs.
@@ -80,7 +83,9 @@ def run_modes(
             if isinstance(ready, CocloError):
                 recording_ns, trajectories = None, failed_records(modes[name], str(ready))
             else:
-                recording_ns, trajectories = _run_one(ready, dataset, faults, folder, progress, watch)
+                recording_ns, trajectories = _run_one(
+                    ready, _Source(path, dataset, resolved, faults, feed), folder, progress, watch
+                )
             record = _with_trajectories(record, recording_ns, trajectories)
             run_folder.write_record(folder, record)
         record = _with_reader(record, dataset)
@@ -162,8 +167,39 @@ def _described(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Where an estimator's measurements come from.
+
+    Attributes:
+        path: of the recording.
+        dataset: its reader.
+        config: resolved configuration.
+        faults: on the measurements.
+        feed: plays them by their stamps, if there is one.
+    """
+
+    path: Path
+    dataset: Dataset
+    config: RunConfig
+    faults: Faults
+    feed: PacedFeed | None
+
+    @contextmanager
+    def opened(self, ready: _Prepared) -> Iterator[tuple[Estimator, Iterable[Measurement]]]:
+        """The estimator, and its measurements."""
+        if self.feed is not None:
+            stereo = self.dataset.stereo_calibration()
+            with self.feed.open(ready.estimator, self.path, self.config, ready.sensors, stereo) as fed:
+                yield fed
+            return
+        measurements = self.faults.measurements(self.dataset.measurements, ready.sensors)
+        with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
+            yield ready.estimator, source
+
+
 def _run_one(
-    ready: _Prepared, dataset: Dataset, faults: Faults, folder: Path, progress: Progress | None, watch: Watch | None
+    ready: _Prepared, source: _Source, folder: Path, progress: Progress | None, watch: Watch | None
 ) -> tuple[Interval | None, dict[str, TrajectoryRecord]]:
     """Run one mode; the interval of what it read, and the records of its trajectories."""
     name = ready.mode.name
@@ -174,10 +210,9 @@ def _run_one(
             if watch is not None:
                 watch(name, output)
 
-        measurements = faults.measurements(dataset.measurements, ready.sensors)
-        with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
+        with source.opened(ready) as (estimator, measurements):
             summary = pipeline.run(
-                ready.estimator, source, take, None if progress is None else lambda stamp_ns: progress(name, stamp_ns)
+                estimator, measurements, take, None if progress is None else lambda stamp_ns: progress(name, stamp_ns)
             )
     return summary.recording_ns, recorder.records(summary, ready.sensors)
 
