@@ -35,6 +35,9 @@ COMMANDS = {
         "Compare the estimators on the bundled recording of a Daisy that climbs stairs: table, plots, report.",
     ),
     "run": _Entry("estimating", "Run one mode on a recording; with ground truth, print its drift."),
+    "play": _Entry(
+        "playing", "Play a recording to one mode by its stamps, as drivers would, and measure latencies and load."
+    ),
     "compare": _Entry(
         "comparing", "Run several modes side by side against ground truth: table, plots, compare.json, report.html."
     ),

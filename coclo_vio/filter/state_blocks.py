@@ -145,7 +145,9 @@ def robust_blocks(
     """
     feet = StateBlock("feet", 3 * legs, Retraction.WORLD)
     remembered = remembered_blocks(initial) if has_frame else ()
-    return (*body_blocks(robust, initial, imu), feet, *remembered, *extra)  # poses are the first of the passive ones
+    held = [block for block in extra if block.name == HELD]
+    others = [block for block in extra if block.name != HELD]
+    return (*body_blocks(robust, initial, imu), feet, *held, *remembered, *others)  # poses: first of the passive ones
 
 
 def paper_blocks(

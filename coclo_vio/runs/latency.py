@@ -115,6 +115,7 @@ class LatencyRecord(Record):
         trajectories: latency of estimates, by the name of the trajectory.
         streams: latency of measurements, by stream.
         pushes: time that the push of a measurement took, by stream.
+        pushes_cpu: processor time of the same in the estimator's thread, which other programs do not prolong.
         measurements: pushed, by stream.
         left_out: images left out before they reached the estimator; what it left out itself is in ``run.json``.
         waiting_most: largest number of measurements that waited.
@@ -129,6 +130,7 @@ class LatencyRecord(Record):
     trajectories: dict[str, Spread]
     streams: dict[str, Spread]
     pushes: dict[str, Spread]
+    pushes_cpu: dict[str, Spread]
     measurements: dict[str, int]
     left_out: int
     waiting_most: int

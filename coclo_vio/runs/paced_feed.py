@@ -164,6 +164,7 @@ class _Timed:
     def push(self, measurement: Measurement) -> Sequence[Output]:
         """Push a measurement, unless it is an image that is too late."""
         began_ns, due_ns = time.monotonic_ns(), self._times.due_ns
+        cpu_ns = time.thread_time_ns()
         outputs: list[Output] = []
         if isinstance(measurement, StereoFrame | StereoTracks):
             if began_ns - due_ns > self._max_lag_ns:
@@ -174,7 +175,7 @@ class _Timed:
             if isinstance(output, Estimate):
                 self._times.estimate(output.name, output.state.stamp_ns)
             outputs.append(output)
-        self._times.pushed(measurement, began_ns)
+        self._times.pushed(measurement, began_ns, time.thread_time_ns() - cpu_ns)
         return outputs
 
     def finish(self) -> Iterator[Output]:

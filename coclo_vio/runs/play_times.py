@@ -30,6 +30,7 @@ class PlayTimes:
         self._trajectories: defaultdict[str, DurationHistogram] = defaultdict(DurationHistogram)
         self._streams: defaultdict[str, DurationHistogram] = defaultdict(DurationHistogram)
         self._pushes: defaultdict[str, DurationHistogram] = defaultdict(DurationHistogram)
+        self._cpu: defaultdict[str, DurationHistogram] = defaultdict(DurationHistogram)
         self._of_interval: defaultdict[str, DurationHistogram] = defaultdict(DurationHistogram)
         self._pushed: Counter[str] = Counter()
         self._number, self._spent_ns, self._most_waiting, self._left_out_before = 0, 0, 0, 0
@@ -62,8 +63,8 @@ class PlayTimes:
         if now_ns >= self._settled_ns:
             self._trajectories[name].add(now_ns - due_ns)
 
-    def pushed(self, measurement: Measurement, began_ns: int) -> None:
-        """The push of a measurement has returned."""
+    def pushed(self, measurement: Measurement, began_ns: int, cpu_ns: int) -> None:
+        """The push of a measurement has returned, which took so much processor time of its thread."""
         now_ns = time.monotonic_ns()
         self._schedule = measurement.stamp_ns, self.due_ns
         if self._begin_ns is None:
@@ -73,6 +74,7 @@ class PlayTimes:
         self._number, self._spent_ns = self._number + 1, self._spent_ns + now_ns - began_ns
         if self._settled_ns is not None and now_ns >= self._settled_ns:
             self._pushes[stream].add(now_ns - began_ns)
+            self._cpu[stream].add(cpu_ns)
             self._streams[stream].add(now_ns - self.due_ns)
         if now_ns - self._interval_began_ns >= self._interval_ns:
             self.end_interval(now_ns)
@@ -123,6 +125,7 @@ class PlayTimes:
             trajectories={name: one.spread() for name, one in sorted(self._trajectories.items())},
             streams={name: one.spread() for name, one in sorted(self._streams.items())},
             pushes={name: one.spread() for name, one in sorted(self._pushes.items())},
+            pushes_cpu={name: one.spread() for name, one in sorted(self._cpu.items())},
             measurements=dict(self._pushed),
             left_out=self.left_out,
             waiting_most=max(self._most_of_all, self._most_waiting),

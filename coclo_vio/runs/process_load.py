@@ -27,8 +27,8 @@ class ProcessLoad:
             pages = int(self._statm.read_text(encoding="ascii").split()[1])
         except (OSError, IndexError, ValueError):
             return None
-        if now_s is None or before_s is None or at_s <= since_s:
-            return None
+        if not pages or now_s is None or before_s is None or at_s <= since_s:
+            return None  # a process that has ended has no page until its end is waited for
         rss_mb = pages * os.sysconf("SC_PAGE_SIZE") / _MEBIBYTE
         return LoadRecord(rss_mb=rss_mb, cpu_percent=max(100.0 * (now_s - before_s) / (at_s - since_s), 0.0))
 
