@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "adoption.adoption": ("AdoptedField", "Adoption"),
     "api.robot_adoption": ("adopt",),
+    "api.playing": ("OutputSink", "Play", "play"),
     "api.recording": ("Recording",),
     "api.run": ("Run", "load_ground_truth", "load_run", "run"),
     "api.comparison": ("ComparedRecording", "Comparison", "compare"),
@@ -30,6 +31,7 @@ _HOMES = {
     "robot.description": ("RobotDescription", "load_robot", "robot_names"),
     "runs.equipment": ("Equipment",),
     "runs.inspection": ("Inspection",),
+    "runs.latency": ("LatencyRecord",),
     "runs.modes.mode": ("Compared", "Mode", "Need"),
     "runs.modes.registry": ("modes", "register_mode", "unregister_mode"),
     "runs.run_config": ("RunConfig",),
@@ -108,6 +110,9 @@ if TYPE_CHECKING:
     from coclo_vio.api.comparison import Comparison as Comparison
     from coclo_vio.api.comparison import compare as compare
     from coclo_vio.api.online import make_estimator as make_estimator
+    from coclo_vio.api.playing import OutputSink as OutputSink
+    from coclo_vio.api.playing import Play as Play
+    from coclo_vio.api.playing import play as play
     from coclo_vio.api.recording import Recording as Recording
     from coclo_vio.api.recording import open_recording as open
     from coclo_vio.api.robot_adoption import adopt as adopt
@@ -139,6 +144,7 @@ if TYPE_CHECKING:
     from coclo_vio.robot.description import robot_names as robot_names
     from coclo_vio.runs.equipment import Equipment as Equipment
     from coclo_vio.runs.inspection import Inspection as Inspection
+    from coclo_vio.runs.latency import LatencyRecord as LatencyRecord
     from coclo_vio.runs.modes.mode import Compared as Compared
     from coclo_vio.runs.modes.mode import Mode as Mode
     from coclo_vio.runs.modes.mode import Need as Need

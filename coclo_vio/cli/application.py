@@ -36,6 +36,9 @@ COMMANDS = {
     ),
     "run": _Entry("estimating", "Run one mode on a recording; with ground truth, print its drift."),
     "live": _Entry("living", "Run one mode on messages as they come: zenoh, DDS, Unitree's, or a growing file."),
+    "play": _Entry(
+        "playing", "Play a recording to one mode by its stamps, as drivers would, and measure latencies and load."
+    ),
     "compare": _Entry(
         "comparing", "Run several modes side by side against ground truth: table, plots, compare.json, report.html."
     ),

@@ -4,18 +4,21 @@
 ``LegOdometryFilter.mark_frame`` remembers the first frame; ``MarkedFrame.anchor`` makes it the keyframe from which
 poses are counted; ``Keyframe.mark_frame`` pairs the keyframe with a later frame; ``FramePair`` gives their poses, takes
 evidence on them, however late, and makes the frame the next keyframe. The filter remembers one keyframe and one frame:
-an object that a later call replaced is void, and its methods raise FilterError.
+an object that a later call replaced is void, and its methods raise FilterError. Where the state has a block for it
+(``state_blocks.held_frame_block``), ``Keyframe.hold_frame`` remembers one frame more, which waits until the one before
+it is processed, and ``Keyframe.mark_held`` pairs it.
 """
 
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import dataclass
 from functools import partial
 
 from coclo_vio.filter import remembered_poses
 from coclo_vio.filter.evidence_gate import EvidenceGate, GateResult
 from coclo_vio.filter.frame_motion import FrameMotion
 from coclo_vio.filter.square_root_filter import SquareRootFilter
-from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
+from coclo_vio.filter.state_blocks import ANCHOR, FRAME, HELD, KEYFRAME
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.keyframes import PoseEvidence, PosePair
@@ -35,11 +38,12 @@ class KeyframeExchange:
         self._motion_to = motion_to
         self._keyframe: Keyframe | None = None
         self._frame: MarkedFrame | FramePair | None = None
+        self._held: HeldFrame | None = None
 
     def first_frame(self, stamp_ns: int) -> "MarkedFrame":
         """Remember a frame without a keyframe; every earlier object is void."""
         self._remember(stamp_ns)
-        self._keyframe = None
+        self._keyframe = self._held = None
         self._frame = frame = MarkedFrame(self, stamp_ns)
         return frame
 
@@ -47,6 +51,24 @@ class KeyframeExchange:
         """Remember a frame after the keyframe; the earlier pair is void."""
         self._remember(stamp_ns)
         self._frame = pair = FramePair(self, keyframe.stamp_ns, stamp_ns)
+        return pair
+
+    def hold_frame(self, stamp_ns: int) -> "HeldFrame":
+        """Remember a frame that waits; the earlier one that waited is void."""
+        self._remember(stamp_ns, HELD)
+        self._held = held = HeldFrame(stamp_ns)
+        return held
+
+    def held_frame(self, keyframe: "Keyframe", held: "HeldFrame") -> "FramePair":
+        """The frame that waited becomes the frame after the keyframe; it and the earlier pair are void."""
+        if held is not self._held:
+            raise FilterError(
+                f"the HeldFrame of {held.stamp_ns} ns is void: a later hold_frame(), mark_held() or mark_frame() "
+                "replaced it; go on with the object that the later call returned"
+            )
+        self.core.copy_pose(HELD, FRAME)
+        self._held = None
+        self._frame = pair = FramePair(self, keyframe.stamp_ns, held.stamp_ns)
         return pair
 
     def keep_frame(self, stamp_ns: int) -> "Keyframe":
@@ -69,9 +91,20 @@ class KeyframeExchange:
             )
         return self.core
 
-    def _remember(self, stamp_ns: int) -> None:
+    def _remember(self, stamp_ns: int, name: str = FRAME) -> None:
         motion = self._motion_to(stamp_ns)
-        self.core.mark_frame(motion.dt_s, motion.noise, motion.T_now_frame)
+        self.core.mark_frame(motion.dt_s, motion.noise, motion.T_now_frame, name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldFrame:
+    """A frame whose pose is remembered while the one before it is processed.
+
+    Attributes:
+        stamp_ns: of the frame, in nanoseconds.
+    """
+
+    stamp_ns: int
 
 
 class MarkedFrame:
@@ -127,6 +160,31 @@ class Keyframe:
         """
         self._exchange.core_of(self)
         return self._exchange.later_frame(self, stamp_ns)
+
+    @property
+    def can_hold(self) -> bool:
+        """Whether the state has a block for a frame that waits."""
+        return HELD in self._exchange.core.mean.layout.poses
+
+    def hold_frame(self, stamp_ns: int) -> HeldFrame:
+        """Remember a frame that waits while the one before it is processed, at its own stamp between samples.
+
+        A frame that waited before is void.
+
+        Raises:
+            FilterError: the object is void, or the state has no block for such a frame.
+        """
+        self._exchange.core_of(self)
+        return self._exchange.hold_frame(stamp_ns)
+
+    def mark_held(self, held: HeldFrame) -> "FramePair":
+        """The frame that waited, paired with this keyframe; the earlier pair of this keyframe is void.
+
+        Raises:
+            FilterError: the object or the frame is void.
+        """
+        self._exchange.core_of(self)
+        return self._exchange.held_frame(self, held)
 
     def in_world(self, T_anchor_body: Array, covariance: Array) -> tuple[Array, Array]:
         """A pose that the cameras measure relative to the anchor, in the world of the filter.

@@ -190,7 +190,11 @@ class SquareRootFilter:
         self.factor = factor
 
     def mark_frame(
-        self, dt_s: float, noise: tuple[float, float] = (0.0, 0.0), T_now_frame: Array | None = None
+        self,
+        dt_s: float,
+        noise: tuple[float, float] = (0.0, 0.0),
+        T_now_frame: Array | None = None,
+        name: str = FRAME,
     ) -> None:
         """Remember the pose ``dt_s`` from now as the frame's, with all its correlations; it replaces the last one.
 
@@ -200,6 +204,7 @@ class SquareRootFilter:
             dt_s: from the present to the frame, s.
             noise: one sigma of the rotation (rad) and motion (m) beyond that, each axis.
             T_now_frame: the motion to the frame where it is known, (4, 4), with ``dt_s`` of 0.
+            name: of the remembered pose.
         """
         mean, layout = self.mean, self.mean.layout
         rotation = mean.rotation @ so3.exp(mean.vector[RATE] * dt_s)
@@ -213,15 +218,15 @@ class SquareRootFilter:
         along[3:, RATE] = so3.hat(position) @ turning  # a rotation error turns the place too
         along[3:, VELOCITY] = np.eye(3) * dt_s
         along[:3, ROTATION] = along[3:, POSITION] = np.eye(3)
-        self._replace(FRAME, along)
-        self.mean = mean.remembering(FRAME, rotation, position)
-        self._add_frame_noise(*noise)
+        self._replace(name, along)
+        self.mean = mean.remembering(name, rotation, position)
+        self._add_frame_noise(name, *noise)
 
-    def _add_frame_noise(self, rotation_rad: float, motion_m: float) -> None:
+    def _add_frame_noise(self, name: str, rotation_rad: float, motion_m: float) -> None:
         """Independent noise on the frame's pose; noise of the rotation leaves the position as it is."""
         if rotation_rad == 0.0 and motion_m == 0.0:
             return
-        rotation, position = self.mean.layout.rotation_of(FRAME), self.mean.layout.position_of(FRAME)
+        rotation, position = self.mean.layout.rotation_of(name), self.mean.layout.position_of(name)
         rows = np.zeros((6, len(self.factor)))
         rows[:3, rotation] = rotation_rad * np.eye(3)
         rows[:3, position] = rotation_rad * so3.hat(self.mean.vector[position]).T

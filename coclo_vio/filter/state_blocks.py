@@ -22,6 +22,9 @@ KNOWN_SIGMA = 1e-12
 KEYFRAME, FRAME, ANCHOR = "keyframe", "frame", "anchor"
 """Names of the remembered poses."""
 
+HELD = "held_frame"
+"""Name of the pose of a frame that waits until the one before it is processed, where there is one."""
+
 
 class Retraction(Enum):
     """How an error ``e`` of a block changes its mean.
@@ -143,7 +146,9 @@ def robust_blocks(
     """
     feet = StateBlock("feet", 3 * legs, Retraction.WORLD)
     remembered = remembered_blocks(initial) if has_frame else ()
-    return (*body_blocks(robust, initial, imu), feet, *remembered, *extra)  # poses are the first of the passive ones
+    held = [block for block in extra if block.name == HELD]
+    others = [block for block in extra if block.name != HELD]
+    return (*body_blocks(robust, initial, imu), feet, *held, *remembered, *others)  # poses: first of the passive ones
 
 
 def paper_blocks(
@@ -179,6 +184,11 @@ def remembered_blocks(initial: InitialConfig) -> tuple[StateBlock, ...]:
     sigmas = (*[initial.camera_rotation_sigma_rad] * 3, initial.stereo_scale_sigma)
     camera = StateBlock("camera", 4, sigma=sigmas, is_reported=True, is_passive=True)
     return (_pose(KEYFRAME), _pose(FRAME), _pose(ANCHOR), camera)
+
+
+def held_frame_block() -> StateBlock:
+    """The pose of a frame that waits, for ``Keyframe.hold_frame``."""
+    return _pose(HELD)
 
 
 def _pose(name: str) -> StateBlock:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parameters of the bridge between leg odometry and vision."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
@@ -28,6 +28,17 @@ class BridgeConfig(StageConfig):
         int,
         Field(ge=0, le=1, description="threads beside the filter's that process frames until their results are due"),
     ] = 0
+    vision: Annotated[
+        Literal["auto", "in_turn", "beside"],
+        Field(
+            description="in_turn: outputs depend on the measurements alone; beside: frames are processed by another "
+            "process and results taken as they come, so that joint samples never wait; auto: beside in play, else "
+            "in_turn"
+        ),
+    ] = "auto"
+    vision_timeout_s: Annotated[
+        float, Field(gt=0, le=600, description="beside: a frame in process for longer starts that process anew, s")
+    ] = 5.0
     min_novel_share: Annotated[
         float,
         Field(ge=0, lt=0.5, description="directions in which a smaller share of a marginal is novel count as known"),

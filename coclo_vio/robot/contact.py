@@ -21,7 +21,6 @@ from coclo_vio.values.config import StageConfig
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.units import NS_PER_S
 
-
 _OF_LOAD = ("paper", "logistic", "hysteresis")
 _OF_MOTION = ("kinematic", "kinematic_load")
 

@@ -220,7 +220,9 @@ class KinematicContact:
         config = self._config
         if known.any():
             speeds = motion.foot_speed[known]
-            self._mean_square += min(1.0, dt_s / _SPEED_MEMORY_S) * (float(speeds @ speeds) / len(speeds) - self._mean_square)
+            self._mean_square += min(1.0, dt_s / _SPEED_MEMORY_S) * (
+                float(speeds @ speeds) / len(speeds) - self._mean_square
+            )
         return Scales(
             body.variance,
             max(config.least_swing_mps**2, 4.0 / 3.0 * self._mean_square),

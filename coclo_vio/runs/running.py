@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording through several modes into one run folder."""
 
-from collections.abc import Sequence
-from contextlib import closing, nullcontext, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from coclo_vio.runs.guarding import guarded
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.observers import Observers
+from coclo_vio.runs.paced_feed import PacedFeed
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
 from coclo_vio.runs.recorder import OutputRecorder, failed_records
 from coclo_vio.runs.recording_view import seen
@@ -28,7 +29,7 @@ from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, RunRecor
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
-from coclo_vio.values.measurements import IMAGE_SENSORS
+from coclo_vio.values.measurements import IMAGE_SENSORS, Measurement
 from coclo_vio.values.outputs import Estimator, Output
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
@@ -42,6 +43,7 @@ def run_modes(
     *,
     observers: Observers | None = None,
     ending: "Ending | None" = None,
+    feed: PacedFeed | None = None,
 ) -> RunRecord:
     """Run each mode on a recording; returns what ``run.json`` holds.
 
@@ -56,6 +58,10 @@ def run_modes(
         folder: run folder, made if needed.
         observers: who is shown what the modes read and give.
         ending: what becomes of earlier results, and what stops the run; earlier results are refused if None.
+        progress: called with mode and stamp.
+        watch: called with mode and output.
+        pictures_every: write the picture of every n-th frame of a mode that processes images; none if None.
+        feed: plays the recording to the estimators by its stamps; None: they get it as fast as they take it.
 
     Raises:
         CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or no mode has
@@ -82,6 +88,7 @@ def run_modes(
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
         journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis))
+        source = _Source(path, dataset, resolved, faults, feed)
         try:
             for name, ready in prepared.items():
                 if ending.is_requested:
@@ -89,7 +96,7 @@ def run_modes(
                 if isinstance(ready, CocloError):
                     journal.update((None, failed_records(modes[name], str(ready))))
                 else:
-                    _run_one(ready, dataset, faults, journal, observers, ending.stop)
+                    _run_one(ready, source, journal, observers, ending.stop)
             return journal.end(_with_reader(journal.record, dataset))
         except BaseException as error:
             journal.abandon(error)
@@ -188,13 +195,39 @@ def _described(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Where an estimator's measurements come from.
+
+    Attributes:
+        path: of the recording.
+        dataset: its reader.
+        config: resolved configuration.
+        faults: on the measurements.
+        feed: plays them by their stamps, if there is one.
+    """
+
+    path: Path
+    dataset: Dataset
+    config: RunConfig
+    faults: Faults
+    feed: PacedFeed | None
+
+    @contextmanager
+    def opened(self, ready: _Prepared) -> Iterator[tuple[Estimator, Iterable[Measurement]]]:
+        """The estimator, and its measurements."""
+        if self.feed is not None:
+            stereo = self.dataset.stereo_calibration()
+            with self.feed.open(ready.estimator, self.path, self.config, ready.sensors, stereo) as fed:
+                yield fed
+            return
+        measurements = self.faults.measurements(self.dataset.measurements, ready.sensors)
+        with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
+            yield ready.estimator, source
+
+
 def _run_one(
-    ready: _Prepared,
-    dataset: Dataset,
-    faults: Faults,
-    journal: RunJournal,
-    observers: Observers,
-    stop: StopRequest | None,
+    ready: _Prepared, source: _Source, journal: RunJournal, observers: Observers, stop: StopRequest | None
 ) -> None:
     """Run one mode, and keep what it comes to in the journal."""
     name = ready.mode.name
@@ -215,14 +248,10 @@ def _run_one(
             observers.advance(name, stamp_ns)
 
         journal.update(progressed())
-        measurements = faults.measurements(dataset.measurements, ready.sensors)
         try:
-            with (
-                closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source,
-                nullcontext() if stop is None else stop.polled(),
-            ):
-                shown = source if observers.view is None else seen(source, observers.view)
-                summary = pipeline.run(ready.estimator, shown, take, advance, tally=tally, stop=stop)
+            with source.opened(ready) as (estimator, measurements), nullcontext() if stop is None else stop.polled():
+                shown = measurements if observers.view is None else seen(measurements, observers.view)
+                summary = pipeline.run(estimator, shown, take, advance, tally=tally, stop=stop)
         except BaseException:
             with suppress(OSError):
                 journal.update(progressed())

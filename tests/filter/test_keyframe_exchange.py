@@ -9,8 +9,9 @@ import pytest
 
 from coclo_vio.filter.config import FilterConfig, GateConfig, InitialConfig, RobustConfig
 from coclo_vio.filter.evidence_gate import GateOutcome
-from coclo_vio.filter.keyframe_exchange import FramePair, Keyframe, MarkedFrame
+from coclo_vio.filter.keyframe_exchange import FramePair, HeldFrame, Keyframe, MarkedFrame
 from coclo_vio.filter.odometry import LegOdometryFilter
+from coclo_vio.filter.state_blocks import held_frame_block
 from coclo_vio.geometry import se3
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
@@ -320,3 +321,32 @@ def test_evidence_reduces_the_sigmas_of_the_calibration(daisy: RobotModel, noisy
     after = odometry.camera_calibration(now.stamp_ns)
     assert after.stereo_scale_sigma < 0.99 * before.stereo_scale_sigma
     assert (after.rotation_sigma <= before.rotation_sigma * (1.0 + 1e-9)).all()
+
+
+def test_a_frame_that_waits_has_the_pose_of_its_own_time_and_changes_nothing_else(
+    robot: RobotModel, walk: AnalyticTrial
+) -> None:
+    """A frame that was held, paired later with the next keyframe, against the same frame marked at its stamp."""
+    config = PROFILES[0]
+    before, later = walk.measurements[:600], walk.measurements[600:640]
+    poses = []
+    for holds in (False, True):
+        extra = (held_frame_block(),) if holds else ()
+        odometry = LegOdometryFilter(robot, config, remembers_frames=True, extra_blocks=extra)
+        last = pushed(odometry, before)[-1]
+        keyframe = odometry.mark_frame(last.stamp_ns).anchor()
+        assert keyframe.can_hold == holds
+        stamp_ns = last.stamp_ns + FRAME_NS
+        held = keyframe.hold_frame(stamp_ns) if holds else keyframe.mark_frame(stamp_ns)
+        states = pushed(odometry, later)
+        pair = keyframe.mark_held(held) if isinstance(held, HeldFrame) else held
+        poses.append((pair.poses(), states[-1]))
+        if isinstance(held, HeldFrame):
+            with pytest.raises(FilterError, match="the HeldFrame of .* is void"):
+                keyframe.mark_held(held)
+    (one, its_state), (other, other_state) = poses
+    assert (one.start_ns, one.end_ns) == (other.start_ns, other.end_ns)
+    np.testing.assert_allclose(one.T_world_end, other.T_world_end, atol=1e-9)
+    np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-12)
+    np.testing.assert_allclose(its_state.covariance, other_state.covariance, atol=1e-12)
+    np.testing.assert_allclose(its_state.nav.T_world_body, other_state.nav.T_world_body, atol=1e-12)

@@ -14,13 +14,18 @@ if TYPE_CHECKING:
 
 def _combined(equipment: "Equipment", config: "RunConfig") -> Estimator:
     from coclo_vio.filter.odometry import LegOdometryFilter  # noqa: PLC0415 -- loads Pinocchio
+    from coclo_vio.filter.state_blocks import held_frame_block  # noqa: PLC0415
     from coclo_vio.fusion.combined import combined_odometry  # noqa: PLC0415 -- loads GTSAM and OpenCV
+    from coclo_vio.fusion.combined_beside import combined_beside  # noqa: PLC0415
 
-    return combined_odometry(
+    is_beside = config.bridge.vision == "beside"
+    make = combined_beside if is_beside else combined_odometry
+    return make(
         LegOdometryFilter(
             equipment.require_robot(),
             config.filter,
             remembers_frames=True,
+            extra_blocks=(held_frame_block(),) if is_beside else (),
             camera_imu=equipment.second_imu,
             reports_innovations=equipment.pictures_every is not None,
         ),

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording played to an estimator by its stamps, as drivers would push it: what comes out, and how late."""
+
+import tempfile
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from coclo_vio.api.recording import Recording, open_recording
+from coclo_vio.api.run import Run
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.latency import LatencyRecord
+from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.observers import Observers, Progress
+from coclo_vio.runs.paced_feed import MAX_LAG_S, PacedFeed
+from coclo_vio.runs.paced_source import Pace
+from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.running import run_modes
+from coclo_vio.values.errors import ConfigError
+from coclo_vio.values.outputs import Output
+
+LATENCY_JSON = "latency.json"
+
+
+class OutputSink(Protocol):
+    """What gets the outputs while a recording is played: a viewer, a publisher."""
+
+    def take(self, output: Output) -> None:
+        """Take one output; the next measurement waits until this returns."""
+
+    def close(self) -> None:
+        """No output comes any more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Play:
+    """A recording that was played.
+
+    Attributes:
+        run: its trajectories, events and metrics.
+        latency: its times, as in ``latency.json`` of the run folder.
+    """
+
+    run: Run
+    latency: LatencyRecord
+
+
+def play(
+    recording: Recording | str | Path,
+    mode: str | None = None,
+    *,
+    rate: float = 1.0,
+    seconds: float | None = None,
+    folder: str | Path | None = None,
+    sink: OutputSink | None = None,
+    progress: Progress | None = None,
+    feed: PacedFeed | None = None,
+) -> Play:
+    """Play a recording to one mode from another process, each measurement when its stamp is due.
+
+    Frames of ``combined`` are processed beside the filter unless ``bridge.vision`` says otherwise.
+
+    Args:
+        recording: what ``open`` gives, or a path.
+        mode: its name; the best that the recording is enough for if None.
+        rate: seconds of recording per second.
+        seconds: of the recording to play; all of it if None.
+        folder: run folder; a temporary one if None.
+        sink: gets each output as it comes out, and is closed at the end.
+        progress: called with the mode and the stamp (ns) of each measurement.
+        feed: plays it; made of rate and seconds if None.
+
+    Raises:
+        ConfigError: there is no such mode, or the rate is not positive.
+        CocloError: the recording or the robot is at fault, or the mode lacks what it needs.
+    """
+    if not isinstance(recording, Recording):
+        recording = open_recording(recording)
+    name = mode_of(recording.default_mode if mode is None else mode).name
+    recording = replace(recording, config=_for_use_online(recording))
+    feed = feed or paced_feed(rate, seconds)
+    with ExitStack() as stack:
+        target = Path(folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_")))
+        with ExitStack() as at_the_end:
+            if sink is not None:
+                at_the_end.callback(sink.close)
+            record = run_modes(
+                recording.path,
+                [name],
+                recording.config,
+                target,
+                observers=Observers(progress, None if sink is None else lambda _, output: sink.take(output)),
+                feed=feed,
+            )
+        latency = feed.record(name, recording.config)
+        with run_folder.writing(target):
+            latency.write(target / LATENCY_JSON)
+        return Play(Run(target, record, remove=stack.pop_all().close), latency)
+
+
+def paced_feed(rate: float, seconds: float | None = None, *, max_lag_s: float = MAX_LAG_S) -> PacedFeed:
+    """What plays a recording at a rate.
+
+    Raises:
+        ConfigError: the rate or the time is not positive.
+    """
+    for what, value in (("rate", rate), ("seconds", seconds), ("max_lag_s", max_lag_s)):
+        if value is not None and not 0.0 < value < 1e6:
+            raise ConfigError(f"{what} = {value}: give a number above 0, such as rate = 1 for the speed of the sensors")
+    return PacedFeed(Pace(rate=rate, seconds=seconds), max_lag_s=max_lag_s)
+
+
+def _for_use_online(recording: Recording) -> RunConfig:
+    """The configuration with frames beside the filter, where it leaves that open."""
+    config = recording.config
+    if config.bridge.vision != "auto":
+        return config
+    return config.model_copy(update={"bridge": config.bridge.model_copy(update={"vision": "beside"})})
