@@ -15,9 +15,11 @@ from typing import Any, TypeVar, cast
 
 _njit: Any = None
 _event: Any = None
+_new_cache: Any = None
 if os.environ.get("COCLO_VIO_NUMBA") != "0":
     with suppress(ImportError):
         _njit, _event = import_module("numba").njit, import_module("numba.core.event")
+        _new_cache = import_module("coclo_vio.geometry.kernel_cache").KernelCache
 
 IS_COMPILED = _njit is not None
 
@@ -38,10 +40,10 @@ def compiled_without_gil(kernel: _Kernel) -> _Kernel:
 def _compiled(kernel: _Kernel, *, releases_gil: bool) -> _Kernel:
     if not IS_COMPILED:
         return kernel
-    try:
-        return cast(_Kernel, _njit(cache=True, error_model="numpy", nogil=releases_gil, no_cfunc_wrapper=True)(kernel))
-    except RuntimeError:  # there is no folder to which the cache could be written
-        return cast(_Kernel, _njit(error_model="numpy", nogil=releases_gil)(kernel))
+    dispatcher = _njit(error_model="numpy", nogil=releases_gil, no_cfunc_wrapper=True)(kernel)
+    with suppress(RuntimeError):  # there is no folder to which the cache could be written
+        dispatcher._cache = _new_cache(kernel)
+    return cast(_Kernel, dispatcher)
 
 
 def inlined(kernel: _Kernel) -> _Kernel:
