@@ -35,7 +35,7 @@ COMMANDS = {
         "Compare the estimators on the bundled recording of a Daisy that climbs stairs: table, plots, report.",
     ),
     "run": _Entry("estimating", "Run one mode on a recording; with ground truth, print its drift."),
-    "live": _Entry("living", "Run one mode on messages as they come: zenoh, DDS, Unitree's, or a growing file."),
+    "live": _Entry("living", "Run one mode on messages as they come: zenoh, DDS, Unitree or a growing file."),
     "compare": _Entry(
         "comparing", "Run several modes side by side against ground truth: table, plots, compare.json, report.html."
     ),
