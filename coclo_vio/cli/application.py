@@ -35,7 +35,7 @@ COMMANDS = {
         "Compare the estimators on the bundled recording of a Daisy that climbs stairs: table, plots, report.",
     ),
     "run": _Entry("estimating", "Run one mode on a recording; with ground truth, print its drift."),
-    "live": _Entry("living", "Run one mode on messages as they come: zenoh, DDS, Unitree's, or a growing file."),
+    "live": _Entry("living", "Run one mode on messages as they come: zenoh, DDS, Unitree or a growing file."),
     "play": _Entry(
         "playing", "Play a recording to one mode by its stamps, as drivers would, and measure latencies and load."
     ),

@@ -43,7 +43,10 @@ def live(
         float | None, typer.Option("--seconds", min=0.0, help="End after this time; otherwise at Ctrl-C.")
     ] = None,
 ) -> None:
-    """Run one mode on messages as they come; odometry, tf and diagnostics go out on the same wire."""
+    """Run one mode on messages as they come: zenoh, DDS, Unitree or a growing file.
+
+    Odometry, tf and diagnostics go out on the same wire.
+    """
     chosen = mode_of(mode)
     resolved = configured_for(source, resolve(robot, config, settings or ()))
     given, resolved = given_calibrations(calibration, resolved)

@@ -12,11 +12,12 @@ from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
 from coclo_vio.datasets.rosbag.bag_preview import preview_of
 from coclo_vio.datasets.rosbag.conversion import MessageConverter
 from coclo_vio.datasets.rosbag.mapped_messages import MappedMessages, with_topics
+from coclo_vio.datasets.rosbag.message_types import CAMERA_INFO, IMAGES
 from coclo_vio.datasets.rosbag.poses import read_frames
 from coclo_vio.datasets.rosbag.storage.arrived_messages import ArrivedMessages
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.datasets.rosbag.topic_roles import TopicRoles, choose_roles
-from coclo_vio.live.wire import READ_TYPES
+from coclo_vio.live.wire import READ_TYPES, Wants
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.modes.mode import Mode
@@ -65,11 +66,15 @@ def wanted_topics(config: RunConfig) -> frozenset[str]:
     return frozenset(named | {field.topic for field in fields if field is not None})
 
 
-def wants(config: RunConfig, mode: Mode, topic: str, msgtype: str) -> bool:
-    """Whether messages on a topic are read before the topics of the sensors are chosen."""
-    if topic in wanted_topics(config):
-        return True
-    return msgtype in READ_TYPES and (mode.has_cameras or not msgtype.endswith("Image"))
+def wants_of(config: RunConfig, mode: Mode) -> Wants:
+    """Whether messages on a topic of a type are read before the topics of the sensors are chosen."""
+    named = wanted_topics(config)
+    types = READ_TYPES if mode.has_cameras else READ_TYPES - {*IMAGES, CAMERA_INFO}
+
+    def wants(topic: str, msgtype: str) -> bool:
+        return topic in named or msgtype in types
+
+    return wants
 
 
 def given_calibrations(path: Path | None, config: RunConfig) -> tuple[SensorCalibrations, RunConfig]:

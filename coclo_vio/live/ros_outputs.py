@@ -71,11 +71,10 @@ class RosOutputs:
         pose, twist = self._make.pose(state.nav.T_world_body), self._make.twist(*body_twist(state))
         R = state.nav.T_world_body[:3, :3]
         covariances = ros_pose_covariance(state.covariance[:6, :6], R), body_twist_covariance(state)
-        odometry = self._make.odometry(
-            self._make.header(state.stamp_ns, odom), body, (pose, covariances[0]), (twist, covariances[1])
-        )
+        header = self._make.header(state.stamp_ns, odom)
+        odometry = self._make.odometry(header, body, (pose, covariances[0]), (twist, covariances[1]))
         yield OutgoingMessage(f"/{name}/odometry", ODOMETRY, state.stamp_ns, self._types.serialized(odometry))
-        transform = self._make.transform(state.stamp_ns, odom, body, state.nav.T_world_body)
+        transform = self._make.transform_of_pose(header, body, pose)
         yield OutgoingMessage("/tf", TF_MESSAGE, state.stamp_ns, self._types.serialized(self._make.tf([transform])))
 
     def diagnostics(

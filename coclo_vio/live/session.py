@@ -15,7 +15,7 @@ from coclo_vio.live.live_record import LiveRecord
 from coclo_vio.live.live_recording import LiveRecording
 from coclo_vio.live.measurement_stream import MeasurementStream
 from coclo_vio.live.outgoing import Outgoing
-from coclo_vio.live.preparation import Prepared, prepared_of_measurements, prepared_of_messages, wants
+from coclo_vio.live.preparation import Prepared, prepared_of_measurements, prepared_of_messages, wants_of
 from coclo_vio.live.ros_outputs import RosOutputs
 from coclo_vio.live.run_files import RunFiles
 from coclo_vio.live.unending import UnendingEstimator
@@ -78,7 +78,7 @@ def run_live(
     live = settings.config.live
     events = WireEvents(live.event_s)
     intake = Intake(
-        lambda topic, msgtype: wants(settings.config, settings.mode, topic, msgtype),
+        wants_of(settings.config, settings.mode),
         events,
         most_messages=live.most_messages,
         most_images=live.most_images,
@@ -202,12 +202,12 @@ class _Session:
             yield item
         first.clear()
         while not self._stops():
-            item = self._next()
-            if item is None and self._is_over():
+            came = self._next()
+            if came is None and self._is_over():
                 return
-            if item is not None:
-                self._record(item)
-            yield item
+            if came is not None:
+                self._record(came)
+            yield came
 
     def _next(self) -> WireMessage | Measurement | None:
         now_s = time.monotonic()

@@ -67,7 +67,7 @@ class ZenohWire:
                 f"the session of {self.name} cannot be opened: {shortened(error)}; correct --endpoint or live.zenoh"
             ) from error
         self._tokens = NodeTokens(domain, str(self._session.zid()), node)
-        self._declared = [self._session.liveliness().declare_token(self._tokens.node())]
+        self._declared: list[Any] = [self._session.liveliness().declare_token(self._tokens.node())]
         self._found: deque[Advertised] = deque()
         self._subscribed: set[tuple[str, str]] = set()
         self._publishers: dict[str, _Publisher] = {}
@@ -139,7 +139,7 @@ class ZenohWire:
         key = ZenohTopic(topic.name, topic.msgtype, "*").key(self._domain)
         if is_transient_local:
             history = zenoh_ext.HistoryConfig(detect_late_publishers=True)
-            subscriber = zenoh_ext.declare_advanced_subscriber(self._session, key, self._receive, history=history)
+            subscriber: Any = zenoh_ext.declare_advanced_subscriber(self._session, key, self._receive, history=history)
         else:
             subscriber = self._session.declare_subscriber(key, self._receive)
         token = self._tokens.entity("MS", topic, is_transient_local=is_transient_local)

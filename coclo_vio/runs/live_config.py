@@ -51,7 +51,7 @@ class LiveConfig(StageConfig):
     ] = "sent"
     most_messages: Annotated[
         int, Field(ge=1, description="messages that wait for the estimator; further ones are dropped and counted")
-    ] = 4096
+    ] = 2000
     most_images: Annotated[
         int, Field(ge=2, description="images that wait for the estimator; the oldest are dropped before anything else")
     ] = 8

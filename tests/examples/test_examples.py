@@ -7,10 +7,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
 import coclo_vio as cv
+from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
+from coclo_vio.datasets.rosbag.storage.type_definitions import TypeDefinitions
 from coclo_vio.robot.contact import unregister_contact_estimator
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -131,3 +135,45 @@ def test_a_script_is_short_shows_its_command_and_has_a_test(script: Path) -> Non
     assert len(text.splitlines()) <= MOST_LINES
     assert f"``python examples/{script.name}" in text.partition('"""')[2].partition('"""')[0]
     assert f'run("{script.stem}"' in Path(__file__).read_text(encoding="utf-8")
+
+
+def test_a_node_of_ros_publishes_odometry(run: Example, monkeypatch: pytest.MonkeyPatch, short_recording: Path) -> None:
+    published = fake_ros(monkeypatch, short_recording)
+    run("ros2_node", "daisy")
+    assert len(published) > 300
+    types = TypeDefinitions()
+    first = types.typed("nav_msgs/msg/Odometry")[1].deserialize_cdr(published[0], "nav_msgs/msg/Odometry")
+    assert (first.header.frame_id, first.child_frame_id) == ("odom", "base_link")
+    assert first.pose.covariance[0] > 0.0
+
+
+def fake_ros(monkeypatch: pytest.MonkeyPatch, recording: Path) -> list[bytes]:
+    """Modules named as those of ROS; ``spin`` plays a recording. What is published is in the list."""
+    published: list[bytes] = []
+
+    class Node:
+        def __init__(self, name: str) -> None:
+            self.callbacks: dict[str, Callable[[Any], None]] = {}
+
+        def create_publisher(self, msgtype: type, topic: str, depth: int) -> SimpleNamespace:
+            return SimpleNamespace(publish=published.append)
+
+        def create_subscription(self, msgtype: type, topic: str, callback: Callable[[Any], None], depth: int) -> None:
+            self.callbacks[topic] = callback
+
+    def spin(node: Node) -> None:
+        bag = BagFile(recording, allow_partial=False)
+        for message in bag.messages(node.callbacks.keys()):
+            node.callbacks[message.topic](bag.decoded(message.topic, message.data))
+
+    modules = {
+        "rclpy": {"init": lambda: None, "spin": spin},
+        "rclpy.node": {"Node": Node},
+        "nav_msgs.msg": {"Odometry": object},
+        "sensor_msgs.msg": {"Imu": object, "JointState": object},
+    }
+    for name, contents in modules.items():
+        module = ModuleType(name)
+        module.__dict__.update(contents)
+        monkeypatch.setitem(sys.modules, name, module)
+    return published

@@ -61,9 +61,11 @@ class TypeDefinitions:
         for msgtype, text in (further or {}).items():
             try:
                 self._store.register(get_types_from_msg(text, msgtype))
-            except Exception as error:  # the grammar's own errors
+                self._store.hash_rihs01(msgtype)
+            except Exception as error:  # the grammar's own errors, and a KeyError for a nested type that is not there
                 raise DatasetError(
-                    f"the definition of {msgtype} cannot be read ({shortened(error)}); give the text of its .msg file"
+                    f"the definition of {msgtype} cannot be read ({shortened(error)}); give the text of its .msg file, "
+                    "with those of nested types below it"
                 ) from error
         self.types: dict[str, Any] = dict(self._store.types)
         self._hashes: dict[str, str] = {}
@@ -107,8 +109,10 @@ class TypeDefinitions:
 
     def has_header(self, msgtype: str) -> bool:
         """Whether messages of a type begin with a header, so that they have a stamp."""
-        fields = self._store.fielddefs.get(msgtype, ((), ()))[1]
-        return bool(fields) and _field_type(fields[0][1]) == FieldType("std_msgs/msg/Header", True, False, None)
+        if msgtype not in self:
+            return False
+        first = next(iter(self.fields_of(msgtype).values()), None)
+        return first == FieldType("std_msgs/msg/Header", True, False, None)
 
     def __contains__(self, msgtype: str) -> bool:
         return msgtype in self._store.fielddefs

@@ -122,6 +122,13 @@ class BagMessages:
         transform = self._make("geometry_msgs/Transform", self.vector(T_frame_child[:3, 3]), quaternion)
         return self._make("geometry_msgs/TransformStamped", self.header(stamp_ns, frame_id), child_frame_id, transform)
 
+    def transform_of_pose(self, header: Any, child_frame_id: str, pose: Any) -> Any:
+        """A ``TransformStamped`` of a ``Pose`` that has been made already."""
+        position = pose.position
+        translation = self._make("geometry_msgs/Vector3", position.x, position.y, position.z)
+        transform = self._make("geometry_msgs/Transform", translation, pose.orientation)
+        return self._make("geometry_msgs/TransformStamped", header, child_frame_id, transform)
+
     def tf(self, transforms: Iterable[Any]) -> Any:
         """Transforms as one ``TFMessage``."""
         return self._types[TF_MESSAGE](list(transforms))

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``live`` from the command line: a finished file as a source, and what it answers to mistakes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from console import Coclo, is_one_sentence
+
+from coclo_vio.live.live_record import read_live_record
+from coclo_vio.runs.run_folder import read_estimates
+
+
+def test_a_file_that_is_complete_is_run_to_its_end(coclo: Coclo, short_recording: Path, tmp_path: Path) -> None:
+    answer = coclo(
+        "live", "-s", "file", "--endpoint", short_recording, "-m", "coclo", "-r", "daisy", "-o", "out",
+        "--set", "live.first_messages_s=0.2", "--set", "live.most_messages=100000",
+    )  # fmt: skip
+    assert answer.status == 0, answer.err
+    assert "/joint_states: 600 received, 0 lost" in answer.out
+    record = read_live_record(tmp_path / "out")
+    assert record.topics["/joint_states"].received == 600
+    assert coclo("run", short_recording, "-m", "coclo", "-r", "daisy", "-o", "ref").status == 0
+    live, run = (read_estimates(tmp_path / name, "coclo").trajectory for name in ("out", "ref"))
+    shared, of_live, of_run = np.intersect1d(live.stamps_ns, run.stamps_ns, return_indices=True)
+    assert len(shared) > 540
+    np.testing.assert_allclose(live.positions[of_live], run.positions[of_run], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("-s", "mqtt", "-m", "coclo"), 2, "zenoh, dds, unitree, file"),
+        (("-s", "file", "-m", "coclo", "-r", "daisy"), 2, "--endpoint"),
+        (("-s", "file", "--endpoint", "walk.bag", "-m", "coclo", "-r", "daisy"), 2, ".mcap, .csv or .jsonl"),
+        (("-s", "unitree", "-m", "coclo"), 2, "--robot"),
+        (("-s", "zenoh", "-m", "no_such_mode"), 2, "no_such_mode"),
+        (("-s", "file", "--endpoint", "none.mcap", "-m", "vins", "--set", "live.wait_s=0.3"), 1, "live.wait_s"),
+    ],
+)
+def test_a_mistake_is_named_in_a_sentence(coclo: Coclo, arguments: tuple[str, ...], status: int, words: str) -> None:
+    answer = coclo("live", *arguments)
+    assert answer.status == status, answer.out
+    assert is_one_sentence(answer)
+    assert words in answer.err
