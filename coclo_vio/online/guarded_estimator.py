@@ -127,7 +127,8 @@ class GuardedEstimator:
         self._frame.anchor_next(where)
         self._counted["reset"] += 1
         kept = f"kept are {', '.join(learnt)}" if learnt else "nothing learnt is kept"
-        self._note("reset", f"the estimator starts anew at the {'last' if pose is None else 'given'} pose; {kept}")
+        detail = f"the estimator starts anew at the {'last' if pose is None else 'given'} pose; {kept}"
+        self._events.append(Event(self._follower.now_ns or 0, "reset", detail))
 
     def reanchor(self, pose: Array, covariance: Array | None = None) -> None:
         """Choose the world anew: the last estimate gets this pose, and the estimator goes on as it is.
@@ -141,10 +142,8 @@ class GuardedEstimator:
         """
         self._frame.anchor_now(checked_pose(pose, covariance))
         self._counted["reanchored"] += 1
-        self._note("reanchored", "the last estimate has the given position and heading; what follows is relative to it")
-
-    def _note(self, kind: str, detail: str) -> None:
-        self._events.append(Event(self._follower.now_ns or 0, kind, detail))
+        detail = "the last estimate has the given position and heading; what follows is relative to it"
+        self._events.append(Event(self._follower.now_ns or 0, "reanchored", detail))
 
     def _collected(self, outputs: Iterable[Output]) -> Sequence[Output]:
         """All outputs; where the estimator fails, those before, and the error comes with the next call."""

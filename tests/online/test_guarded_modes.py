@@ -73,7 +73,8 @@ def stepped(step_s: float, *kinds: type) -> Callable[[Stream], list[cv.Measureme
 
 def with_jitter(walk: Stream) -> list[cv.Measurement]:
     rng = np.random.default_rng(6)
-    return jittered(walk, lambda _: rng.uniform(0, 30 * MS))[0]
+    kinds = cv.ImuSample | cv.JointSample
+    return jittered(walk, lambda each: rng.uniform(0, 30 * MS) if isinstance(each, kinds) else 0.0)[0]
 
 
 def repeated(walk: Stream) -> list[cv.Measurement]:
