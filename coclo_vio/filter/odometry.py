@@ -80,13 +80,13 @@ class LegOdometryFilter:
         """
         self.config = config or FilterConfig.of_robot(robot.description)
         self._counts, self._innovations = Counter[str](), InnovationLog()
-        self._robot = robot
-        contact = robot.description.contact
+        self._robot, contact = robot, robot.description.contact
+        self._profile: Profile
         self._camera_imu: CameraImu | None = None
         initial = self.config.initial
         if self.config.profile == "paper":
             contact = contact.for_paper()
-            self._profile: Profile = PaperProfile(
+            self._profile = PaperProfile(
                 robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
             )
         else:
@@ -110,14 +110,12 @@ class LegOdometryFilter:
         self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
         self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
-        self._stamp_ns = 0
+        self._stamp_ns, self._is_interrupted = 0, False
         self._exchange: KeyframeExchange | None = None
         self._levels: list[StateLevel] = []
-        self._gate = EvidenceGate(self.config.feedback_gate)
+        self._gate, self._trail = EvidenceGate(self.config.feedback_gate), BodyTrail(self.config)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
-        self._is_interrupted = False
-        self._trail = BodyTrail(self.config)
         self._given: Learnt = {}
 
     @property

@@ -49,6 +49,7 @@ class GuardedEstimator:
         self._counted: Counter[str] = Counter()
         self._ended: Counter[str] = Counter()  # counts of estimators before a reset
         self._events: list[Event] = []  # of calls between pushes
+        self._span_ns: tuple[int, int] | None = None
         self._status_ns: int | None = None
         self._error: CocloError | None = None
 
@@ -62,6 +63,11 @@ class GuardedEstimator:
         for name, count in self._ended.items():
             of_estimators[name] = of_estimators.get(name, 0) + count
         return {**of_estimators, **refused, **late, **self._counted}
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Earliest and latest stamp of the samples that the estimator got, by their own clocks; None before any."""
+        return self._span_ns
 
     @property
     def status(self) -> Status:
@@ -127,7 +133,8 @@ class GuardedEstimator:
         self._frame.anchor_next(where)
         self._counted["reset"] += 1
         kept = f"kept are {', '.join(learnt)}" if learnt else "nothing learnt is kept"
-        self._note("reset", f"the estimator starts anew at the {'last' if pose is None else 'given'} pose; {kept}")
+        detail = f"the estimator starts anew at the {'last' if pose is None else 'given'} pose; {kept}"
+        self._events.append(Event(self._follower.now_ns or 0, "reset", detail))
 
     def reanchor(self, pose: Array, covariance: Array | None = None) -> None:
         """Choose the world anew: the last estimate gets this pose, and the estimator goes on as it is.
@@ -141,10 +148,8 @@ class GuardedEstimator:
         """
         self._frame.anchor_now(checked_pose(pose, covariance))
         self._counted["reanchored"] += 1
-        self._note("reanchored", "the last estimate has the given position and heading; what follows is relative to it")
-
-    def _note(self, kind: str, detail: str) -> None:
-        self._events.append(Event(self._follower.now_ns or 0, kind, detail))
+        detail = "the last estimate has the given position and heading; what follows is relative to it"
+        self._events.append(Event(self._follower.now_ns or 0, "reanchored", detail))
 
     def _collected(self, outputs: Iterable[Output]) -> Sequence[Output]:
         """All outputs; where the estimator fails, those before, and the error comes with the next call."""
@@ -193,7 +198,9 @@ class GuardedEstimator:
 
     def _used(self, samples: Iterator[Accepted]) -> Iterator[Output]:
         for sample in samples:
-            measurement, stamp_ns = sample.arrival.measurement, sample.stamp_ns
+            measurement, stamp_ns, raw_ns = sample.arrival.measurement, sample.stamp_ns, sample.arrival.raw_ns
+            first_ns, last_ns = self._span_ns or (raw_ns, raw_ns)
+            self._span_ns = min(first_ns, raw_ns), max(last_ns, raw_ns)
             if stamp_ns != measurement.stamp_ns:
                 measurement = replace(measurement, stamp_ns=stamp_ns)
             yield from self._estimator.push(measurement)

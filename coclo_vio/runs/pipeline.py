@@ -4,9 +4,10 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import Estimate, Estimator, Event, Output
@@ -20,7 +21,7 @@ class RunSummary:
     Attributes:
         measurements: how many were pushed.
         estimates: how many came out, by the name of the trajectory.
-        recording_ns: stamps of the earliest and latest measurement, None without any.
+        recording_ns: stamps of the earliest and latest measurement used, None without any.
         compute_s: time spent in the estimator, s.
         counts: what the estimator counted.
         failure: why it stopped early, None if it went through.
@@ -80,7 +81,10 @@ def run(
         tally.take(estimator.finish, take)
     except CocloError as error:
         failure = str(error)
-    return tally.summary(dict(estimator.counts), failure, is_stopped=is_stopped)
+    summary = tally.summary(dict(estimator.counts), failure, is_stopped=is_stopped)
+    if isinstance(estimator, GuardedEstimator) and estimator.span_ns is not None:
+        summary = replace(summary, recording_ns=estimator.span_ns)  # without stamps that were refused
+    return summary
 
 
 class Tally:

@@ -157,7 +157,8 @@ def test_every_event_is_on_a_page_with_its_condition() -> None:
     rotations = _table(_page("robustness.md"), "| event | when | what is done |")
     compared = {name for row in rotations for name in _in_code(row[0])}
     compared |= set(re.findall(r"`(vision_agrees)`", _page("robustness.md")))
-    assert vision | bridge | compared == _event_kinds()
+    online = {name for row in _table(_page("online.md"), "| event | when |") for name in _in_code(row[0])}
+    assert vision | bridge | compared | online == _event_kinds()
     wire = {name for row in _table(_page("live.md"), "| event | condition |") for name in _in_code(row[0])}
     sources = "".join(path.read_text(encoding="utf-8") for path in (_ROOT / "coclo_vio" / "live").glob("*.py"))
     assert wire == set(re.findall(r'kind(?:: str)? ?= ?"(\w+)"', sources))
@@ -166,7 +167,8 @@ def test_every_event_is_on_a_page_with_its_condition() -> None:
 def _event_kinds() -> set[str]:
     """The kinds of all events that the sources make, each a constant in a call of ``Event`` or of an event log."""
     kinds = {f"feedback_{outcome.value}" for outcome in (GateOutcome.REJECTED, GateOutcome.FORCED)}
-    for file in (*(_ROOT / "coclo_vio" / "backend").rglob("*.py"), *(_ROOT / "coclo_vio" / "fusion").glob("*.py")):
+    rooms = [_ROOT / "coclo_vio" / room for room in ("backend", "fusion", "online")]
+    for file in (file for room in rooms for file in room.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             match node:
                 case ast.Call(

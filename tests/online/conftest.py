@@ -2,6 +2,7 @@
 from collections.abc import Sequence
 
 import pytest
+from damaged_streams import beginning
 
 import coclo_vio as cv
 from coclo_vio.values.measurements import ALL_SENSORS, IMAGE_SENSORS
@@ -24,13 +25,4 @@ def walk(sample: cv.Recording) -> Sequence[cv.Measurement]:
 @pytest.fixture(scope="session")
 def walk_with_images(sample: cv.Recording) -> Sequence[cv.Measurement]:
     """The first five seconds of the bundled recording."""
-    return beginning(sample, ALL_SENSORS, 5.0)
-
-
-def beginning(recording: cv.Recording, sensors: frozenset[type], length_s: float) -> list[cv.Measurement]:
-    kept: list[cv.Measurement] = []
-    for measurement in recording.measurements(sensors):
-        if kept and measurement.stamp_ns - kept[0].stamp_ns >= length_s * 1e9:
-            break
-        kept.append(measurement)
-    return kept
+    return beginning(sample, ALL_SENSORS, 4.0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+import coclo_vio as cv
 from coclo_vio.values.estimates import NavState, StateEstimate
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement, StereoTracks
 from coclo_vio.values.outputs import Estimate, Output
@@ -77,3 +78,12 @@ def jittered(
     arrivals = [each.stamp_ns + round(delay_ns(each)) for each in measurements]
     order = np.argsort(arrivals, kind="stable")
     return [measurements[index] for index in order], [arrivals[index] for index in order]
+
+
+def beginning(recording: cv.Recording, sensors: frozenset[type], length_s: float) -> list[cv.Measurement]:
+    kept: list[cv.Measurement] = []
+    for measurement in recording.measurements(sensors):
+        if kept and measurement.stamp_ns - kept[0].stamp_ns >= length_s * 1e9:
+            break
+        kept.append(measurement)
+    return kept
