@@ -157,7 +157,8 @@ def test_every_event_is_on_a_page_with_its_condition() -> None:
     rotations = _table(_page("robustness.md"), "| event | when | what is done |")
     compared = {name for row in rotations for name in _in_code(row[0])}
     compared |= set(re.findall(r"`(vision_agrees)`", _page("robustness.md")))
-    assert vision | bridge | compared == _event_kinds()
+    beside = {name for row in _table(_page("play.md"), "| event | condition |") for name in _in_code(row[0])}
+    assert vision | bridge | compared | beside == _event_kinds()
 
 
 def _event_kinds() -> set[str]:
