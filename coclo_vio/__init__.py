@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "adoption.adoption": ("AdoptedField", "Adoption"),
     "api.robot_adoption": ("adopt",),
-    "api.playing": ("OutputSink", "Play", "play"),
+    "api.play": ("OutputSink", "Play", "play"),
     "api.recording": ("Recording",),
     "api.run": ("Run", "load_ground_truth", "load_run", "run"),
     "api.comparison": ("ComparedRecording", "Comparison", "compare"),
@@ -110,9 +110,9 @@ if TYPE_CHECKING:
     from coclo_vio.api.comparison import Comparison as Comparison
     from coclo_vio.api.comparison import compare as compare
     from coclo_vio.api.online import make_estimator as make_estimator
-    from coclo_vio.api.playing import OutputSink as OutputSink
-    from coclo_vio.api.playing import Play as Play
-    from coclo_vio.api.playing import play as play
+    from coclo_vio.api.play import OutputSink as OutputSink
+    from coclo_vio.api.play import Play as Play
+    from coclo_vio.api.play import play as play
     from coclo_vio.api.recording import Recording as Recording
     from coclo_vio.api.recording import open_recording as open
     from coclo_vio.api.robot_adoption import adopt as adopt

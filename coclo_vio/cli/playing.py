@@ -9,8 +9,7 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from coclo_vio.api.playing import LATENCY_JSON, paced_feed
-from coclo_vio.api.playing import play as play_recording
+from coclo_vio.api.play import play as play_recording
 from coclo_vio.api.recording import open_recording
 from coclo_vio.cli.mode_help import DEFAULTS_PLACE, MODES_PLACE
 from coclo_vio.cli.options import (
@@ -27,6 +26,7 @@ from coclo_vio.cli.terminal import give_json, out, say
 from coclo_vio.runs.comparison_report import report_title
 from coclo_vio.runs.latency import LatencyRecord, Spread
 from coclo_vio.runs.paced_feed import MAX_LAG_S
+from coclo_vio.runs.paced_play import LATENCY_JSON, paced_feed
 from coclo_vio.values.errors import DatasetError
 
 

@@ -26,6 +26,7 @@ from coclo_vio.fusion.vision_chain import TrackedFrame, VisionChain
 from coclo_vio.fusion.vision_process import VisionProcess
 from coclo_vio.fusion.visual_odometry import stereo_stages
 from coclo_vio.values.calibration import StereoCalibration
+from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.keyframes import FrameResult
 from coclo_vio.values.measurements import (
     CameraImuSample,
@@ -74,7 +75,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         super().__init__(leg_filter, process, config, names=names, check=check, time_offset_s=time_offset_s)
         self._first: tuple[MarkedFrame, Future[Processed]] | None = None  # in process, and begins a window
         self._in_process: InProcess | None = None
-        self._waiting: tuple[HeldFrame, _Image] | None = None
+        self._waiting: tuple[HeldFrame, _Image, StateEstimate] | None = None  # and the filter's last estimate then
         self._pieces: deque[_Piece] = deque()  # that a result has left to do
         self._overload = ImageOverload("images come faster than vision processes them")
         self._frame_ns: int | None = None
@@ -168,14 +169,14 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
             self._submit_now(frame)
             yield from self._overload.take(frame.stamp_ns)
             return
-        if self._keyframe is None or not self._keyframe.can_hold:
+        if self._keyframe is None or self._latest is None or not self._keyframe.can_hold:
             yield from self._leave_out(frame.stamp_ns)
             return
         if self._waiting is None:
             yield from self._overload.take(frame.stamp_ns)
         else:
             yield from self._leave_out(self._waiting[1].stamp_ns)
-        self._waiting = self._keyframe.hold_frame(frame.stamp_ns), frame
+        self._waiting = self._keyframe.hold_frame(frame.stamp_ns), frame, self._latest
 
     def _reason_to_refuse(self, frame: _Image) -> str | None:
         """Under what a frame is counted that is not processed; None for one that is."""
@@ -204,11 +205,11 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         """The frame that waited, relative to the keyframe of now."""
         waiting, self._waiting = self._waiting, None
         keyframe: Keyframe | None = self._keyframe
-        if waiting is None or keyframe is None or self._latest is None:
+        if waiting is None or keyframe is None:
             return
-        held, frame = waiting
+        held, frame, latest = waiting
         pair = keyframe.mark_held(held)
-        self._in_process = self._submit_pair(pair, self._latest, frame, keyframe.in_world_of_now())
+        self._in_process = self._submit_pair(pair, latest, frame, keyframe.in_world_of_now())
 
     def _start_anew(self, failure: str) -> Iterator[Event]:
         """The process has failed: another one begins a window, unless one has been started already."""

@@ -6,8 +6,9 @@ order; the estimator gets them by a clock that never steps; its outputs go out b
 world that ``reset`` and ``reanchor`` choose.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from coclo_vio.online.clock_follower import Accepted, ClockFollower, ClockStep, Decision, Refused
@@ -63,6 +64,11 @@ class GuardedEstimator:
         for name, count in self._ended.items():
             of_estimators[name] = of_estimators.get(name, 0) + count
         return {**of_estimators, **refused, **late, **self._counted}
+
+    @property
+    def estimator(self) -> Estimator:
+        """The estimator behind the guard; another one after ``reset``."""
+        return self._estimator
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -126,6 +132,8 @@ class GuardedEstimator:
         if pose is None and covariance is not None and where is not None:
             where = checked_pose(where[0], covariance)
         learnt = self._estimator.learnt if isinstance(self._estimator, Learning) else {}
+        with suppress(CocloError):  # an estimator that failed may fail again
+            deque(self._estimator.finish(), maxlen=0)  # ends its processes; what it held back is of the past
         self._ended.update(self._estimator.counts)
         self._estimator = self._make()
         if isinstance(self._estimator, Learning):

@@ -83,6 +83,7 @@ class IntervalRecord(_Part):
 
     Attributes:
         time_s: its end, s of wall time since the first measurement was due.
+        length_s: its length, s.
         measurements: how many were pushed.
         push_ms: mean time of a push, over all streams.
         latency_p95_ms: of each trajectory that gave an estimate.
@@ -92,6 +93,7 @@ class IntervalRecord(_Part):
     """
 
     time_s: float
+    length_s: float
     measurements: int
     push_ms: float
     latency_p95_ms: dict[str, float]

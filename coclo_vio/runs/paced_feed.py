@@ -14,6 +14,7 @@ from pathlib import Path
 
 from coclo_vio.fusion.child_process import ChildProcess
 from coclo_vio.fusion.combined_beside import CombinedBeside
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.fusion.overload import ImageOverload
 from coclo_vio.fusion.shared_images import SharedFrame, SharedImages
 from coclo_vio.runs.latency import LatencyRecord
@@ -78,8 +79,9 @@ class PacedFeed:
             descriptors=() if memory is None else (memory.descriptor,),
         )
         try:
-            if isinstance(estimator, CombinedBeside):
-                estimator.prepare()
+            beside = _beside(estimator)
+            if beside is not None:
+                beside.prepare()
             self._times = times = PlayTimes(self.interval_s, self.pace.rate, _processes(estimator, source))
             gc.collect()
             gc.freeze()  # what is loaded by now is never looked through again
@@ -112,9 +114,15 @@ def _memory_for(stereo: StereoCalibration | None) -> SharedImages | None:
 def _processes(estimator: Estimator, source: ChildProcess) -> Mapping[str, Callable[[], int | None]]:
     """The numbers of the processes that take part, by name."""
     processes: dict[str, Callable[[], int | None]] = {"estimator": os.getpid, "source": lambda: source.pid}
-    if isinstance(estimator, CombinedBeside):
-        processes["vision"] = lambda: estimator.vision_pid
+    if _beside(estimator) is not None:
+        processes["vision"] = lambda: None if (beside := _beside(estimator)) is None else beside.vision_pid
     return processes
+
+
+def _beside(estimator: Estimator) -> CombinedBeside | None:
+    """The estimator with a process of vision, itself or behind the guard."""
+    inner = estimator.estimator if isinstance(estimator, GuardedEstimator) else estimator
+    return inner if isinstance(inner, CombinedBeside) else None
 
 
 def _received(source: ChildProcess, memory: SharedImages | None, times: PlayTimes) -> Iterator[Measurement]:

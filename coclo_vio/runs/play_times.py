@@ -87,6 +87,7 @@ class PlayTimes:
         self._intervals.append(
             IntervalRecord(
                 time_s=(now_ns - self._begin_ns) / NS_PER_S,
+                length_s=(now_ns - self._interval_began_ns) / NS_PER_S,
                 measurements=self._number,
                 push_ms=self._spent_ns / self._number / 1e6,
                 latency_p95_ms={name: p95 for name, p95 in spreads.items() if p95 is not None},

@@ -324,15 +324,15 @@ def test_evidence_reduces_the_sigmas_of_the_calibration(daisy: RobotModel, noisy
 
 
 def test_a_frame_that_waits_has_the_pose_of_its_own_time_and_changes_nothing_else(
-    robot: RobotModel, walk: AnalyticTrial
+    daisy: RobotModel, noisy_walk: AnalyticTrial
 ) -> None:
     """A frame that was held, paired later with the next keyframe, against the same frame marked at its stamp."""
     config = PROFILES[0]
-    before, later = walk.measurements[:600], walk.measurements[600:640]
+    before, later = noisy_walk.measurements[:600], noisy_walk.measurements[600:640]
     poses = []
     for holds in (False, True):
         extra = (held_frame_block(),) if holds else ()
-        odometry = LegOdometryFilter(robot, config, remembers_frames=True, extra_blocks=extra)
+        odometry = LegOdometryFilter(daisy, config, remembers_frames=True, extra_blocks=extra)
         last = pushed(odometry, before)[-1]
         keyframe = odometry.mark_frame(last.stamp_ns).anchor()
         assert keyframe.can_hold == holds
@@ -342,7 +342,7 @@ def test_a_frame_that_waits_has_the_pose_of_its_own_time_and_changes_nothing_els
         pair = keyframe.mark_held(held) if isinstance(held, HeldFrame) else held
         poses.append((pair.poses(), states[-1]))
         if isinstance(held, HeldFrame):
-            with pytest.raises(FilterError, match="the HeldFrame of .* is void"):
+            with pytest.raises(FilterError, match="the HeldFrame of "):
                 keyframe.mark_held(held)
     (one, its_state), (other, other_state) = poses
     assert (one.start_ns, one.end_ns) == (other.start_ns, other.end_ns)

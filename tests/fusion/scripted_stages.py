@@ -75,4 +75,4 @@ class Echo(VisionStages):
     def process(self, job: FrameJob) -> Processed:
         assert isinstance(job.frame, StereoFrame)
         left, right = job.frame.left, job.frame.right
-        raise SmootherError(f"\\({left.shape[0]}, {left.shape[1]}\\) {int(left.sum())} {int(right.sum())}")
+        raise SmootherError(f"{left.shape} {int(left.sum())} {int(right.sum())}")

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Frames processed beside the filter: joints never wait, results come late at their own stamp, failures end nothing."""
 
+import gc
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -181,11 +183,12 @@ def test_images_arrive_as_they_were_sent_and_larger_ones_too() -> None:
                 process.poll(0.1)
                 if future.done():
                     break
-            with pytest.raises(SmootherError, match=f"{shape} {int(image.sum())} {int(image.sum())}"):
+            with pytest.raises(SmootherError, match=re.escape(f"{shape} {int(image.sum())} {int(image.sum())}")):
                 future.result()
 
 
 def test_nothing_is_left_of_an_estimator_that_ends_or_is_abandoned() -> None:
+    gc.collect()
     files_before, shared_before = len(list(Path("/proc/self/fd").iterdir())), set(Path("/dev/shm").iterdir())
     pids = []
     for finishes in (True, False):
@@ -201,5 +204,6 @@ def test_nothing_is_left_of_an_estimator_that_ends_or_is_abandoned() -> None:
         assert pid is not None
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
-    assert len(list(Path("/proc/self/fd").iterdir())) == files_before
+    gc.collect()
+    assert len(list(Path("/proc/self/fd").iterdir())) <= files_before
     assert set(Path("/dev/shm").iterdir()) == shared_before

@@ -2,25 +2,19 @@
 """A recording played to an estimator by its stamps, as drivers would push it: what comes out, and how late."""
 
 import tempfile
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, closing, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from coclo_vio.api.recording import Recording, open_recording
 from coclo_vio.api.run import Run
-from coclo_vio.runs import run_folder
 from coclo_vio.runs.latency import LatencyRecord
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.observers import Observers, Progress
-from coclo_vio.runs.paced_feed import MAX_LAG_S, PacedFeed
-from coclo_vio.runs.paced_source import Pace
-from coclo_vio.runs.run_config import RunConfig
-from coclo_vio.runs.running import run_modes
-from coclo_vio.values.errors import ConfigError
+from coclo_vio.runs.paced_feed import PacedFeed
+from coclo_vio.runs.paced_play import paced_feed, play_mode
 from coclo_vio.values.outputs import Output
-
-LATENCY_JSON = "latency.json"
 
 
 class OutputSink(Protocol):
@@ -78,42 +72,16 @@ def play(
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
     name = mode_of(recording.default_mode if mode is None else mode).name
-    recording = replace(recording, config=_for_use_online(recording))
     feed = feed or paced_feed(rate, seconds)
     with ExitStack() as stack:
         target = Path(folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_")))
-        with ExitStack() as at_the_end:
-            if sink is not None:
-                at_the_end.callback(sink.close)
-            record = run_modes(
+        with nullcontext() if sink is None else closing(sink):
+            record, latency = play_mode(
                 recording.path,
-                [name],
+                name,
                 recording.config,
                 target,
+                feed,
                 observers=Observers(progress, None if sink is None else lambda _, output: sink.take(output)),
-                feed=feed,
             )
-        latency = feed.record(name, recording.config)
-        with run_folder.writing(target):
-            latency.write(target / LATENCY_JSON)
         return Play(Run(target, record, remove=stack.pop_all().close), latency)
-
-
-def paced_feed(rate: float, seconds: float | None = None, *, max_lag_s: float = MAX_LAG_S) -> PacedFeed:
-    """What plays a recording at a rate.
-
-    Raises:
-        ConfigError: the rate or the time is not positive.
-    """
-    for what, value in (("rate", rate), ("seconds", seconds), ("max_lag_s", max_lag_s)):
-        if value is not None and not 0.0 < value < 1e6:
-            raise ConfigError(f"{what} = {value}: give a number above 0, such as rate = 1 for the speed of the sensors")
-    return PacedFeed(Pace(rate=rate, seconds=seconds), max_lag_s=max_lag_s)
-
-
-def _for_use_online(recording: Recording) -> RunConfig:
-    """The configuration with frames beside the filter, where it leaves that open."""
-    config = recording.config
-    if config.bridge.vision != "auto":
-        return config
-    return config.model_copy(update={"bridge": config.bridge.model_copy(update={"vision": "beside"})})

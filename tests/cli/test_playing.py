@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``play``: a table of times, latency.json in the run folder, errors in one sentence."""
+
+import json
+from pathlib import Path
+
+from console import Coclo, is_one_sentence
+
+
+def test_play_prints_times_and_writes_them(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
+    answer = coclo("play", leg_log, "--mode", "coclo", "--rate", 20, "--seconds", 6, "-o", tmp_path / "out")
+    assert answer.status == 0, answer.err
+    assert "times of coclo at rate 20" in answer.out
+    written = json.loads((tmp_path / "out" / "latency.json").read_text())
+    assert written["measurements"]["joints"] > 100
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["estimators"]["coclo"]["estimates"] > 100
+
+
+def test_a_rate_that_is_not_positive_is_a_misuse(coclo: Coclo, leg_log: Path) -> None:
+    answer = coclo("play", leg_log, "--rate", -1)
+    assert answer.status == 2
+    assert is_one_sentence(answer)
+    assert "rate = -1" in answer.err
