@@ -29,6 +29,7 @@ from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.robot.slip_report import SlipReport
 from coclo_vio.robot.standstill import StartRule
 from coclo_vio.values.arrays import Array, BoolArray, is_finite
 from coclo_vio.values.calibration import ImuCalibration
@@ -110,6 +111,7 @@ class LegOdometryFilter:
             )
         timeout_s, rest = self.config.force_timeout_s, self.config.standstill
         self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
+        self._slips = SlipReport(self.config.slip, contact, robot.leg_names)
         self._start_rule = StartRule(self.config.rest_timeout_s)
         self._core: SquareRootFilter | None = None
         self._stamp_ns = 0
@@ -158,6 +160,7 @@ class LegOdometryFilter:
         if self._camera_imu is not None:
             reading = self._camera_imu.completed(reading)
         self._reading = reading
+        self._slips.push(reading)
         if self._core is None:
             return self._try_to_start(reading)
         dt_s = (reading.stamp_ns - self._stamp_ns) / NS_PER_S
@@ -191,9 +194,9 @@ class LegOdometryFilter:
         return self._profile.imu_delay
 
     def take_events(self) -> Sequence[Event]:
-        """What was reported since the last call: legs that are set aside or used again."""
+        """What was reported since the last call: legs that are set aside or used again, feet that slipped."""
         check = self._profile.leg_check
-        return () if check is None else check.take_events()
+        return (*(() if check is None else check.take_events()), *self._slips.take_events())
 
     def mark_frame(self, stamp_ns: int) -> MarkedFrame:
         """Remember the pose at the first camera frame, at its own stamp between samples; starts a new exchange.

@@ -197,9 +197,7 @@ class LegSensing:
         self._rates = []
         self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
-        reading = Reading(
-            stamp_ns, feet, contact, rate, rates, force, is_stationary, sample.position, shift, motion
-        )
+        reading = Reading(stamp_ns, feet, contact, rate, rates, force, is_stationary, sample.position, shift, motion)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading
