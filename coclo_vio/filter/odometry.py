@@ -112,9 +112,8 @@ class LegOdometryFilter:
         timeout_s, rest = self.config.force_timeout_s, self.config.standstill
         self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
         self._slips = SlipReport(self.config.slip, contact, robot.leg_names)
-        self._start_rule = StartRule(self.config.rest_timeout_s)
+        self._start_rule, self._stamp_ns = StartRule(self.config.rest_timeout_s), 0
         self._core: SquareRootFilter | None = None
-        self._stamp_ns = 0
         self._exchange: KeyframeExchange | None = None
         self._levels: list[StateLevel] = []
         self._gate = EvidenceGate(self.config.feedback_gate)
