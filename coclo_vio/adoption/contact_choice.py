@@ -56,8 +56,11 @@ def find_contact(robot: RobotModel, recorded: RecordedLegs) -> ContactFound:
         loads, levels = (inertial, of_inertial) if is_better else (plain, levels)
         base = ContactConfig(source="torque", compensation="inertia" if is_better else "gravity")
         return _found(robot, recorded, loads, levels, base, "the log has joint torques and no foot sensors")
-    note = "the log has neither foot sensors nor joint torques: without them no contact is sensed; record one of them"
-    return _by_weight(robot, recorded, ContactConfig(source="torque"), note)
+    note = (
+        "the log has neither foot sensors nor joint torques: contact is estimated from the motion of the feet; record "
+        "one of them for better contact"
+    )
+    return _by_weight(robot, recorded, ContactConfig(source="kinematic"), note)
 
 
 def _by_weight(robot: RobotModel, recorded: RecordedLegs, base: ContactConfig, note: str) -> ContactFound:

@@ -78,6 +78,9 @@ def _run_lines(trajectory: TrajectoryRecord, pictures: Path, *, brief: bool) -> 
         first = trajectory.events[0]
         listed = ", ".join(f"{kind} {number}" for kind, number in kinds.items())
         yield f"events {listed}; the first at {first.time_s:.2f} s: {first.detail}"
+    if trajectory.slips:
+        listed = ", ".join(f"{foot} {slip.count}, {slip.distance_m:.2f} m" for foot, slip in trajectory.slips.items())
+        yield f"slips: {listed}"
     if trajectory.calibration is not None and not brief:
         yield _calibration_line(trajectory.calibration)
     if trajectory.pictures:

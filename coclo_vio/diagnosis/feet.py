@@ -8,6 +8,7 @@ import numpy as np
 from coclo_vio.diagnosis.records import ForceRecord, JointRecord
 from coclo_vio.robot.contact import ContactDetector
 from coclo_vio.robot.foot_load import FootLoad
+from coclo_vio.robot.foot_motion_model import FootMotionModel
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.measurements import FootForceSample, JointSample
@@ -60,6 +61,7 @@ def feet_of(robot: RobotModel, record: JointRecord, forces: ForceRecord | None) 
     kept = np.flatnonzero(np.append(True, np.diff(cell) > 0))
     config = robot.description.contact
     load_of, detector = FootLoad(robot, config, _FORCE_TIMEOUT_S), ContactDetector(config, len(robot.leg_names))
+    motion_of = FootMotionModel(robot)
     next_force = 0
     positions, stances, loads = [], [], []
     for index in kept:
@@ -71,6 +73,7 @@ def feet_of(robot: RobotModel, record: JointRecord, forces: ForceRecord | None) 
         feet = robot.feet(sample.position, sample.velocity)
         load = load_of.loads_at(sample, _UP_BODY, None, feet.jacobian)
         positions.append(feet.position_body)
-        stances.append(detector.update(stamp_ns, load).is_stance)
+        motion = motion_of.at(stamp_ns, feet, None, None, _UP_BODY, is_stationary=False)
+        stances.append(detector.update(stamp_ns, load, motion).is_stance)
         loads.append(load)
     return FeetRecord(record.stamps_ns[kept], np.array(positions), np.array(stances), np.array(loads))

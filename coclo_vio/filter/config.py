@@ -8,6 +8,7 @@ from pydantic import Field
 
 from coclo_vio.filter.leg_check_config import LegCheckConfig
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.robot.slip import SlipConfig
 from coclo_vio.robot.standstill import StandstillConfig
 from coclo_vio.values.config import StageConfig, merged
 
@@ -250,6 +251,7 @@ class FilterConfig(StageConfig):
         GateConfig()
     )
     standstill: Annotated[StandstillConfig, Field(description="limits of a standstill")] = StandstillConfig()
+    slip: Annotated[SlipConfig, Field(description="feet that slip, looked for and reported")] = SlipConfig()
     rest_timeout_s: Annotated[
         float, Field(ge=0, description="time to wait for a standstill before starting on the move, s")
     ] = 0.45

@@ -30,6 +30,7 @@ from coclo_vio.filter.state_estimate import ADVICE, estimate_of
 from coclo_vio.filter.state_level import StateLevel
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.robot.slip_report import SlipReport
 from coclo_vio.robot.standstill import StartRule
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
@@ -71,8 +72,7 @@ class LegOdometryFilter:
         Args:
             robot: the legs.
             config: of the filter; the robot's own if None.
-            remembers_frames: keep the poses of a camera frame and of the anchor keyframe in the state, and the errors
-                of the cameras' calibration, for ``mark_frame``.
+            remembers_frames: keep frame, anchor keyframe and the cameras' errors in the state, for ``mark_frame``.
             preintegrates: keep the whole state of a keyframe in the state, for ``preintegration``; robust profile.
             extra_blocks: further blocks of the state of the robust profile.
             camera_imu: mounting and errors of the camera's IMU, which the robust profile uses beside the body's.
@@ -108,9 +108,9 @@ class LegOdometryFilter:
             self._profile.watch = self._innovations.add if reports_innovations else None
         timeout_s, rest = self.config.force_timeout_s, self.config.standstill
         self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
-        self._start_rule = StartRule(self.config.rest_timeout_s)
+        self._slips = SlipReport(self.config.slip, contact, robot.leg_names)
+        self._start_rule, self._stamp_ns, self._is_interrupted = StartRule(self.config.rest_timeout_s), 0, False
         self._core: SquareRootFilter | None = None
-        self._stamp_ns, self._is_interrupted = 0, False
         self._exchange: KeyframeExchange | None = None
         self._levels: list[StateLevel] = []
         self._gate, self._trail = EvidenceGate(self.config.feedback_gate), BodyTrail(self.config)
@@ -157,6 +157,7 @@ class LegOdometryFilter:
         if self._camera_imu is not None:
             reading = self._camera_imu.completed(reading)
         self._reading = reading
+        self._slips.push(reading)
         if self._core is None:
             return self._try_to_start(reading)
         before, before_ns = self._core.mean, self._stamp_ns
@@ -214,9 +215,10 @@ class LegOdometryFilter:
         return self._profile.imu_delay
 
     def take_events(self) -> Sequence[Event | Innovation]:
-        """What was reported since the last call: legs that are set aside or used again, and requested innovations."""
+        """What was reported since the last call: legs set aside or used again, slips, and requested innovations."""
         check = self._profile.leg_check
-        return (*self._innovations.take(), *(() if check is None else check.take_events()))
+        of_legs = () if check is None else check.take_events()
+        return (*self._innovations.take(), *of_legs, *self._slips.take_events())
 
     def mark_frame(self, stamp_ns: int) -> MarkedFrame:
         """Remember the pose at the first camera frame, at its own stamp between samples; starts a new exchange.

@@ -98,6 +98,15 @@ class ContactConfig(StageConfig):
         """Whether one of the estimators by the motion of the feet is used."""
         return self.estimator in _OF_MOTION
 
+    @property
+    def needs_load(self) -> bool:
+        """Whether contact is by the load alone, with an estimator of this package."""
+        return self.estimator in _OF_LOAD
+
+    def by_load(self) -> Self:
+        """The same by hysteresis of the load where contact is by motion, for whoever knows the load alone."""
+        return self.model_copy(update={"method": "hysteresis"}) if self.uses_motion else self
+
     def for_paper(self) -> Self:
         """The same by the paper's measure of contact, |F| / (|Fmax| - |Fmin|), unless contact is by motion."""
         if self.uses_motion:
@@ -284,8 +293,8 @@ class ContactDetector:
         for name, values in (("probability", self._state.probability), ("is_stance", self._state.is_stance)):
             if np.shape(values) != (self._legs,):
                 raise ConfigError(
-                    f"contact estimator {self.config.estimator!r}: {name} has shape {np.shape(values)}, but the robot has "
-                    f"{self._legs} legs; return one value for each leg, shape ({self._legs},)"
+                    f"contact estimator {self.config.estimator!r}: {name} has shape {np.shape(values)}, but the robot "
+                    f"has {self._legs} legs; return one value for each leg, shape ({self._legs},)"
                 )
         return self._state
 

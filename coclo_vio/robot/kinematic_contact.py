@@ -48,6 +48,9 @@ class KinematicContactConfig(StageConfig):
     velocity_sigma_mps: Annotated[
         float, Field(gt=0, le=2, description="velocity of a standing foot (bending, slip, touch-down), m/s")
     ] = 0.08
+    vertical_factor: Annotated[
+        float, Field(ge=1, le=10, description="how much smaller that velocity is along the vertical: feet do not rise")
+    ] = 2.0
     velocity_memory_s: Annotated[
         float, Field(gt=0, le=0.5, description="velocities within this time count as one measurement, s")
     ] = 0.01
@@ -65,7 +68,7 @@ class KinematicContactConfig(StageConfig):
     ] = 0.05
     impact_gain: Annotated[
         float, Field(ge=0, le=100, description="factor on the rate of touch-downs by a jump of the accelerometer")
-    ] = 1.0
+    ] = 5.0
     on_probability: Annotated[float, Field(gt=0, lt=1, description="from which a swing foot is in stance")] = 0.9
     off_probability: Annotated[float, Field(gt=0, lt=1, description="below which a stance foot swings")] = 0.5
     load_limit: Annotated[
@@ -197,8 +200,9 @@ class KinematicContact:
         self._predict(body, motion, dt_s)
         share = min(1.0, dt_s / config.velocity_memory_s)
         self._exchange(motion, dt_s)
+        up, factor = motion.up_body, config.vertical_factor
         feet = FootEvidence(
-            np.where(known[:, None], motion.body_velocity - body.velocity, 0.0),
+            np.where(known[:, None], _stretched(motion.body_velocity - body.velocity, up, factor), 0.0),
             config.velocity_sigma_mps**2 + motion.velocity_variance,
             np.where(known, motion.depth_m - body.depth_m, 0.0),
             np.zeros(self._legs) if odds is None else share * odds,
@@ -207,7 +211,7 @@ class KinematicContact:
         found = self._weigh(self._chances, feet, self._scales(body, motion, known, dt_s, share))
         self._chances = np.maximum(self._chances, _LIMIT)
         self._chances /= self._chances.sum()
-        body.velocity = body.velocity + found[:3]
+        body.velocity = body.velocity + _stretched(found[:3], up, 1.0 / factor)
         body.variance = max(float(found[3]), _REST_SIGMA_MPS**2)
         body.depth_m += float(found[4])
         body.depth_variance = max(float(found[5]), _LEAST_SIGMA_M**2)
@@ -234,7 +238,7 @@ class KinematicContact:
         )
 
     def _predict(self, body: _Body, motion: FootMotion, dt_s: float) -> None:
-        """By the accelerometer: ``v' = v + (f - g - w x v) dt`` of the IMU, whose velocity is that of the body and ``w x lever``."""
+        """By the accelerometer: ``v' = v + (f - g - w x v) dt`` at the IMU, which moves by ``w x lever`` beside."""
         force, config = motion.specific_force, self._config
         if force is None or dt_s > _LONGEST_STEP_S:
             body.variance += (_GAP_ACCELERATION * dt_s) ** 2
@@ -257,6 +261,12 @@ class KinematicContact:
         falling = 0.5 * -np.expm1(-2.0 * rate * dt_s)
         rising = 0.5 * -np.expm1(-2.0 * rate * boost * dt_s)
         kinematic_kernel.exchange(self._chances, np.full(self._legs, rising), float(falling))
+
+
+def _stretched(vectors: Array, up_body: Array, factor: float) -> Array:
+    """Vectors (n, 3) or (3,) with their vertical part multiplied."""
+    along = vectors @ up_body
+    return vectors + (factor - 1.0) * along[..., None] * up_body
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -102,9 +102,9 @@ def _missing_legs(holdings: Holdings) -> Iterator[str]:
         yield f"{len(missing)} of {robot.name}'s {len(robot.joint_names)} joints"
     elif not holdings.has("joints"):
         yield "joint samples"
-    elif robot.contact.source == "torque" and not holdings.has_effort:
+    elif robot.contact.source == "torque" and not holdings.has_effort and holdings.has("foot_force"):
         yield f"joint torques, from which {robot.name}'s contacts are estimated"
-    elif robot.contact.source == "force_sensor" and not holdings.has("foot_force"):
+    elif robot.contact.source == "force_sensor" and not holdings.has("foot_force") and holdings.has_effort:
         yield f"foot forces, from which {robot.name}'s contacts are estimated"
     if not holdings.has("imu"):
         yield "the body's IMU"

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from coclo_vio.fusion.child_process import ChildProcess
 from coclo_vio.fusion.combined_beside import CombinedBeside
-from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.fusion.overload import ImageOverload
 from coclo_vio.fusion.shared_images import SharedFrame, SharedImages
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.runs.latency import LatencyRecord
 from coclo_vio.runs.paced_source import Due, Ended, Pace, serve_recording
 from coclo_vio.runs.play_times import PlayTimes

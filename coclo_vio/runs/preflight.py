@@ -9,6 +9,7 @@ from coclo_vio.diagnosis.all_checks import CHECKS
 from coclo_vio.diagnosis.diagnose import Cost, Diagnosis, diagnose
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding
+from coclo_vio.runs.contact_source import with_contact_source
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import CocloError, DatasetError
 
@@ -28,6 +29,7 @@ def evidence_of(dataset: Dataset, config: RunConfig, seconds: float = _SECONDS) 
         imu = dataset.imu_calibration()
     except CocloError:  # a run reports it
         imu = None
+    config = with_contact_source(config, dataset)
     description = config.on_recording(imu).robot
     used = imu if description is None else description.imu
     described = None if config.robot is None else config.robot.imu

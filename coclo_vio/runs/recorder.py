@@ -9,7 +9,7 @@ from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.output_logs import CalibrationWriter, KeyframeWriter, PictureWriter
 from coclo_vio.runs.pipeline import RunSummary
-from coclo_vio.runs.run_record import CalibrationRecord, EventRecord, Status, TrajectoryRecord
+from coclo_vio.runs.run_record import CalibrationRecord, EventRecord, SlipRecord, Status, TrajectoryRecord
 from coclo_vio.runs.state_writer import StateWriter
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.outputs import Calibration, Estimate, KeyframeHealth, Output, Picture
@@ -73,6 +73,7 @@ class OutputRecorder:
                 realtime_factor=summary.realtime_factor,
                 counts=dict(summary.counts),
                 events=tuple(EventRecord.of(event, start_ns) for event in summary.events),
+                slips=SlipRecord.by_foot(summary.events),
                 keyframes=self._keyframes.summary(),
                 calibration=None if calibration is None else CalibrationRecord.of(calibration),
                 pictures=self._pictures.written,

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.diagnosis.finding import Finding
-from coclo_vio.values.outputs import Calibration, Event
+from coclo_vio.values.outputs import Calibration, Event, SlipEvent
 from coclo_vio.values.record import Record
 from coclo_vio.values.units import NS_PER_S
 
@@ -80,6 +80,28 @@ class FindingRecord(_Part):
         return cls.model_validate(finding.to_json())
 
 
+class SlipRecord(_Part):
+    """How often and how far one foot slid while its contact was in stance."""
+
+    count: int
+    distance_m: float
+    duration_s: float
+
+    @classmethod
+    def by_foot(cls, events: Iterable[Event]) -> dict[str, "SlipRecord"]:
+        """The slips among events, by the name of the foot; feet that did not slip are left out."""
+        found: dict[str, SlipRecord] = {}
+        for event in events:
+            if isinstance(event, SlipEvent):
+                before = found.get(event.foot, cls(count=0, distance_m=0.0, duration_s=0.0))
+                found[event.foot] = cls(
+                    count=before.count + 1,
+                    distance_m=before.distance_m + event.distance_m,
+                    duration_s=before.duration_s + event.duration_s,
+                )
+        return found
+
+
 class KeyframeSummary(_Part):
     """An estimator's keyframes: their number, medians and 95th percentiles; None where a figure is not defined."""
 
@@ -106,6 +128,7 @@ class TrajectoryRecord(_Part):
         realtime_factor: seconds of recording per second of computing.
         counts: what the estimator counted.
         events: what happened in it.
+        slips: by foot, how often and how far it slid; empty where none did.
         keyframes: its keyframes, None where it has none.
         calibration: what it learnt of the cameras, None where nothing.
         pictures: how many were written.
@@ -123,6 +146,7 @@ class TrajectoryRecord(_Part):
     realtime_factor: float | None
     counts: dict[str, int]
     events: tuple[EventRecord, ...]
+    slips: dict[str, SlipRecord] = Field(default_factory=dict)
     keyframes: KeyframeSummary | None
     calibration: CalibrationRecord | None
     pictures: int

@@ -12,6 +12,7 @@ from coclo_vio.datasets.read_ahead import read_ahead
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.diagnosis.diagnose import Diagnosis
 from coclo_vio.runs import pipeline, run_folder
+from coclo_vio.runs.contact_source import with_contact_source
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
 from coclo_vio.runs.guarding import guarded
@@ -72,6 +73,7 @@ def run_modes(
     if ending.existing is Existing.REFUSE:
         run_folder.check_free(folder)
     dataset = open_dataset(path, config.robot, config.dataset)
+    config = with_contact_source(config, dataset)
     resolved = config.on_recording(dataset.imu_calibration())
     faults = Faults(resolved.faults, resolved.robot)
     observers = observers or Observers()

@@ -44,6 +44,21 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class SlipEvent(Event):
+    """A foot slid while its contact was in stance; ``stamp_ns`` is its beginning.
+
+    Attributes:
+        foot: name of the leg.
+        duration_s: s.
+        distance_m: along the ground, m.
+    """
+
+    foot: str
+    duration_s: float
+    distance_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class KeyframeHealth:
     """The state of a sliding window at one keyframe.
 

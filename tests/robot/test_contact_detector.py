@@ -123,7 +123,7 @@ def test_states_do_not_change_afterwards() -> None:
         ({"on_dwell_s": -1}, "greater than or equal to 0"),
         (
             {"method": "schmitt"},
-            "no contact estimator 'schmitt'; there are: hysteresis, logistic, paper; .*registered first",
+            "no contact estimator 'schmitt'; there are: hysteresis, kinematic, kinematic_load, logistic, paper; ",
         ),
         ({"parameters": {"gain": 2}}, "'hysteresis' takes no parameters, but gain is given; remove it"),
         ({"method": "logistic", "parameters": {"gain": 2}}, "'logistic' takes no parameters"),

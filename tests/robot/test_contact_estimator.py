@@ -92,9 +92,11 @@ def test_a_parameter_that_it_does_not_have_is_refused_with_those_it_has(load_sha
 
 
 def test_registered_estimators_are_listed_with_their_rule(load_share: str) -> None:
-    assert set(contact_estimators()) == {"hysteresis", "logistic", "paper", load_share}
+    assert set(contact_estimators()) == {"hysteresis", "kinematic", "kinematic_load", "logistic", "paper", load_share}
     assert contact_estimators()[load_share] == "stance from a share of the load on"
-    with pytest.raises(ConfigError, match="there are: hysteresis, load_share, logistic, paper"):
+    with pytest.raises(
+        ConfigError, match="there are: hysteresis, kinematic, kinematic_load, load_share, logistic, paper"
+    ):
         ContactConfig.parse({"method": "load_shar"}, "contact")
 
 

@@ -54,6 +54,8 @@ def _load(evidence: Evidence, robot: RobotModel, motion: LegMotion) -> Array | N
     joints, record = evidence.joints, evidence.foot_force
     if joints is None or is_in_degrees(joints, robot):
         return None
+    if robot.description.contact.source == "kinematic":
+        return None
     if robot.description.contact.source == "force_sensor":
         if record is None or not len(record.stamps_ns):
             return None

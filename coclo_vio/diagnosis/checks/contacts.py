@@ -46,6 +46,9 @@ def find(evidence: Evidence) -> Iterator[Finding]:
     if robot is None or evidence.joints is None:
         return
     config = robot.description.contact
+    if config.source == "kinematic":
+        yield from _by_motion(evidence, robot)
+        return
     if config.source == "force_sensor":
         yield from _sensors(evidence, robot)
     loads = _loads(evidence, robot, config)
@@ -63,6 +66,21 @@ def find(evidence: Evidence) -> Iterator[Finding]:
         yield from _single_feet(loads, config, robot, share)
 
 
+def _by_motion(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
+    """What is to be known where contact is by the motion of the feet."""
+    joints, record = evidence.joints, evidence.foot_force
+    has_force = record is not None and np.isfinite(record.force).any()
+    if has_force or (joints is not None and np.isfinite(joints.effort).any()):
+        return
+    yield warning(
+        "contact_kinematic",
+        Stage.CONTACT,
+        "joints",
+        f"there are neither joint torques nor foot forces: which feet of {robot.description.name} stand is estimated "
+        "from the motion of the feet and the IMU (contact.source = kinematic); record one of them for better contact",
+    )
+
+
 def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
     record, legs = evidence.foot_force, robot.leg_names
     if record is None or np.isnan(record.force).all():
@@ -71,7 +89,7 @@ def _sensors(evidence: Evidence, robot: RobotModel) -> Iterator[Finding]:
             Stage.CONTACT,
             "foot_force",
             "there are no foot forces, but contact.source is force_sensor: no foot is ever in stance; record them, "
-            "or where joints have torques set robot.contact.source=torque with its thresholds",
+            "or where joints have torques set robot.contact.source=torque with its thresholds, or kinematic",
         )
         return
     if len(record.force) < _LEAST_SAMPLES or not is_stepping(evidence, robot):
@@ -119,7 +137,7 @@ def _loads(evidence: Evidence, robot: RobotModel, config: ContactConfig) -> _Loa
 def _stance(load: Array, stamps_ns: IntArray, config: ContactConfig, streams: str) -> BoolArray:
     if streams == "joints":  # these samples are too far apart for dwell times
         config = config.model_copy(update={"on_dwell_s": 0.0, "off_dwell_s": 0.0})
-    detector = ContactDetector(config, load.shape[1])
+    detector = ContactDetector(config.by_load(), load.shape[1])
     pairs = zip(stamps_ns.tolist(), load, strict=True)
     return np.array([detector.update(stamp_ns, each).is_stance for stamp_ns, each in pairs])
 

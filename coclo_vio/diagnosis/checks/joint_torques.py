@@ -102,7 +102,10 @@ def silent(joints: JointRecord) -> Finding | None:
     has_reading = np.isfinite(effort)
     count = int(has_reading.any(axis=0).sum())
     what = f"in all {len(effort):,} samples, but contact.source is torque: no foot is ever in stance"
-    cure = "record torques, or where feet have sensors set robot.contact.source=force_sensor with its thresholds"
+    cure = (
+        "record torques, or set robot.contact.source=force_sensor with its thresholds where feet have sensors, or "
+        "robot.contact.source=kinematic"
+    )
     if count == 0:
         return error("torque_absent", Stage.JOINTS, "joints", f"the joints have no torque {what}; {cure}")
     if not effort[has_reading].any():

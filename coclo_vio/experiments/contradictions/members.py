@@ -139,7 +139,14 @@ MEMBERS: tuple[Member, ...] = (
         in_full=True,
     ),
     Member(_JOINTS, "torques zero", "bag", of.joints(lambda p, v, t: (p, v, 0.0 * t)), "torque_zero"),
-    Member(_JOINTS, "torques absent", "leg log", of.joints(lambda p, v, t: (p, v, np.nan * t)), "torque_absent"),
+    Member(
+        _JOINTS,
+        "torques absent",
+        "leg log",
+        of.joints(lambda p, v, t: (p, v, np.nan * t)),
+        "contact_kinematic",
+        is_error=False,
+    ),
     Member(_JOINTS, "torques negated", "leg log", of.joints(lambda p, v, t: (p, v, -t)), "torque_sign"),
     Member(_JOINTS, "velocities zero", "bag", of.joints(lambda p, v, t: (p, 0.0 * v, t)), "joint_velocity_zero"),
     Member(
