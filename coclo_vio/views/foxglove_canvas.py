@@ -2,8 +2,9 @@
 """Draws into an MCAP file and to a websocket server for Foxglove, one call for both.
 
 The only importer of ``foxglove`` (extra ``view``), inside the functions. Topics: ``/tf``, ``/robot``, ``/feet``,
-``/forces``, ``/landmarks``, ``/keyframes``, ``/tracks``, ``/events``, and of each trajectory ``/<name>/pose``,
-``/<name>/path``, ``/<name>/ellipsoid``, ``/<name>/velocity``, ``/<name>/contact``; plots are JSON objects.
+``/forces``, ``/landmarks``, ``/keyframes``, ``/tracks``, ``/events``, of each trajectory ``/<name>/pose``,
+``/<name>/path`` and ``/<name>/ellipsoid``; and to plot, as JSON objects, ``/velocity/<name>``, ``/contact/<name>``,
+``/innovation/<source>``, ``/window``, ``/calibration``.
 """
 
 from collections.abc import Mapping, Sequence

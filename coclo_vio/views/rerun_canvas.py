@@ -165,7 +165,7 @@ class RerunCanvas:
         """3D on the left; images, plots and the log of events on the right."""
         layout = self._rerun.blueprint
         plots = [
-            layout.TimeSeriesView(origin="plots", contents=[f"plots/**/{name}", f"plots/{name}/**"], name=name)
+            layout.TimeSeriesView(origin="plots", contents=f"plots/{name}/**", name=name)
             for name in ("velocity", "contact", "innovation", "window", "calibration")
         ]
         right = layout.Vertical(

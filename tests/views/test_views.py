@@ -120,7 +120,7 @@ def test_every_kind_of_output_is_drawn(kind: str, rows: Rows, walk: Walk, tmp_pa
         else:
             numbers = json.loads(bytes(row[1]["McapMessage:data"][0]))  # type: ignore[index]
             assert value in [round(each, 6) for each in numbers.values()]
-    assert len(read[f"{plots}/coclo/velocity"]) == len(read[f"{plots}/coclo/contact"]) == 100
+    assert len(read[f"{plots}/velocity/coclo"]) == len(read[f"{plots}/contact/coclo"]) == 100
 
 
 def test_links_move_with_their_joints(walk: Walk) -> None:
