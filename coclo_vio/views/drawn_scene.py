@@ -32,8 +32,8 @@ _log = logging.getLogger(__name__)
 _ROBOT_PERIOD_NS = 40_000_000
 _SIGMAS = 3.0
 _WEIGHT_M = 1.0  # length of an arrow of the robot's weight
-_STANCE, _SWING, _FORCE, _LANDMARK = (0.0, 0.45, 0.7), (0.85, 0.85, 0.85), (0.84, 0.37, 0.0), (0.35, 0.35, 0.35)
-_TRUTH: Colour = (0.19, 0.19, 0.19)
+_STANCE, _SWING, _FORCE, _LANDMARK = (0.0, 0.45, 0.7), (0.85, 0.85, 0.85), (0.84, 0.37, 0.0), (0.55, 0.55, 0.55)
+_TRUTH: Colour = (0.6, 0.6, 0.6)  # the viewers are dark or light
 _MRAD_PER_RAD, _PERCENT = 1e3, 100.0
 
 

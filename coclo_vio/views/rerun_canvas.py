@@ -20,6 +20,7 @@ from coclo_vio.views.canvas import Colour, Shape
 
 _TIMELINE, _ROBOT = "time", "world/robot"
 _GREY: Colour = (0.6, 0.62, 0.66)
+_EYE_M = (-1.6, -1.8, 1.1)
 _LINE_M, _POINT_M, _AXIS_M, _LEAST_M = 0.006, 0.015, 0.1, 1e-4
 _AXIS_COLOURS: tuple[Colour, ...] = ((0.8, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.8))
 
@@ -84,8 +85,13 @@ class RerunCanvas:
         """As in ``Canvas``."""
         self._at(stamp_ns)
         self._log(_ROBOT, self._transform(T_world_body))
-        for link, T in T_body_link.items():
-            self._log(f"{_ROBOT}/{_part(link)}", self._transform(T))
+        if not T_body_link:
+            return
+        poses = np.array(list(T_body_link.values()))
+        turns = so3.to_quat_xyzw(poses[:, :3, :3])  # all at once
+        for link, at, turn in zip(T_body_link, poses[:, :3, 3], turns, strict=True):
+            transform = self._rerun.Transform3D(translation=at, quaternion=self._rerun.Quaternion(xyzw=turn))
+            self._log(f"{_ROBOT}/{_part(link)}", transform)
 
     def pose(self, stamp_ns: int, name: str, T_world_body: Array) -> None:
         """As in ``Canvas``."""
@@ -162,7 +168,7 @@ class RerunCanvas:
         self._stream.disconnect()
 
     def _layout(self) -> Any:
-        """3D on the left; images, plots and the log of events on the right."""
+        """3D on the left, about the robot; images, plots and the log of events on the right."""
         layout = self._rerun.blueprint
         plots = [
             layout.TimeSeriesView(origin="plots", contents=f"plots/{name}/**", name=name)
@@ -171,8 +177,11 @@ class RerunCanvas:
         right = layout.Vertical(
             layout.Spatial2DView(origin="tracks"), layout.Tabs(*plots), layout.TextLogView(origin="events")
         )
+        eye = layout.archetypes.EyeControls3D(position=_EYE_M, look_target=(0.0, 0.0, 0.0), tracking_entity=_ROBOT)
         return layout.Blueprint(
-            layout.Horizontal(layout.Spatial3DView(origin="world"), right, column_shares=[3, 2]), collapse_panels=True
+            layout.Horizontal(layout.Spatial3DView(origin="world", eye_controls=eye), right, column_shares=[3, 2]),
+            layout.TimePanel(timeline=_TIMELINE, play_state="Following"),
+            collapse_panels=True,
         )
 
     def _at(self, stamp_ns: int) -> None:

@@ -21,6 +21,7 @@ from coclo_vio.values.outputs import Calibration, Estimate, Event, Innovation, K
 from coclo_vio.values.trajectory import Trajectory
 from coclo_vio.views.drawn_robot import DrawnRobot, mesh_path
 from coclo_vio.views.drawn_scene import ellipsoid_of
+from coclo_vio.views.foxglove_canvas import _along
 from coclo_vio.views.opening import open_view, view_kinds
 from coclo_vio.views.view import Setting
 
@@ -225,3 +226,12 @@ def test_a_view_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path, monkey
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ConfigError, match=r"needs rerun-sdk, which is not installed: pip install .coclo-vio\[view"):
         open_view("rerun", Setting(), file=tmp_path / "a.rrd")
+
+
+def test_arrows_of_foxglove_point_along_their_vectors() -> None:
+    directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]])
+    T = _along(np.arange(12.0).reshape(4, 3), directions)
+    assert np.allclose(T[:, :3, 0], directions)
+    assert np.allclose(T[:, :3, 3], np.arange(12.0).reshape(4, 3))
+    assert np.allclose(np.swapaxes(T[:, :3, :3], 1, 2) @ T[:, :3, :3], np.eye(3))
+    assert np.allclose(np.linalg.det(T[:, :3, :3]), 1.0)
