@@ -17,7 +17,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.units import NS_PER_S
-from coclo_vio.views.canvas import Colour, Shape
+from coclo_vio.views.canvas import Colour, Shape, quat_xyzw_of
 
 _WORLD, _BODY = "world", "body"
 _GREY: Colour = (0.6, 0.62, 0.66)
@@ -252,8 +252,9 @@ class FoxgloveCanvas:
         )
 
     def _pose(self, T: Array) -> Any:
-        ((position, rotation),) = self._poses(T[None])
-        return self._messages.Pose(position=position, orientation=rotation)
+        x, y, z, w = quat_xyzw_of(T)
+        turn = self._messages.Quaternion(x=x, y=y, z=z, w=w)
+        return self._messages.Pose(position=self._vector(T[:3, 3]), orientation=turn)
 
     def _poses(self, T: Array) -> list[tuple[Any, Any]]:
         """Positions and quaternions of poses (N, 4, 4), converted all at once."""

@@ -16,7 +16,7 @@ import numpy as np
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import ConfigError
-from coclo_vio.views.canvas import Colour, Shape
+from coclo_vio.views.canvas import Colour, Shape, quat_xyzw_of
 
 _TIMELINE, _ROBOT = "time", "world/robot"
 _GREY: Colour = (0.6, 0.62, 0.66)
@@ -194,7 +194,7 @@ class RerunCanvas:
         return self._rerun.Transform3D(translation=T[:3, 3], quaternion=self._quaternion(T), scale=scale)
 
     def _quaternion(self, T: Array) -> Any:
-        return self._rerun.Quaternion(xyzw=so3.to_quat_xyzw(T[:3, :3]))
+        return self._rerun.Quaternion(xyzw=quat_xyzw_of(T))
 
 
 def _part(name: str) -> str:

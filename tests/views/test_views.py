@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coclo_vio.geometry import so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.urdf_tree import read_urdf_tree
@@ -19,6 +20,7 @@ from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import JointSample
 from coclo_vio.values.outputs import Calibration, Estimate, Event, Innovation, KeyframeHealth, Picture, WindowSnapshot
 from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.views.canvas import quat_xyzw_of
 from coclo_vio.views.drawn_robot import DrawnRobot, mesh_path
 from coclo_vio.views.drawn_scene import ellipsoid_of
 from coclo_vio.views.foxglove_canvas import _along
@@ -235,3 +237,13 @@ def test_arrows_of_foxglove_point_along_their_vectors() -> None:
     assert np.allclose(T[:, :3, 3], np.arange(12.0).reshape(4, 3))
     assert np.allclose(np.swapaxes(T[:, :3, :3], 1, 2) @ T[:, :3, :3], np.eye(3))
     assert np.allclose(np.linalg.det(T[:, :3, :3]), 1.0)
+
+
+def test_the_quaternion_of_one_pose_is_that_of_many() -> None:
+    rng = np.random.default_rng(5)
+    turns = [*rng.normal(size=(40, 3)), *(np.pi * np.eye(3)), np.array([np.pi, 1e-9, 0.0]), np.zeros(3)]
+    for turn in turns:
+        R = so3.exp(turn)
+        one, many = np.array(quat_xyzw_of(R)), so3.to_quat_xyzw(R)
+        assert abs(one @ many) == pytest.approx(1.0, abs=1e-12)
+        assert np.linalg.norm(one) == pytest.approx(1.0, abs=1e-12)
