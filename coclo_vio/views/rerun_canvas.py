@@ -20,7 +20,7 @@ from coclo_vio.views.canvas import Colour, Shape, quat_xyzw_of
 
 _TIMELINE, _ROBOT = "time", "world/robot"
 _GREY: Colour = (0.6, 0.62, 0.66)
-_EYE_M = (-1.6, -1.8, 1.1)
+_CAMERA_M = (-1.6, -1.8, 1.1)
 _LINE_M, _POINT_M, _AXIS_M, _LEAST_M = 0.006, 0.015, 0.1, 1e-4
 _AXIS_COLOURS: tuple[Colour, ...] = ((0.8, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.8))
 
@@ -177,9 +177,13 @@ class RerunCanvas:
         right = layout.Vertical(
             layout.Spatial2DView(origin="tracks"), layout.Tabs(*plots), layout.TextLogView(origin="events")
         )
-        eye = layout.archetypes.EyeControls3D(position=_EYE_M, look_target=(0.0, 0.0, 0.0), tracking_entity=_ROBOT)
+        world, at_robot = (
+            layout.Spatial3DView(origin="world"),
+            {"look_target": (0.0, 0.0, 0.0), "tracking_entity": _ROBOT},
+        )
+        world.properties["EyeControls3D"] = layout.archetypes.EyeControls3D(position=_CAMERA_M, **at_robot)
         return layout.Blueprint(
-            layout.Horizontal(layout.Spatial3DView(origin="world", eye_controls=eye), right, column_shares=[3, 2]),
+            layout.Horizontal(world, right, column_shares=[3, 2]),
             layout.TimePanel(timeline=_TIMELINE, play_state="Following"),
             collapse_panels=True,
         )
