@@ -20,7 +20,7 @@ from coclo_vio.views.canvas import Colour, Shape, quat_xyzw_of
 
 _TIMELINE, _ROBOT = "time", "world/robot"
 _GREY: Colour = (0.6, 0.62, 0.66)
-_CAMERA_M = (-1.6, -1.8, 1.1)
+_CAMERA_M = (-1.0, -1.1, 0.7)
 _LINE_M, _POINT_M, _AXIS_M, _LEAST_M = 0.006, 0.015, 0.1, 1e-4
 _AXIS_COLOURS: tuple[Colour, ...] = ((0.8, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.8))
 
@@ -158,7 +158,8 @@ class RerunCanvas:
         where = f"plots/{name}"
         if where not in self._series:
             self._series.add(where)
-            self._log(where, self._rerun.SeriesLines(names=list(values)), is_static=True)
+            of = f"{name.rpartition('/')[2]} " if "/" in name else ""
+            self._log(where, self._rerun.SeriesLines(names=[of + key for key in values]), is_static=True)
         self._at(stamp_ns)
         self._log(where, self._rerun.Scalars([float(value) for value in values.values()]))
 
@@ -184,7 +185,7 @@ class RerunCanvas:
         world.properties["EyeControls3D"] = layout.archetypes.EyeControls3D(position=_CAMERA_M, **at_robot)
         return layout.Blueprint(
             layout.Horizontal(world, right, column_shares=[3, 2]),
-            layout.TimePanel(timeline=_TIMELINE, play_state="Following"),
+            layout.TimePanel(state="collapsed", timeline=_TIMELINE, play_state="Following"),
             collapse_panels=True,
         )
 
