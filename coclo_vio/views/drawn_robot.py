@@ -19,6 +19,7 @@ from coclo_vio.values.units import GRAVITY_MPS2
 from coclo_vio.views.canvas import Shape
 
 _log = logging.getLogger(__name__)
+_LEAST_FOOT_M = 0.02
 _MESHES = {".stl", ".obj", ".dae", ".glb", ".gltf"}
 
 
@@ -60,6 +61,11 @@ class DrawnRobot:
         """
         up = GRAVITY_MPS2 * R_world_body[2]
         return self._model.foot_forces(joints.position, joints.velocity, joints.effort, specific_force_body=up)
+
+    @property
+    def foot_m(self) -> float:
+        """Radius with which a foot is drawn, m: half as much again as its own, so that its colour shows."""
+        return max(_LEAST_FOOT_M, 1.5 * float(self._model.foot_radii_m.max()))
 
     @property
     def weight_n(self) -> float:

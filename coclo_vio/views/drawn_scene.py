@@ -31,9 +31,9 @@ from coclo_vio.views.view import Setting
 _log = logging.getLogger(__name__)
 _ROBOT_PERIOD_NS = 40_000_000
 _SIGMAS = 3.0
-_FOOT_M, _WEIGHT_M = 0.025, 0.4  # drawn radius of a foot; length of an arrow of the robot's weight
-_STANCE, _SWING, _FORCE, _LANDMARK = (0.0, 0.45, 0.7), (0.85, 0.85, 0.85), (0.84, 0.37, 0.0), (0.35, 0.35, 0.35)
-_TRUTH: Colour = (0.19, 0.19, 0.19)
+_WEIGHT_M = 1.0  # length of an arrow of the robot's weight
+_STANCE, _SWING, _FORCE, _LANDMARK = (0.0, 0.45, 0.7), (0.85, 0.85, 0.85), (0.84, 0.37, 0.0), (0.55, 0.55, 0.55)
+_TRUTH: Colour = (0.6, 0.6, 0.6)  # the viewers are dark or light
 _MRAD_PER_RAD, _PERCENT = 1e3, 100.0
 
 
@@ -115,10 +115,10 @@ class Scene:
         self._canvas.pose(stamp_ns, name, nav.T_world_body)
         self._path(name, colour).add(stamp_ns, nav.T_world_body[:3, 3])
         velocity = dict(zip("xyz", nav.velocity_world.tolist(), strict=True))
-        self._canvas.numbers(stamp_ns, f"{name}/velocity", velocity)
+        self._canvas.numbers(stamp_ns, f"velocity/{name}", velocity)
         if state.feet is not None and self._robot is not None:
             contact = zip(self._robot.leg_names, state.feet.contact_probability.tolist(), strict=True)
-            self._canvas.numbers(stamp_ns, f"{name}/contact", dict(contact))
+            self._canvas.numbers(stamp_ns, f"contact/{name}", dict(contact))
         if self._leader is None:
             self._leader = name
             self._begin(stamp_ns, nav.T_world_body)
@@ -156,7 +156,7 @@ class Scene:
         is_known = np.isfinite(feet).all(axis=1)
         contact = np.zeros(len(feet)) if state.feet is None else state.feet.contact_probability
         colours = [_mixed(_SWING, _STANCE, float(share)) for share in contact[is_known]]
-        self._canvas.spheres(state.stamp_ns, "feet", feet[is_known], _FOOT_M, colours)
+        self._canvas.spheres(state.stamp_ns, "feet", feet[is_known], robot.foot_m, colours)
         forces = robot.forces(joints, T_world_body[:3, :3]) @ T_world_body[:3, :3].T * (_WEIGHT_M / robot.weight_n)
         is_drawn = is_known & np.isfinite(forces).all(axis=1)
         self._canvas.arrows(state.stamp_ns, "forces", feet[is_drawn], forces[is_drawn], _FORCE)

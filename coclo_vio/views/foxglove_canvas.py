@@ -2,8 +2,9 @@
 """Draws into an MCAP file and to a websocket server for Foxglove, one call for both.
 
 The only importer of ``foxglove`` (extra ``view``), inside the functions. Topics: ``/tf``, ``/robot``, ``/feet``,
-``/forces``, ``/landmarks``, ``/keyframes``, ``/tracks``, ``/events``, and of each trajectory ``/<name>/pose``,
-``/<name>/path``, ``/<name>/ellipsoid``, ``/<name>/velocity``, ``/<name>/contact``; plots are JSON objects.
+``/forces``, ``/landmarks``, ``/keyframes``, ``/tracks``, ``/events``, of each trajectory ``/<name>/pose``,
+``/<name>/path`` and ``/<name>/ellipsoid``; and to plot, as JSON objects, ``/velocity/<name>``, ``/contact/<name>``,
+``/innovation/<source>``, ``/window``, ``/calibration``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.units import NS_PER_S
-from coclo_vio.views.canvas import Colour, Shape
+from coclo_vio.views.canvas import Colour, Shape, quat_xyzw_of
 
 _WORLD, _BODY = "world", "body"
 _GREY: Colour = (0.6, 0.62, 0.66)
@@ -85,17 +86,17 @@ class FoxgloveCanvas:
         if self._listener.take() and self._shapes:
             self.robot(stamp_ns, self._shapes)
         message, time = self._messages, self._time(stamp_ns)
-        placed = [(_WORLD, _BODY, T_world_body)]
-        placed += [(_BODY, _link_frame(link), T) for link, T in T_body_link.items()]
+        children = [(_WORLD, _BODY), *((_BODY, _link_frame(link)) for link in T_body_link)]
+        poses = self._poses(np.array([T_world_body, *T_body_link.values()]))
         transforms = [
             message.FrameTransform(
                 timestamp=time,
                 parent_frame_id=parent,
                 child_frame_id=child,
-                translation=self._vector(T[:3, 3]),
-                rotation=self._quaternion(T),
+                translation=translation,
+                rotation=rotation,
             )
-            for parent, child, T in placed
+            for (parent, child), (translation, rotation) in zip(children, poses, strict=True)
         ]
         self._log(stamp_ns, "/tf", "FrameTransforms", message.FrameTransforms(transforms=transforms))
 
@@ -123,7 +124,7 @@ class FoxgloveCanvas:
         """As in ``Canvas``."""
         size = self._vector(np.full(3, 2.0 * radius_m))
         spheres = [
-            self._messages.SpherePrimitive(pose=self._pose(_at(centre)), size=size, color=self._colour(colour))
+            self._messages.SpherePrimitive(pose=self._unturned(centre), size=size, color=self._colour(colour))
             for centre, colour in zip(centres, colours, strict=True)
         ]
         self._scene(stamp_ns, f"/{name}", [self._entity(stamp_ns, name, spheres=spheres)])
@@ -131,17 +132,19 @@ class FoxgloveCanvas:
     def arrows(self, stamp_ns: int, name: str, origins: Array, vectors: Array, colour: Colour) -> None:
         """As in ``Canvas``."""
         lengths = np.linalg.norm(vectors, axis=1)
+        is_drawn = lengths > _LEAST_M
+        origins, vectors, lengths = origins[is_drawn], vectors[is_drawn], lengths[is_drawn]
+        poses = self._poses(_along(origins, vectors / lengths[:, None]))
         arrows = [
             self._messages.ArrowPrimitive(
-                pose=self._pose(_along(origin, vector / length)),
+                pose=self._messages.Pose(position=position, orientation=rotation),
                 shaft_length=(1.0 - _HEAD) * length,
                 shaft_diameter=_LINE_M,
                 head_length=_HEAD * length,
                 head_diameter=2.0 * _LINE_M,
                 color=self._colour(colour),
             )
-            for origin, vector, length in zip(origins, vectors, lengths.tolist(), strict=True)
-            if length > _LEAST_M
+            for (position, rotation), length in zip(poses, lengths.tolist(), strict=True)
         ]
         self._scene(stamp_ns, f"/{name}", [self._entity(stamp_ns, name, arrows=arrows)])
 
@@ -155,7 +158,7 @@ class FoxgloveCanvas:
         cloud = message.PointCloud(
             timestamp=self._time(stamp_ns),
             frame_id=_WORLD,
-            pose=self._pose(np.eye(4)),
+            pose=self._unturned(np.zeros(3)),
             point_stride=12,
             fields=fields,
             data=np.ascontiguousarray(points, dtype="<f4").tobytes(),
@@ -242,22 +245,33 @@ class FoxgloveCanvas:
         message = self._messages
         return message.LinePrimitive(
             type=message.LinePrimitiveLineType.LineStrip,
-            pose=self._pose(np.eye(4)),
+            pose=self._unturned(np.zeros(3)),
             thickness=_LINE_M,
             points=[message.Point3(x=x, y=y, z=z) for x, y, z in points.tolist()],
             color=self._colour(colour),
         )
 
     def _pose(self, T: Array) -> Any:
-        return self._messages.Pose(position=self._vector(T[:3, 3]), orientation=self._quaternion(T))
+        x, y, z, w = quat_xyzw_of(T)
+        turn = self._messages.Quaternion(x=x, y=y, z=z, w=w)
+        return self._messages.Pose(position=self._vector(T[:3, 3]), orientation=turn)
+
+    def _poses(self, T: Array) -> list[tuple[Any, Any]]:
+        """Positions and quaternions of poses (N, 4, 4), converted all at once."""
+        quaternion = self._messages.Quaternion
+        turns = so3.to_quat_xyzw(T[:, :3, :3]).tolist() if len(T) else []
+        return [
+            (self._vector(at), quaternion(x=x, y=y, z=z, w=w))
+            for at, (x, y, z, w) in zip(T[:, :3, 3], turns, strict=True)
+        ]
+
+    def _unturned(self, position: Array) -> Any:
+        turn = self._messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+        return self._messages.Pose(position=self._vector(position), orientation=turn)
 
     def _vector(self, values: Array) -> Any:
         x, y, z = (float(value) for value in values)
         return self._messages.Vector3(x=x, y=y, z=z)
-
-    def _quaternion(self, T: Array) -> Any:
-        x, y, z, w = so3.to_quat_xyzw(T[:3, :3]).tolist()
-        return self._messages.Quaternion(x=x, y=y, z=z, w=w)
 
     def _colour(self, colour: Colour, alpha: float = 1.0) -> Any:
         red, green, blue = colour
@@ -293,17 +307,17 @@ def _link_frame(link: str) -> str:
     return f"robot/{link}"
 
 
-def _at(position: Array) -> Array:
-    T = np.eye(4)
-    T[:3, 3] = position
-    return T
+def _along(origins: Array, directions: Array) -> Array:
+    """Poses (N, 4, 4) at these origins whose x axes have these directions, unit vectors (N, 3).
 
-
-def _along(origin: Array, direction: Array) -> Array:
-    """A pose (4, 4) whose x axis has this direction, a unit vector (3,)."""
-    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    second = np.cross(direction, other)
-    second /= np.linalg.norm(second)
-    T = _at(origin)
-    T[:3, :3] = np.column_stack((direction, second, np.cross(direction, second)))
+    The other axes by Duff et al., "Building an Orthonormal Basis, Revisited", 2017.
+    """
+    x, y, z = directions.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    T = np.tile(np.eye(4), (len(origins), 1, 1))
+    T[:, :3, 3], T[:, :3, 0] = origins, directions
+    T[:, :3, 1] = np.column_stack((1.0 + sign * x * x * a, sign * b, -sign * x))
+    T[:, :3, 2] = np.column_stack((b, sign + y * y * a, -y))
     return T

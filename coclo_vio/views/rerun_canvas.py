@@ -16,10 +16,11 @@ import numpy as np
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import ConfigError
-from coclo_vio.views.canvas import Colour, Shape
+from coclo_vio.views.canvas import Colour, Shape, quat_xyzw_of
 
 _TIMELINE, _ROBOT = "time", "world/robot"
 _GREY: Colour = (0.6, 0.62, 0.66)
+_CAMERA_M = (-1.0, -1.1, 0.7)
 _LINE_M, _POINT_M, _AXIS_M, _LEAST_M = 0.006, 0.015, 0.1, 1e-4
 _AXIS_COLOURS: tuple[Colour, ...] = ((0.8, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.8))
 
@@ -84,8 +85,13 @@ class RerunCanvas:
         """As in ``Canvas``."""
         self._at(stamp_ns)
         self._log(_ROBOT, self._transform(T_world_body))
-        for link, T in T_body_link.items():
-            self._log(f"{_ROBOT}/{_part(link)}", self._transform(T))
+        if not T_body_link:
+            return
+        poses = np.array(list(T_body_link.values()))
+        turns = so3.to_quat_xyzw(poses[:, :3, :3])  # all at once
+        for link, at, turn in zip(T_body_link, poses[:, :3, 3], turns, strict=True):
+            transform = self._rerun.Transform3D(translation=at, quaternion=self._rerun.Quaternion(xyzw=turn))
+            self._log(f"{_ROBOT}/{_part(link)}", transform)
 
     def pose(self, stamp_ns: int, name: str, T_world_body: Array) -> None:
         """As in ``Canvas``."""
@@ -152,7 +158,8 @@ class RerunCanvas:
         where = f"plots/{name}"
         if where not in self._series:
             self._series.add(where)
-            self._log(where, self._rerun.SeriesLines(names=list(values)), is_static=True)
+            of = f"{name.rpartition('/')[2]} " if "/" in name else ""
+            self._log(where, self._rerun.SeriesLines(names=[of + key for key in values]), is_static=True)
         self._at(stamp_ns)
         self._log(where, self._rerun.Scalars([float(value) for value in values.values()]))
 
@@ -162,17 +169,24 @@ class RerunCanvas:
         self._stream.disconnect()
 
     def _layout(self) -> Any:
-        """3D on the left; images, plots and the log of events on the right."""
+        """3D on the left, about the robot; images, plots and the log of events on the right."""
         layout = self._rerun.blueprint
         plots = [
-            layout.TimeSeriesView(origin="plots", contents=[f"plots/**/{name}", f"plots/{name}/**"], name=name)
+            layout.TimeSeriesView(origin="plots", contents=f"plots/{name}/**", name=name)
             for name in ("velocity", "contact", "innovation", "window", "calibration")
         ]
         right = layout.Vertical(
             layout.Spatial2DView(origin="tracks"), layout.Tabs(*plots), layout.TextLogView(origin="events")
         )
+        world, at_robot = (
+            layout.Spatial3DView(origin="world"),
+            {"look_target": (0.0, 0.0, 0.0), "tracking_entity": _ROBOT},
+        )
+        world.properties["EyeControls3D"] = layout.archetypes.EyeControls3D(position=_CAMERA_M, **at_robot)
         return layout.Blueprint(
-            layout.Horizontal(layout.Spatial3DView(origin="world"), right, column_shares=[3, 2]), collapse_panels=True
+            layout.Horizontal(world, right, column_shares=[3, 2]),
+            layout.TimePanel(state="collapsed", timeline=_TIMELINE, play_state="Following"),
+            collapse_panels=True,
         )
 
     def _at(self, stamp_ns: int) -> None:
@@ -185,7 +199,7 @@ class RerunCanvas:
         return self._rerun.Transform3D(translation=T[:3, 3], quaternion=self._quaternion(T), scale=scale)
 
     def _quaternion(self, T: Array) -> Any:
-        return self._rerun.Quaternion(xyzw=so3.to_quat_xyzw(T[:3, :3]))
+        return self._rerun.Quaternion(xyzw=quat_xyzw_of(T))
 
 
 def _part(name: str) -> str:

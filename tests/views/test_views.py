@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coclo_vio.geometry import so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.robot.urdf_tree import read_urdf_tree
@@ -19,8 +20,10 @@ from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import JointSample
 from coclo_vio.values.outputs import Calibration, Estimate, Event, Innovation, KeyframeHealth, Picture, WindowSnapshot
 from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.views.canvas import quat_xyzw_of
 from coclo_vio.views.drawn_robot import DrawnRobot, mesh_path
 from coclo_vio.views.drawn_scene import ellipsoid_of
+from coclo_vio.views.foxglove_canvas import _along
 from coclo_vio.views.opening import open_view, view_kinds
 from coclo_vio.views.view import Setting
 
@@ -120,7 +123,7 @@ def test_every_kind_of_output_is_drawn(kind: str, rows: Rows, walk: Walk, tmp_pa
         else:
             numbers = json.loads(bytes(row[1]["McapMessage:data"][0]))  # type: ignore[index]
             assert value in [round(each, 6) for each in numbers.values()]
-    assert len(read[f"{plots}/coclo/velocity"]) == len(read[f"{plots}/coclo/contact"]) == 100
+    assert len(read[f"{plots}/velocity/coclo"]) == len(read[f"{plots}/contact/coclo"]) == 100
 
 
 def test_links_move_with_their_joints(walk: Walk) -> None:
@@ -225,3 +228,22 @@ def test_a_view_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path, monkey
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ConfigError, match=r"needs rerun-sdk, which is not installed: pip install .coclo-vio\[view"):
         open_view("rerun", Setting(), file=tmp_path / "a.rrd")
+
+
+def test_arrows_of_foxglove_point_along_their_vectors() -> None:
+    directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]])
+    T = _along(np.arange(12.0).reshape(4, 3), directions)
+    assert np.allclose(T[:, :3, 0], directions)
+    assert np.allclose(T[:, :3, 3], np.arange(12.0).reshape(4, 3))
+    assert np.allclose(np.swapaxes(T[:, :3, :3], 1, 2) @ T[:, :3, :3], np.eye(3))
+    assert np.allclose(np.linalg.det(T[:, :3, :3]), 1.0)
+
+
+def test_the_quaternion_of_one_pose_is_that_of_many() -> None:
+    rng = np.random.default_rng(5)
+    turns = [*rng.normal(size=(40, 3)), *(np.pi * np.eye(3)), np.array([np.pi, 1e-9, 0.0]), np.zeros(3)]
+    for turn in turns:
+        R = so3.exp(turn)
+        one, many = np.array(quat_xyzw_of(R)), so3.to_quat_xyzw(R)
+        assert abs(one @ many) == pytest.approx(1.0, abs=1e-12)
+        assert np.linalg.norm(one) == pytest.approx(1.0, abs=1e-12)
