@@ -149,14 +149,18 @@ class CombinedOdometry(StreamingEstimator):
     @property
     def counts(self) -> Mapping[str, int]:
         """What was counted here, and by filter, front end and smoother, once the frame in process is done."""
-        if self._in_process is not None:
-            wait([self._in_process.processed])
+        self.settle()
         return {
             **super().counts,
             **self._vision.counts,
             **self._filter.counts,
             **prefixed("smoother", self._smoother.counts),
         }
+
+    def settle(self) -> None:
+        """Wait for the frame that is processed beside the filter, whose result is taken when it is due all the same."""
+        if self._in_process is not None:
+            wait([self._in_process.processed])
 
     def _end(self) -> Iterator[Output]:
         """The results of the last frame and of the last keyframe, which no later measurement fetches."""

@@ -23,15 +23,26 @@ class RunJournal:
         record: as written last.
     """
 
-    def __init__(self, folder: Path, record: RunRecord) -> None:
+    def __init__(self, folder: Path, record: RunRecord, earlier: RunRecord | None = None) -> None:
         """Write the first record.
+
+        Args:
+            folder: of the run.
+            record: without any mode.
+            earlier: of the run that goes on; None for a new one.
 
         Raises:
             OSError: it cannot be written.
         """
         self.folder = folder
         self.record = record
-        self._write(record.model_copy(update={"status": "running", "failure": None}))
+        known = {} if earlier is None else {key: getattr(earlier, key) for key in ("estimators", "recording_ns")}
+        self._write(record.model_copy(update={**known, "status": "running", "failure": None}))
+
+    def has_ended(self, mode: str) -> bool:
+        """Whether a mode has come to its end by itself, in this run or the one that goes on."""
+        run = self.record.by_mode().get(mode)
+        return run is not None and run.status in ("finished", "failed")
 
     def update(self, progressed: Progressed) -> None:
         """Write what a mode has come to.
@@ -70,7 +81,7 @@ class RunJournal:
         status: Status = "failed" if is_failure else "interrupted"
         failure = f"{type(error).__name__}: {error}" if is_failure else None
         trajectories = {
-            name: run if run.status != "running" else run.model_copy(update={"status": status, "failure": failure})
+            name: run if run.status != "running" else run.model_copy(update={"status": "interrupted"})
             for name, run in self.record.estimators.items()
         }
         update = {"status": status, "failure": failure, "estimators": trajectories}

@@ -1,39 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording through several modes into one run folder."""
 
-from collections.abc import Callable, Sequence
-from contextlib import closing, nullcontext, suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from coclo_vio import __version__
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
-from coclo_vio.datasets.read_ahead import read_ahead
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.diagnosis.diagnose import Diagnosis
-from coclo_vio.runs import pipeline, run_folder
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.checkpoint import forget_all
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
+from coclo_vio.runs.mode_run import ModeRun, Observers, PreparedMode, Progress, Watch
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
-from coclo_vio.runs.recorder import OutputRecorder, failed_records
+from coclo_vio.runs.recorder import failed_records
+from coclo_vio.runs.resuming import earlier_run
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_folder import Existing
-from coclo_vio.runs.run_journal import Progressed, RunJournal
+from coclo_vio.runs.run_journal import RunJournal
 from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, RunRecord, union
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import IMAGE_SENSORS
-from coclo_vio.values.outputs import Estimator, Output
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
-Progress = Callable[[str, int], None]
-"""Called with the mode and the stamp (ns) of each measurement."""
-Watch = Callable[[str, Output], None]
-"""Called with the mode and each of its outputs."""
-
 
 def run_modes(
     path: Path,
@@ -80,18 +75,25 @@ def run_modes(
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
     _check_apart(folder, path)
-    run_folder.clear(run_folder.prepare(folder))
+    earlier = earlier_run(folder, path, resolved) if ending.existing is Existing.RESUME else None
+    run_folder.prepare(folder)
+    if earlier is None:
+        run_folder.clear(folder)
+        forget_all(folder)
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
-        journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis))
+        journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis), earlier)
         try:
             for name, ready in prepared.items():
                 if ending.is_requested:
                     break
+                if journal.has_ended(name):
+                    continue
                 if isinstance(ready, CocloError):
                     journal.update((None, failed_records(modes[name], str(ready))))
                 else:
-                    _run_one(ready, dataset, faults, journal, _Observers(progress, watch, ending.stop))
+                    observers = Observers(progress, watch, ending.stop)
+                    ModeRun(ready, journal, observers, resumes=earlier is not None).run(dataset, faults)
             return journal.end(_with_reader(journal.record, dataset))
         except BaseException as error:
             journal.abandon(error)
@@ -131,28 +133,9 @@ class Ending:
         return self.stop is not None and self.stop.is_requested
 
 
-@dataclass(frozen=True, slots=True)
-class _Prepared:
-    """A mode that can run.
-
-    Attributes:
-        mode: which.
-        estimator: a fresh one.
-        sensors: what it reads of the recording.
-        leg_names: of the robot whose legs it follows.
-        reads_ahead: whether a thread reads ahead of the estimator.
-    """
-
-    mode: Mode
-    estimator: Estimator
-    sensors: frozenset[type]
-    leg_names: tuple[str, ...]
-    reads_ahead: bool
-
-
 def _prepared(
     mode: Mode, path: Path, dataset: Dataset, config: RunConfig, pictures_every: int | None
-) -> _Prepared | CocloError:
+) -> PreparedMode | CocloError:
     """A mode made ready, or what it lacks."""
     if mode.has_legs and config.robot is None:
         return robot_fit(path, config.dataset).unknown_robot_error(path)
@@ -162,10 +145,17 @@ def _prepared(
     except CocloError as error:
         return error
     legs = () if equipment.robot is None else equipment.robot.leg_names
-    return _Prepared(mode, estimator, mode.sensors_of(equipment), legs, config.dataset.reading_threads > 0)
+    return PreparedMode(
+        mode,
+        estimator,
+        mode.sensors_of(equipment),
+        legs,
+        config.dataset.reading_threads > 0,
+        config.checkpoints.interval_s,
+    )
 
 
-def _contradicted(mode: Mode, ready: "_Prepared | CocloError", diagnosis: Diagnosis) -> CocloError | None:
+def _contradicted(mode: Mode, ready: PreparedMode | CocloError, diagnosis: Diagnosis) -> CocloError | None:
     """Why a mode cannot be right, whether it could run or not; or None."""
     return refusal(diagnosis, mode.sensors if isinstance(ready, CocloError) else ready.sensors)
 
@@ -188,50 +178,6 @@ def _described(
         faults=None if resolved.faults.is_none else resolved.faults.model_dump(mode="json"),
         findings=tuple(map(FindingRecord.of, diagnosis.findings)),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Observers:
-    """What receives progress and outputs of a run, and what may stop it; None where nothing does."""
-
-    progress: Progress | None
-    watch: Watch | None
-    stop: StopRequest | None
-
-
-def _run_one(ready: _Prepared, dataset: Dataset, faults: Faults, journal: RunJournal, observers: _Observers) -> None:
-    """Run one mode, and keep what it comes to in the journal."""
-    name, progress, watch, stop = ready.mode.name, observers.progress, observers.watch, observers.stop
-    tally = pipeline.Tally()
-    with OutputRecorder(journal.folder, ready.mode, ready.leg_names) as recorder:
-
-        def progressed() -> Progressed:
-            summary = tally.summary(dict(ready.estimator.counts))
-            return summary.recording_ns, recorder.records(summary, ready.sensors, is_running=True)
-
-        def take(output: Output) -> None:
-            recorder.take(output)
-            if watch is not None:
-                watch(name, output)
-
-        def advance(stamp_ns: int) -> None:
-            journal.tick(progressed)
-            if progress is not None:
-                progress(name, stamp_ns)
-
-        journal.update(progressed())
-        measurements = faults.measurements(dataset.measurements, ready.sensors)
-        try:
-            with (
-                closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source,
-                nullcontext() if stop is None else stop.polled(),
-            ):
-                summary = pipeline.run(ready.estimator, source, take, advance, tally=tally, stop=stop)
-        except BaseException:
-            with suppress(OSError):
-                journal.update(progressed())
-            raise
-    journal.update((summary.recording_ns, recorder.records(summary, ready.sensors)))
 
 
 def _with_reader(record: RunRecord, dataset: Dataset) -> RunRecord:
