@@ -12,8 +12,9 @@ from coclo_vio.evaluation.ranking import Ranking, rank
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.comparison_report import Compared, report_title, write_comparison, write_comparisons
+from coclo_vio.runs.mode_run import Progress
 from coclo_vio.runs.run_folder import Existing
-from coclo_vio.runs.running import Ending, Progress
+from coclo_vio.runs.running import Ending
 from coclo_vio.runs.stop_request import RunStopped, StopRequest
 from coclo_vio.values.errors import CocloError, ConfigError, DatasetError
 

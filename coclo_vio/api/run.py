@@ -20,12 +20,13 @@ from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import evaluating, run_folder
 from coclo_vio.runs.equipment import check_pictures
 from coclo_vio.runs.evaluating import evaluation_config
+from coclo_vio.runs.mode_run import Progress, Watch
 from coclo_vio.runs.modes.registry import mode_of, modes
 from coclo_vio.runs.output_logs import read_calibrations, read_health
 from coclo_vio.runs.run_figures import check_figure, draw_figure
 from coclo_vio.runs.run_folder import Existing, RecordedTrajectory
 from coclo_vio.runs.run_record import RunRecord
-from coclo_vio.runs.running import Ending, Progress, Watch, run_modes
+from coclo_vio.runs.running import Ending, run_modes
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.errors import ConfigError, DatasetError, EvaluationError, listing
 from coclo_vio.values.outputs import Calibration, Event, KeyframeHealth
@@ -216,7 +217,8 @@ def run(
 
     Raises:
         ConfigError: there is no such mode, or the list of modes is empty.
-        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or no mode has what it needs.
+        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or
+            no mode has what it needs.
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)

@@ -8,7 +8,6 @@ import gtsam
 
 from coclo_vio.values.errors import DatasetError
 
-
 _KEPT = (
     *(gtsam.Values, gtsam.Pose3, gtsam.imuBias.ConstantBias, gtsam.LinearContainerFactor, gtsam.BetweenFactorPose3),
     *(gtsam.PriorFactorPose3, gtsam.PriorFactorVector, gtsam.PriorFactorConstantBias),

@@ -20,8 +20,8 @@ from coclo_vio.evaluation.paper_table import PAPER_MARK
 from coclo_vio.evaluation.ranking import rank, resolution_sentence
 from coclo_vio.evaluation.table_one import TableOne
 from coclo_vio.evaluation.trajectory_roles import in_order
+from coclo_vio.runs.mode_run import Progress as ProgressCallback
 from coclo_vio.runs.run_record import CalibrationRecord, RunRecord, TrajectoryRecord
-from coclo_vio.runs.running import Progress as ProgressCallback
 from coclo_vio.values.units import MRAD_PER_RAD, NS_PER_S
 
 _EVERY_NS = 200_000_000
@@ -60,6 +60,8 @@ def print_run(record: RunRecord, folder: Path, *, brief: bool = False) -> None:
 
 def _run_lines(trajectory: TrajectoryRecord, pictures: Path, *, brief: bool) -> Iterator[str]:
     """What a mode read, counted and met with, in lines."""
+    for stamp_ns in trajectory.resumed_ns:
+        yield f"resumed after the measurement at {stamp_ns} ns"
     counts = ", ".join(f"{key} {value}" for key, value in trajectory.counts.items() if value)
     if "joints" not in trajectory.sensors and not brief:
         yield f"reads {', '.join(trajectory.sensors)}"

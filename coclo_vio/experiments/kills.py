@@ -35,6 +35,9 @@ _SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 _EXPECTED = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}
 _START_S, _END_S = 300.0, 3600.0
 _STAMP = struct.Struct("<q")
+_CHILD = (
+    "from coclo_vio.experiments.kills import show_position; show_position(); from coclo_vio.cli import main; main()"
+)
 _STAMP_FILE = "COCLO_VIO_STAMP_FILE"
 
 
@@ -198,8 +201,7 @@ def _compared(whole: Path, resumed: Path, start_ns: int) -> tuple[float | None, 
     worst = 0.0
     one, other = run_folder.read_record(whole), run_folder.read_record(resumed)
     from_s = {
-        mode: [(stamp_ns - start_ns) / NS_PER_S for stamp_ns in run.resumed_ns]
-        for mode, run in other.by_mode().items()
+        mode: [(stamp_ns - start_ns) / NS_PER_S for stamp_ns in run.resumed_ns] for mode, run in other.by_mode().items()
     }
     for path in sorted((*whole.glob("*.tum"), *whole.glob("*.csv"))):
         ours = (resumed / path.name).read_bytes()
@@ -223,7 +225,7 @@ def _started(arguments: Sequence[str], stamp_file: Path) -> "subprocess.Popen[by
     stamp_file.write_bytes(_STAMP.pack(0) * 2)
     log = (stamp_file.with_suffix(".log")).open("wb")
     environment = {**os.environ, _STAMP_FILE: str(stamp_file)}
-    command = [sys.executable, "-c", "from coclo_vio.experiments.kills import child; child()", *arguments]
+    command = [sys.executable, "-c", _CHILD, *arguments]
     return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
 
 
@@ -242,8 +244,8 @@ def _wait_for(process: "subprocess.Popen[bytes]", stamp_file: Path, modes: int, 
     return 0
 
 
-def child() -> None:
-    """The command line, which tells by a file how many modes it has finished and which stamp it has read."""
+def show_position() -> None:
+    """From now on runs in this process write how many modes they have finished, and which stamp they have read."""
     path = Path(os.environ[_STAMP_FILE])
     with path.open("r+b") as file:
         shared = mmap.mmap(file.fileno(), 2 * _STAMP.size)
@@ -258,9 +260,6 @@ def child() -> None:
         shared[:] = _STAMP.pack(_STAMP.unpack(shared[: _STAMP.size])[0] + 1) + _STAMP.pack(0)
 
     ModeRun._advance, ModeRun.run = advanced, ran  # type: ignore[assignment,method-assign]
-    from coclo_vio.cli import main as command_line  # noqa: PLC0415 -- after the change above
-
-    command_line()
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ from coclo_vio.values.array_store import ArrayReader
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.object_index import ObjectIndex
 from coclo_vio.values.outputs import Estimator
-from coclo_vio.values.state_tree import Foreign, TreeReader, TreeWriter
+from coclo_vio.values.tree_reader import TreeReader
+from coclo_vio.values.tree_writer import Foreign, TreeWriter
 from coclo_vio.values.whole_files import replacing
 
 FORMAT = 1
@@ -131,7 +133,7 @@ class Checkpoints:
                     "run cannot go on exactly; begin anew with --overwrite"
                 )
         starts = np.cumsum([0, *head["sizes"]]).tolist()
-        blocks = [data[start:end] for start, end in zip(starts[:-1], starts[1:], strict=True)]
+        blocks = [data[start:end] for start, end in pairwise(starts)]
         reader = TreeReader(head["table"], ArrayReader(blocks), self._index, _FOREIGN)
         values = reader.value(head["root"])
         values.pop("estimator")

@@ -16,6 +16,7 @@ from coclo_vio.runs import run_folder
 from coclo_vio.runs.output_logs import read_calibrations
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_figures import write_figures
+from coclo_vio.values.config import read_yaml
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,19 @@ def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluat
                 {name: learnt[-1] for name in record.estimators if (learnt := read_calibrations(folder, name))},
             ),
         )
+
+
+def evaluation_report(folder: Path, evaluations: Mapping[str, Evaluation]) -> Path:
+    """The files of ``write_comparison`` for a run folder, however its run ended; the path of the report.
+
+    Raises:
+        ConfigError: the folder's configuration is malformed.
+        DatasetError: a file cannot be written.
+    """
+    file = folder / "config.yaml"
+    config = RunConfig.parse(read_yaml(file) if file.is_file() else {}, str(file))
+    name = Path(run_folder.read_record(folder).dataset).name
+    return write_comparison(folder, report_title(name, config), evaluations, config)
 
 
 def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]) -> Path:

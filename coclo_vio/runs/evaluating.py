@@ -85,5 +85,7 @@ def _stopped(run: TrajectoryRecord, recording_ns: Interval | None) -> Iterator[s
     if how is not None:
         until = ""
         if run.last_ns is not None and recording_ns is not None:
-            until = f": its estimates end {(run.last_ns - recording_ns[0]) / NS_PER_S:.2f} s after the first measurement"
+            until = (
+                f": its estimates end {(run.last_ns - recording_ns[0]) / NS_PER_S:.2f} s after the first measurement"
+            )
         yield f"the run of {run.mode} {how}{until}"

@@ -188,7 +188,5 @@ class ModeRun:
 
     def _progressed(self) -> Progressed:
         summary = self._tally.summary(dict(self._ready.estimator.counts))
-        records = self._recorder.records(
-            summary, self._ready.sensors, is_running=True, resumed_ns=self._resumed_ns
-        )
+        records = self._recorder.records(summary, self._ready.sensors, is_running=True, resumed_ns=self._resumed_ns)
         return summary.recording_ns, records

@@ -7,6 +7,7 @@ from array import array
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+
 import numpy as np
 
 from coclo_vio.datasets.images import encoded

@@ -127,9 +127,7 @@ class Tally:
             began = time.perf_counter()
         self._compute_s += time.perf_counter() - began
 
-    def summary(
-        self, counts: Mapping[str, int], failure: str | None = None, *, is_stopped: bool = False
-    ) -> RunSummary:
+    def summary(self, counts: Mapping[str, int], failure: str | None = None, *, is_stopped: bool = False) -> RunSummary:
         """What it has come to so far.
 
         Args:

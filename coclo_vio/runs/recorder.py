@@ -71,9 +71,7 @@ class OutputRecorder:
             writer.flush()
         sizes = {name: writer.sizes for name, writer in self._states.items()}
         calibrations = self._calibrations
-        return RecorderState(
-            sizes, self._keyframes.state, calibrations.size, calibrations.last, self._pictures.written
-        )
+        return RecorderState(sizes, self._keyframes.state, calibrations.size, calibrations.last, self._pictures.written)
 
     def take(self, output: Output) -> None:
         """Write one output.
@@ -139,9 +137,13 @@ class OutputRecorder:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         failures = []
-        for writer in (*self._states.values(), self._keyframes, self._calibrations):
+        for close in (
+            *(writer.close for writer in self._states.values()),
+            self._keyframes.close,
+            self._calibrations.close,
+        ):
             try:
-                writer.close()
+                close()
             except OSError as failure:  # a full disk: the others are closed all the same
                 failures.append(failure)
         if failures and error is None:

@@ -30,6 +30,7 @@ from coclo_vio.values.measurements import IMAGE_SENSORS
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
 
+
 def run_modes(
     path: Path,
     names: Sequence[str],
@@ -58,7 +59,8 @@ def run_modes(
         ending: what becomes of earlier results, and what stops the run; earlier results are refused if None.
 
     Raises:
-        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or no mode has what it needs.
+        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or no mode has
+            what it needs.
     """
     modes = {name: mode_of(name) for name in names}  # a misspelt mode is found before anything runs
     ending = ending or Ending()

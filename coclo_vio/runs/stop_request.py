@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class RunStopped(KeyboardInterrupt):  # noqa: N818 -- a condition, as KeyboardInterrupt
+class RunStopped(KeyboardInterrupt):
     """The run was asked to stop; its files are written, its record says so."""
 
 
@@ -22,6 +22,7 @@ class StopRequest:
         self.is_polled = False
 
     def __call__(self) -> bool:
+        """Whether the run is to stop."""
         return self.is_requested
 
     def request(self) -> None:

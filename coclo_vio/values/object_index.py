@@ -97,6 +97,18 @@ def _is_foreign(kind: type) -> bool:
 
 
 _FOREIGN = frozenset(
-    {"gtsam", "pinocchio", "cv2", "numpy", "numba", "threading", "_thread", "queue", "concurrent", "logging", "functools"}
+    {
+        "gtsam",
+        "pinocchio",
+        "cv2",
+        "numpy",
+        "numba",
+        "threading",
+        "_thread",
+        "queue",
+        "concurrent",
+        "logging",
+        "functools",
+    }
     | {"collections", "itertools", "weakref", "_queue", "_weakref", "llvmlite", "ctypes", "_ctypes", "multiprocessing"}
 )

@@ -82,7 +82,7 @@ def test_modes_that_had_finished_stay_and_the_others_go_on(leg_log: Path, tmp_pa
     modes = ["naive", "naive_weighted", "naive_rolling"]
     left = _killed(leg_log, tmp_path, modes, ("naive_weighted", 1_040_000_000))
     ran: dict[str, int] = {}
-    run_modes(leg_log, modes, CONFIG, left, progress=lambda name, at_ns: ran.setdefault(name, at_ns), ending=RESUME)
+    run_modes(leg_log, modes, CONFIG, left, progress=ran.setdefault, ending=RESUME)
     assert ran == {"naive_weighted": NS, "naive_rolling": 0}
     assert _files(left) == _files(tmp_path / "whole")
     again: list[str] = []
@@ -143,7 +143,9 @@ def test_a_checkpoint_of_another_format_or_code_is_refused(
 ) -> None:
     left = _killed(leg_log, tmp_path, ["naive"], ("naive", 1_740_000_000))
     monkeypatch.setattr(checkpoint, "FORMAT", 99)
-    with pytest.raises(DatasetError, match=r"naive\.npz was written by another format of checkpoints \(1, this is 99\)"):
+    with pytest.raises(
+        DatasetError, match=r"naive\.npz was written by another format of checkpoints \(1, this is 99\)"
+    ):
         run_modes(leg_log, ["naive"], CONFIG, left, ending=RESUME)
     monkeypatch.setattr(checkpoint, "FORMAT", 1)
     monkeypatch.setattr(checkpoint, "code_digest", lambda: "0123")

@@ -12,8 +12,8 @@ from coclo_vio.geometry import se3, so3
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.recorder import failed_records
-from coclo_vio.runs.state_writer import StateWriter
 from coclo_vio.runs.run_record import GroundTruthRecord, RunRecord
+from coclo_vio.runs.state_writer import StateWriter
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
