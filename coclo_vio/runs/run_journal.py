@@ -2,8 +2,8 @@
 """``run.json`` of a run that goes on: written at its start, every second, and when it ends in whatever way."""
 
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -66,14 +66,24 @@ class RunJournal:
         if time.monotonic() - self._written_s >= _EVERY_S:
             self.update(progressed())
 
-    def end(self, record: RunRecord) -> RunRecord:
-        """Write the last record: ``interrupted`` if a mode was, ``failed`` if all did, otherwise ``finished``.
+    def end(self, record: RunRecord, *, is_stopped: bool = False) -> RunRecord:
+        """Write the last record: ``interrupted`` if it was, ``failed`` if all modes did, otherwise ``finished``.
 
         Raises:
             OSError: it cannot be written.
         """
-        self._write(record.model_copy(update={"status": _status(record.by_mode())}))
+        status = "interrupted" if is_stopped else _status(record.by_mode())
+        self._write(record.model_copy(update={"status": status}))
         return self.record
+
+    @contextmanager
+    def kept_on_errors(self) -> Iterator[None]:
+        """While the run goes on: an error or an interrupt is in the record before it is raised on."""
+        try:
+            yield
+        except BaseException as error:
+            self.abandon(error)
+            raise
 
     def abandon(self, error: BaseException) -> None:
         """Write, if possible, that the run ended with an error or an interrupt."""

@@ -78,14 +78,11 @@ def run_modes(
         raise lacks[0]
     _check_apart(folder, path)
     earlier = earlier_run(folder, path, resolved) if ending.existing is Existing.RESUME else None
-    run_folder.prepare(folder)
-    if earlier is None:
-        run_folder.clear(folder)
-        forget_all(folder)
+    _prepare(folder, is_new=earlier is None)
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
         journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis), earlier)
-        try:
+        with journal.kept_on_errors():
             for name, ready in prepared.items():
                 if ending.is_requested:
                     break
@@ -96,10 +93,15 @@ def run_modes(
                 else:
                     observers = Observers(progress, watch, ending.stop)
                     ModeRun(ready, journal, observers, resumes=earlier is not None).run(dataset, faults)
-            return journal.end(_with_reader(journal.record, dataset))
-        except BaseException as error:
-            journal.abandon(error)
-            raise
+            return journal.end(_with_reader(journal.record, dataset), is_stopped=ending.is_requested)
+
+
+def _prepare(folder: Path, *, is_new: bool) -> None:
+    """Make the folder; for a new run without what an earlier one left."""
+    run_folder.prepare(folder)
+    if is_new:
+        run_folder.clear(folder)
+        forget_all(folder)
 
 
 def _check_apart(folder: Path, recording: Path) -> None:
