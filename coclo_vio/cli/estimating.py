@@ -31,7 +31,7 @@ from coclo_vio.cli.terminal import give, give_json
 from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
-from coclo_vio.runs.comparison_report import report_title
+from coclo_vio.runs.comparison_report import evaluation_report, report_title
 from coclo_vio.runs.evaluating import evaluation_config
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.result_bag import write_run_bag
@@ -136,6 +136,9 @@ def evaluate(
     config: ConfigOption = None,
     settings: SetOption = None,
     as_json: JsonOption = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write report.html and figures into the run folder, as compare does.")
+    ] = False,
 ) -> None:
     """Measure trajectories against ground truth."""
     evaluation = evaluation_config(config or run_or_tum / "config.yaml", settings or ())
@@ -155,5 +158,8 @@ def evaluate(
         print_table(evaluations, str(run_or_tum))
         print_ranking(evaluations, evaluation)
     print_failures(failures)
+    if report and run_or_tum.is_dir():
+        whole = evaluation_report(run_or_tum, evaluations)
+        give(f"report: {whole}")
     if not evaluations:
         raise DatasetError(f"nothing in {run_or_tum} could be evaluated")

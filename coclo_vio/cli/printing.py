@@ -60,6 +60,8 @@ def print_run(record: RunRecord, folder: Path, *, brief: bool = False) -> None:
 
 def _run_lines(trajectory: TrajectoryRecord, pictures: Path, *, brief: bool) -> Iterator[str]:
     """What a mode read, counted and met with, in lines."""
+    for stamp_ns in trajectory.resumed_ns:
+        yield f"resumed after the measurement at {stamp_ns} ns"
     counts = ", ".join(f"{key} {value}" for key, value in trajectory.counts.items() if value)
     if "joints" not in trajectory.sensors and not brief:
         yield f"reads {', '.join(trajectory.sensors)}"

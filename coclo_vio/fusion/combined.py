@@ -81,9 +81,13 @@ class CombinedOdometry(KeyframeBridge[FramesInTurn]):
     @property
     def counts(self) -> Mapping[str, int]:
         """What was counted here, and by filter, front end and smoother, once the frame in process is done."""
+        self.settle()
+        return super().counts
+
+    def settle(self) -> None:
+        """Wait for the frame that is processed beside the filter, whose result is taken when it is due all the same."""
         if self._in_process is not None:
             wait([self._in_process[1].processed])
-        return super().counts
 
     def _end(self) -> Iterator[Output]:
         """The results of the last frame and of the last keyframe, which no later measurement fetches."""

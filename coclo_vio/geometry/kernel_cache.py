@@ -15,7 +15,7 @@ from numba.core.caching import FunctionCache
 _PACKAGE = __name__.partition(".")[0]
 
 
-class KernelCache(FunctionCache):  # type: ignore[misc]
+class KernelCache(FunctionCache):
     """numba's cache of one kernel, whose index is void when anything that was compiled in has changed."""
 
     _is_stamped = False
@@ -23,12 +23,12 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """As numba's."""
         self._stamp()
-        return super().load_overload(sig, target_context)
+        return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """As numba's."""
         self._stamp()
-        super().save_overload(sig, data)
+        super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
     def _stamp(self) -> None:
         """Add the digest to the stamp of the file; only now, as the module of the kernel is complete."""

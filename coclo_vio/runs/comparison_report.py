@@ -19,6 +19,7 @@ from coclo_vio.runs.output_logs import read_calibrations
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_figures import write_figures
 from coclo_vio.runs.run_plots import zoomable_plots
+from coclo_vio.values.config import read_yaml
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,19 @@ def write_comparison(folder: Path, title: str, evaluations: Mapping[str, Evaluat
             ),
             zoomable_plots(drawn) if evaluations and can_zoom() else (),
         )
+
+
+def evaluation_report(folder: Path, evaluations: Mapping[str, Evaluation]) -> Path:
+    """The files of ``write_comparison`` for a run folder, however its run ended; the path of the report.
+
+    Raises:
+        ConfigError: the folder's configuration is malformed.
+        DatasetError: a file cannot be written.
+    """
+    file = folder / "config.yaml"
+    config = RunConfig.parse(read_yaml(file) if file.is_file() else {}, str(file))
+    name = Path(run_folder.read_record(folder).dataset).name
+    return write_comparison(folder, report_title(name, config), evaluations, config)
 
 
 def write_comparisons(folder: Path, title: str, compared: Mapping[str, Compared]) -> Path:

@@ -5,7 +5,7 @@ import csv
 import logging
 from array import array
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -37,10 +37,27 @@ class KeyframeWriter:
     Its columns are the fields of ``KeyframeHealth``. Without a keyframe there is no file.
     """
 
-    def __init__(self, folder: Path, estimator: str) -> None:
+    def __init__(self, folder: Path, estimator: str, state: "KeyframeLogState | None" = None) -> None:
+        """Begin, or go on from a state.
+
+        Raises:
+            OSError: the file cannot be written.
+            DatasetError: it has lost rows.
+        """
         self._path = keyframes_path(folder, estimator)
         self._out: LineFile | None = None
         self._kept = {name: array("d") for name in _SUMMED}
+        if state is not None and state.size:
+            self._out = LineFile(self._path, state.size)
+            self._kept = {name: array("d", kept) for name, kept in state.kept.items()}
+        else:
+            self._path.unlink(missing_ok=True)
+
+    @property
+    def state(self) -> "KeyframeLogState":
+        """To go on from."""
+        kept = {name: array("d", kept) for name, kept in self._kept.items()}
+        return KeyframeLogState(0 if self._out is None else self._out.size, kept)
 
     def write(self, health: KeyframeHealth) -> None:
         """Append one keyframe."""
@@ -71,6 +88,19 @@ class KeyframeWriter:
         """Close the file, if there is one."""
         if self._out is not None:
             self._out.close()
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeLogState:
+    """How far a file of keyframes is written.
+
+    Attributes:
+        size: bytes.
+        kept: what is summed up, by column.
+    """
+
+    size: int
+    kept: Mapping[str, "array[float]"]
 
 
 def keyframes_path(folder: Path, estimator: str) -> Path:
@@ -157,10 +187,23 @@ class CalibrationWriter:
     Without a calibration there is no file.
     """
 
-    def __init__(self, folder: Path, trajectory: str) -> None:
+    def __init__(self, folder: Path, trajectory: str, size: int = 0, last: Calibration | None = None) -> None:
+        """Begin, or go on after so many bytes and the last calibration.
+
+        Raises:
+            OSError: the file cannot be written.
+            DatasetError: it has lost rows.
+        """
         self._path = folder / f"{trajectory}_calibration.csv"
-        self._out: LineFile | None = None
-        self.last: Calibration | None = None
+        self._out: LineFile | None = LineFile(self._path, size) if size else None
+        self.last = last
+        if not size:
+            self._path.unlink(missing_ok=True)
+
+    @property
+    def size(self) -> int:
+        """Bytes that are written."""
+        return 0 if self._out is None else self._out.size
 
     def write(self, calibration: Calibration) -> None:
         """Append one."""
@@ -201,9 +244,9 @@ def _calibration(row: list[str]) -> Calibration:
 class PictureWriter:
     """Writes frames with their tracks drawn on them to ``debug_images/<mode>/<stamp in ns>.jpg``."""
 
-    def __init__(self, folder: Path, estimator: str) -> None:
+    def __init__(self, folder: Path, estimator: str, written: int = 0) -> None:
         self._folder = folder / "debug_images" / estimator
-        self.written = 0
+        self.written = written
 
     def write(self, picture: Picture) -> None:
         """Write one."""

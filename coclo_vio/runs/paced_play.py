@@ -66,7 +66,8 @@ def paced_feed(rate: float, seconds: float | None = None, *, max_lag_s: float = 
 
 
 def for_use_online(config: RunConfig) -> RunConfig:
-    """The configuration with frames beside the filter, where it leaves that open."""
+    """The configuration without checkpoints, and with frames beside the filter where it leaves that open."""
+    config = config.model_copy(update={"checkpoints": config.checkpoints.model_copy(update={"interval_s": 0.0})})
     if config.bridge.vision != "auto":
         return config
     return config.model_copy(update={"bridge": config.bridge.model_copy(update={"vision": "beside"})})

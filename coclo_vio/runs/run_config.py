@@ -24,6 +24,14 @@ from coclo_vio.values.config import StageConfig, merged, parse_settings, read_ya
 from coclo_vio.values.errors import ConfigError, listing, shortened
 
 
+class CheckpointConfig(StageConfig):
+    """Checkpoints of a run, which ``--resume`` goes on from."""
+
+    interval_s: Annotated[
+        float, Field(ge=0.0, description="seconds of recording between two checkpoints; 0 writes none")
+    ] = 60.0
+
+
 class RunConfig(StageConfig):
     """Everything a run depends on; ``config.yaml`` of a run folder repeats the run."""
 
@@ -41,6 +49,7 @@ class RunConfig(StageConfig):
     faults: Annotated[FaultsConfig, Field(description="what goes wrong on purpose")] = FaultsConfig()
     evaluation: Annotated[EvaluationConfig, Field(description="comparison with ground truth")] = EvaluationConfig()
     live: Annotated[LiveConfig, Field(description="running on a wire")] = LiveConfig()
+    checkpoints: Annotated[CheckpointConfig, Field(description="of a run, to resume from")] = CheckpointConfig()
     imu_calibration: Annotated[
         Literal["recording", "robot"],
         Field(description="which mounting and noise of the IMU counts where both recording and robot have one"),

@@ -197,11 +197,13 @@ def read_estimates(folder: Path, name: str) -> RecordedTrajectory:
     covariance = np.zeros((len(poses), 6, 6))
     for row, column in UPPER:
         covariance[:, row, column] = covariance[:, column, row] = columns[f"pose_covariance_{row}{column}"]
-    velocity, *others = (np.stack([columns[f"{vector}_{axis}"] for axis in "xyz"], axis=1) for vector in VECTORS)
+    velocity, rate, gyroscope_bias, accelerometer_bias = (
+        np.stack([columns[f"{vector}_{axis}"] for axis in "xyz"], axis=1) for vector in VECTORS
+    )
     trajectory = Trajectory(poses.stamps_ns, poses.T_world_body, velocity, covariance)
     legs = tuple(column.rpartition(".")[0] for column in columns if column.endswith(".contact_probability"))
     probability = np.array([columns[f"{leg}.contact_probability"] for leg in legs]).reshape(len(legs), len(poses)).T
-    return RecordedTrajectory(name, trajectory, probability, legs, *others, notes=notes)
+    return RecordedTrajectory(name, trajectory, probability, legs, rate, gyroscope_bias, accelerometer_bias, notes)
 
 
 def _read_poses(folder: Path, name: str) -> tuple[Trajectory, dict[str, Array], tuple[str, ...]]:

@@ -2,8 +2,8 @@
 """``run.json`` of a run that goes on: written at its start, every second, and when it ends in whatever way."""
 
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -23,15 +23,26 @@ class RunJournal:
         record: as written last.
     """
 
-    def __init__(self, folder: Path, record: RunRecord) -> None:
+    def __init__(self, folder: Path, record: RunRecord, earlier: RunRecord | None = None) -> None:
         """Write the first record.
+
+        Args:
+            folder: of the run.
+            record: without any mode.
+            earlier: of the run that goes on; None for a new one.
 
         Raises:
             OSError: it cannot be written.
         """
         self.folder = folder
         self.record = record
-        self._write(record.model_copy(update={"status": "running", "failure": None}))
+        known = {} if earlier is None else {key: getattr(earlier, key) for key in ("estimators", "recording_ns")}
+        self._write(record.model_copy(update={**known, "status": "running", "failure": None}))
+
+    def has_ended(self, mode: str) -> bool:
+        """Whether a mode has come to its end by itself, in this run or the one that goes on."""
+        run = self.record.by_mode().get(mode)
+        return run is not None and run.status in ("finished", "failed")
 
     def update(self, progressed: Progressed) -> None:
         """Write what a mode has come to.
@@ -55,14 +66,24 @@ class RunJournal:
         if time.monotonic() - self._written_s >= _EVERY_S:
             self.update(progressed())
 
-    def end(self, record: RunRecord) -> RunRecord:
-        """Write the last record: ``interrupted`` if a mode was, ``failed`` if all did, otherwise ``finished``.
+    def end(self, record: RunRecord, *, is_stopped: bool = False) -> RunRecord:
+        """Write the last record: ``interrupted`` if it was, ``failed`` if all modes did, otherwise ``finished``.
 
         Raises:
             OSError: it cannot be written.
         """
-        self._write(record.model_copy(update={"status": _status(record.by_mode())}))
+        status = "interrupted" if is_stopped else _status(record.by_mode())
+        self._write(record.model_copy(update={"status": status}))
         return self.record
+
+    @contextmanager
+    def kept_on_errors(self) -> Iterator[None]:
+        """While the run goes on: an error or an interrupt is in the record before it is raised on."""
+        try:
+            yield
+        except BaseException as error:
+            self.abandon(error)
+            raise
 
     def abandon(self, error: BaseException) -> None:
         """Write, if possible, that the run ended with an error or an interrupt."""
@@ -70,7 +91,7 @@ class RunJournal:
         status: Status = "failed" if is_failure else "interrupted"
         failure = f"{type(error).__name__}: {error}" if is_failure else None
         trajectories = {
-            name: run if run.status != "running" else run.model_copy(update={"status": status, "failure": failure})
+            name: run if run.status != "running" else run.model_copy(update={"status": "interrupted"})
             for name, run in self.record.estimators.items()
         }
         update = {"status": status, "failure": failure, "estimators": trajectories}

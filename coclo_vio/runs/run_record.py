@@ -136,6 +136,7 @@ class TrajectoryRecord(_Part):
         failure: why it stopped early, None where it went through.
         status: whether it still runs, or how it ended.
         last_ns: stamp of its last estimate, None without any.
+        resumed_ns: stamps of the measurements after which ``--resume`` went on.
     """
 
     mode: str
@@ -154,6 +155,7 @@ class TrajectoryRecord(_Part):
     failure: str | None
     status: Status = "finished"
     last_ns: int | None = None
+    resumed_ns: tuple[int, ...] = ()
 
 
 class GroundTruthRecord(_Part):

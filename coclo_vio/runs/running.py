@@ -1,37 +1,37 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording through several modes into one run folder."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager, nullcontext, suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from coclo_vio import __version__
 from coclo_vio.datasets.dataset import Dataset, open_dataset, robot_fit
-from coclo_vio.datasets.read_ahead import read_ahead
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.diagnosis.diagnose import Diagnosis
-from coclo_vio.runs import pipeline, run_folder
+from coclo_vio.runs import run_folder
+from coclo_vio.runs.checkpoint import forget_all
 from coclo_vio.runs.contact_source import with_contact_source
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.faults import Faults
 from coclo_vio.runs.guarding import guarded
+from coclo_vio.runs.mode_run import ModeRun, PreparedMode
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.paced_feed import PacedFeed
 from coclo_vio.runs.preflight import preflight, refusal, truth_errors
-from coclo_vio.runs.recorder import OutputRecorder, failed_records
-from coclo_vio.runs.recording_view import seen
+from coclo_vio.runs.recorder import failed_records
+from coclo_vio.runs.resuming import earlier_run
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_folder import Existing
-from coclo_vio.runs.run_journal import Progressed, RunJournal
+from coclo_vio.runs.run_journal import RunJournal
 from coclo_vio.runs.run_record import FindingRecord, GroundTruthRecord, RunRecord, union
+from coclo_vio.runs.run_source import RunSource
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.config import write_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
-from coclo_vio.values.measurements import IMAGE_SENSORS, Measurement
-from coclo_vio.values.outputs import Estimator, Output
+from coclo_vio.values.measurements import IMAGE_SENSORS
 
 _IMAGE_STREAMS = frozenset(STREAM_NAMES[sensor] for sensor in IMAGE_SENSORS)
 
@@ -86,23 +86,32 @@ def run_modes(
     if len(lacks) == len(prepared) and lacks:
         raise lacks[0]
     _check_apart(folder, path)
-    run_folder.clear(run_folder.prepare(folder))
+    earlier = earlier_run(folder, path, resolved) if ending.existing is Existing.RESUME else None
+    _prepare(folder, is_new=earlier is None)
     with run_folder.writing(folder):
         write_yaml(resolved, folder / "config.yaml")
-        journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis))
-        source = _Source(path, dataset, resolved, faults, feed)
-        try:
+        journal = RunJournal(folder, _described(path, dataset, config, resolved, folder, diagnosis), earlier)
+        source = RunSource(path, dataset, resolved, faults, feed)
+        with journal.kept_on_errors():
             for name, ready in prepared.items():
                 if ending.is_requested:
                     break
+                if journal.has_ended(name):
+                    continue
                 if isinstance(ready, CocloError):
                     journal.update((None, failed_records(modes[name], str(ready))))
                 else:
-                    _run_one(ready, source, journal, observers, ending.stop)
-            return journal.end(_with_reader(journal.record, dataset))
-        except BaseException as error:
-            journal.abandon(error)
-            raise
+                    run = ModeRun(ready, journal, observers, ending.stop, resumes=earlier is not None)
+                    run.run(source)
+            return journal.end(_with_reader(journal.record, dataset), is_stopped=ending.is_requested)
+
+
+def _prepare(folder: Path, *, is_new: bool) -> None:
+    """Make the folder; for a new run without what an earlier one left."""
+    run_folder.prepare(folder)
+    if is_new:
+        run_folder.clear(folder)
+        forget_all(folder)
 
 
 def _check_apart(folder: Path, recording: Path) -> None:
@@ -138,28 +147,9 @@ class Ending:
         return self.stop is not None and self.stop.is_requested
 
 
-@dataclass(frozen=True, slots=True)
-class _Prepared:
-    """A mode that can run.
-
-    Attributes:
-        mode: which.
-        estimator: a fresh one.
-        sensors: what it reads of the recording.
-        leg_names: of the robot whose legs it follows.
-        reads_ahead: whether a thread reads ahead of the estimator.
-    """
-
-    mode: Mode
-    estimator: Estimator
-    sensors: frozenset[type]
-    leg_names: tuple[str, ...]
-    reads_ahead: bool
-
-
 def _prepared(
     mode: Mode, path: Path, dataset: Dataset, config: RunConfig, pictures_every: int | None
-) -> _Prepared | CocloError:
+) -> PreparedMode | CocloError:
     """A mode made ready, or what it lacks."""
     if mode.has_legs and config.robot is None:
         return robot_fit(path, config.dataset).unknown_robot_error(path)
@@ -169,10 +159,16 @@ def _prepared(
     except CocloError as error:
         return error
     legs = () if equipment.robot is None else equipment.robot.leg_names
-    return _Prepared(mode, estimator, mode.sensors_of(equipment), legs, config.dataset.reading_threads > 0)
+    return PreparedMode(
+        mode,
+        estimator,
+        mode.sensors_of(equipment),
+        legs,
+        config.checkpoints.interval_s,
+    )
 
 
-def _contradicted(mode: Mode, ready: "_Prepared | CocloError", diagnosis: Diagnosis) -> CocloError | None:
+def _contradicted(mode: Mode, ready: PreparedMode | CocloError, diagnosis: Diagnosis) -> CocloError | None:
     """Why a mode cannot be right, whether it could run or not; or None."""
     return refusal(diagnosis, mode.sensors if isinstance(ready, CocloError) else ready.sensors)
 
@@ -195,70 +191,6 @@ def _described(
         faults=None if resolved.faults.is_none else resolved.faults.model_dump(mode="json"),
         findings=tuple(map(FindingRecord.of, diagnosis.findings)),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """Where an estimator's measurements come from.
-
-    Attributes:
-        path: of the recording.
-        dataset: its reader.
-        config: resolved configuration.
-        faults: on the measurements.
-        feed: plays them by their stamps, if there is one.
-    """
-
-    path: Path
-    dataset: Dataset
-    config: RunConfig
-    faults: Faults
-    feed: PacedFeed | None
-
-    @contextmanager
-    def opened(self, ready: _Prepared) -> Iterator[tuple[Estimator, Iterable[Measurement]]]:
-        """The estimator, and its measurements."""
-        if self.feed is not None:
-            stereo = self.dataset.stereo_calibration()
-            with self.feed.open(ready.estimator, self.path, self.config, ready.sensors, stereo) as fed:
-                yield fed
-            return
-        measurements = self.faults.measurements(self.dataset.measurements, ready.sensors)
-        with closing(read_ahead(measurements)) if ready.reads_ahead else nullcontext(measurements) as source:
-            yield ready.estimator, source
-
-
-def _run_one(
-    ready: _Prepared, source: _Source, journal: RunJournal, observers: Observers, stop: StopRequest | None
-) -> None:
-    """Run one mode, and keep what it comes to in the journal."""
-    name = ready.mode.name
-    tally = pipeline.Tally()
-    with OutputRecorder(journal.folder, ready.mode, ready.leg_names) as recorder:
-
-        def progressed() -> Progressed:
-            summary = tally.summary(dict(ready.estimator.counts))
-            return summary.recording_ns, recorder.records(summary, ready.sensors, is_running=True)
-
-        def take(output: Output) -> None:
-            if observers.keep(output):
-                recorder.take(output)
-            observers.take(name, output)
-
-        def advance(stamp_ns: int) -> None:
-            journal.tick(progressed)
-            observers.advance(name, stamp_ns)
-
-        journal.update(progressed())
-        try:
-            with source.opened(ready) as (estimator, measurements), nullcontext() if stop is None else stop.polled():
-                shown = measurements if observers.view is None else seen(measurements, observers.view)
-                summary = pipeline.run(estimator, shown, take, advance, tally=tally, stop=stop)
-        except BaseException:
-            with suppress(OSError):
-                journal.update(progressed())
-            raise
-    journal.update((summary.recording_ns, recorder.records(summary, ready.sensors)))
 
 
 def _with_reader(record: RunRecord, dataset: Dataset) -> RunRecord:

@@ -22,6 +22,7 @@ class StopRequest:
         self.is_polled = False
 
     def __call__(self) -> bool:
+        """Whether the run is to stop."""
         return self.is_requested
 
     def request(self) -> None:

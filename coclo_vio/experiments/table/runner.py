@@ -27,6 +27,7 @@ _ONE_THREAD = dict.fromkeys(
 )
 _POLL_S = 0.2
 _GRACE_S = 10.0
+_MOST_DEATHS = 3  # of worker processes in a run
 
 
 class _Stopped(BaseException):
@@ -40,10 +41,39 @@ def run_here(work: Sequence[WorkUnit], report: ProgressCallback) -> None:
 
 
 def run_in_processes(work: Sequence[WorkUnit], workers: int, report: ProgressCallback) -> None:
-    """All units in ``workers`` processes.
+    """All units in ``workers`` processes. Where one dies, new ones go on with the jobs that are not finished.
 
     Raises:
-        DatasetError: a process died, or a finished job could not be stored.
+        DatasetError: processes died again and again, or a finished job could not be stored.
+    """
+    remaining = list(work)
+    for _ in range(_MOST_DEATHS):
+        ended: set[str] = set()
+
+        def follow(step: WorkProgress, ended: set[str] = ended) -> None:
+            if step.kind == "ended":
+                ended.add(step.name)
+            report(step)
+
+        try:
+            _run_once(remaining, min(workers, len(remaining)), follow)
+            return
+        except BrokenProcessPool as error:
+            last = error
+            remaining = [unit for unit in remaining if unit.name not in ended]
+            if not remaining:
+                return
+    raise DatasetError(
+        f"worker processes died {_MOST_DEATHS} times; without an error of their own above they ran out of memory: run "
+        "again with fewer --workers, the finished jobs are kept"
+    ) from last
+
+
+def _run_once(work: Sequence[WorkUnit], workers: int, report: ProgressCallback) -> None:
+    """All units in one set of processes.
+
+    Raises:
+        BrokenProcessPool: one of them died.
     """
     spawn = multiprocessing.get_context("spawn")
     steps: Queue[WorkProgress] = spawn.Queue()
@@ -53,11 +83,8 @@ def run_in_processes(work: Sequence[WorkUnit], workers: int, report: ProgressCal
         with environment(_ONE_THREAD):  # processes are started while work is handed in, and inherit it
             pending = {pool.submit(_work, unit) for unit in work}
             _follow(pending, steps, report)
-    except BrokenProcessPool as error:
-        raise DatasetError(
-            "a worker process died; without an error of its own above it ran out of memory: run again with fewer "
-            "--workers, the finished jobs are kept"
-        ) from error
+    except BrokenProcessPool:
+        raise
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         _stop([child for child in multiprocessing.active_children() if child not in unrelated])

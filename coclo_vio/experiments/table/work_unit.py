@@ -62,7 +62,7 @@ def units(plan: TablePlan, recordings: Recordings, store: JobStore, kept: Mappin
 
 
 def run_unit(unit: WorkUnit, report: ProgressCallback) -> None:
-    """Run all jobs of a unit, each stored as soon as it is finished.
+    """Run the jobs of a unit that are not finished, each stored as soon as it is.
 
     Args:
         unit: the jobs.
@@ -82,6 +82,9 @@ def run_unit(unit: WorkUnit, report: ProgressCallback) -> None:
     is_complete = True
     for job in unit.jobs:
         name = f"{unit.prefix}{job.name}"
+        kept = unit.store.read(job)
+        if kept is not None and kept.failure is None:  # finished by a worker that died afterwards
+            continue
         report(WorkProgress("running", name))
         record = (
             run_job(job, unit.plan, unit.recordings, unit.store) if reason is None else failed(job, unit.plan, reason)

@@ -4,6 +4,7 @@
 import multiprocessing
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import time
@@ -130,7 +131,22 @@ def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on(made: Made) -> No
     assert dict(os.environ) == threads
 
 
-def test_a_process_that_dies_is_an_error_with_the_next_step(made: Made) -> None:
+def test_a_process_that_is_killed_is_replaced_and_finished_jobs_are_not_done_again(made: Made) -> None:
+    table = made(seeds=2)
+    steps: list[WorkProgress] = []
+
+    def kill_once(step: WorkProgress) -> None:
+        steps.append(step)
+        if step.kind == "done" and sum(each.kind == "done" for each in steps) == 1:
+            for child in multiprocessing.active_children():
+                child.kill()
+
+    run_in_processes(work_of(table), 1, kill_once)
+    assert work_of(table) == []
+    assert sum(step == WorkProgress("done", "flat_1_naive") for step in steps) == 1
+
+
+def test_processes_that_die_again_and_again_are_an_error_with_the_next_step(made: Made) -> None:
     table = made()
     (unit,) = work_of(table)
 
@@ -163,3 +179,21 @@ def test_without_dask_the_error_has_the_command_that_installs_it(made: Made, mon
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"pip install 'coclo-vio\[cluster\]'"):
         run_work(work_of(made()), 1, "tcp://127.0.0.1:9", lambda _: None)
+
+
+def test_a_worker_of_a_cluster_that_is_killed_is_survived(made: Made, tmp_path: Path) -> None:
+    table = made(seeds=3)
+    killed: list[int] = []
+    here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(2, threads_per_worker=1, processes=True, local_directory=str(tmp_path), **here) as local:
+
+        def kill_once(step: WorkProgress) -> None:
+            if step.kind == "running" and not killed:
+                worker = next(iter(local.workers.values()))
+                killed.append(worker.pid)
+                os.kill(worker.pid, signal.SIGKILL)
+
+        run_work(work_of(table), 1, local.scheduler_address, kill_once)
+    assert killed
+    assert work_of(table) == []
+    assert half_files(table) == []
