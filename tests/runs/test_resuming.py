@@ -10,6 +10,7 @@ import yaml
 
 from coclo_vio.runs import checkpoint, run_folder
 from coclo_vio.runs.evaluating import evaluate_run
+from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_folder import Existing
 from coclo_vio.runs.run_record import RunRecord
@@ -31,7 +32,7 @@ def _killed(leg_log: Path, folder: Path, modes: list[str], at: tuple[str, int]) 
         if (name, stamp_ns) == at and not left.exists():
             shutil.copytree(folder / "whole", left)
 
-    run_modes(leg_log, modes, CONFIG, folder / "whole", progress=progress)
+    run_modes(leg_log, modes, CONFIG, folder / "whole", observers=Observers(progress=progress))
     return left
 
 
@@ -57,7 +58,8 @@ def test_a_killed_run_goes_on_and_equals_one_that_was_not(
     left = _killed(leg_log, tmp_path, [mode], (mode, at_ns))
     assert RunRecord.read(left / "run.json").status == "running"
     read: list[int] = []
-    record = run_modes(leg_log, [mode], CONFIG, left, progress=lambda _, stamp_ns: read.append(stamp_ns), ending=RESUME)
+    observers = Observers(progress=lambda _, stamp_ns: read.append(stamp_ns))
+    record = run_modes(leg_log, [mode], CONFIG, left, observers=observers, ending=RESUME)
     run = record.estimators[mode]
     assert (record.status, run.status) == ("finished", "finished")
     assert run.resumed_ns == (() if from_ns is None else (from_ns,))
@@ -82,11 +84,12 @@ def test_modes_that_had_finished_stay_and_the_others_go_on(leg_log: Path, tmp_pa
     modes = ["naive", "naive_weighted", "naive_rolling"]
     left = _killed(leg_log, tmp_path, modes, ("naive_weighted", 1_040_000_000))
     ran: dict[str, int] = {}
-    run_modes(leg_log, modes, CONFIG, left, progress=ran.setdefault, ending=RESUME)
+    run_modes(leg_log, modes, CONFIG, left, observers=Observers(progress=ran.setdefault), ending=RESUME)
     assert ran == {"naive_weighted": NS, "naive_rolling": 0}
     assert _files(left) == _files(tmp_path / "whole")
     again: list[str] = []
-    record = run_modes(leg_log, modes, CONFIG, left, progress=lambda name, _: again.append(name), ending=RESUME)
+    observers = Observers(progress=lambda name, _: again.append(name))
+    record = run_modes(leg_log, modes, CONFIG, left, observers=observers, ending=RESUME)
     assert (again, record.status) == ([], "finished")
 
 
@@ -101,7 +104,8 @@ def test_a_run_that_was_asked_to_stop_goes_on_exactly_there_and_may_stop_again(l
                 stop.request()
 
         ending = Ending(Existing.RESUME, stop)
-        record = run_modes(leg_log, ["coclo"], CONFIG, tmp_path / "parts", progress=progress, ending=ending)
+        observers = Observers(progress=progress)
+        record = run_modes(leg_log, ["coclo"], CONFIG, tmp_path / "parts", observers=observers, ending=ending)
     assert record is not None
     assert record.estimators["coclo"].resumed_ns == (700_000_000, 1_900_000_000)
     assert record.status == "finished"
@@ -183,7 +187,7 @@ def test_without_an_interval_there_are_no_checkpoints_and_resuming_begins_anew(l
             ["naive"],
             config,
             tmp_path,
-            progress=lambda _, stamp_ns: stop.request() if stamp_ns > NS else None,
+            observers=Observers(progress=lambda _, stamp_ns: stop.request() if stamp_ns > NS else None),
             ending=ending,
         )
         assert not (tmp_path / "checkpoints").exists()
