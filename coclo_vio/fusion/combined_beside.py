@@ -61,6 +61,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         names: tuple[str, str] = ("combined_coclo", "combined_vins"),
         check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
+        reports_innovations: bool = False,
     ) -> None:
         """Join the two.
 
@@ -71,8 +72,17 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
             names: of the filter's trajectory and of the smoother's.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
+            reports_innovations: whether the innovation of each keyframe's evidence is an output.
         """
-        super().__init__(leg_filter, process, config, names=names, check=check, time_offset_s=time_offset_s)
+        super().__init__(
+            leg_filter,
+            process,
+            config,
+            names=names,
+            check=check,
+            time_offset_s=time_offset_s,
+            reports_innovations=reports_innovations,
+        )
         self._first: tuple[MarkedFrame, Future[Processed]] | None = None  # in process, and begins a window
         self._in_process: InProcess | None = None
         self._waiting: tuple[HeldFrame, _Image, StateEstimate] | None = None  # and the filter's last estimate then
@@ -253,6 +263,7 @@ def combined_beside(
         config,
         check=RotationCheck(rig, leg_filter.imu_rotation),
         time_offset_s=stereo.time_offset_s,
+        reports_innovations=pictures_every is not None,
     )
 
 
@@ -268,4 +279,5 @@ def _stages(
     from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415 -- loads GTSAM
 
     frontend, rig = stereo_stages(stereo, config, has_frames=has_frames)
-    return VisionStages(VisionChain(frontend, pictures_every), SlidingWindowSmoother(rig, smoother))
+    window = SlidingWindowSmoother(rig, smoother, gives_snapshots=pictures_every is not None)
+    return VisionStages(VisionChain(frontend, pictures_every), window)

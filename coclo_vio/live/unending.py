@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 
 from coclo_vio.live.wire_events import WireEvents
+from coclo_vio.runs.pipeline import Spanning
 from coclo_vio.values.errors import CocloError, shortened
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import Estimator, Output
@@ -19,6 +20,11 @@ class UnendingEstimator:
     def __init__(self, estimator: Estimator, events: WireEvents) -> None:
         """Take the estimator and the events of the wire."""
         self._estimator, self._events = estimator, events
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Earliest and latest stamp of the samples that the estimator used; None where it does not say."""
+        return self._estimator.span_ns if isinstance(self._estimator, Spanning) else None
 
     def push(self, measurement: Measurement) -> Iterator[Output]:
         """The outputs of one measurement, then the events that are due."""

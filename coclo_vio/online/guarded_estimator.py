@@ -20,7 +20,7 @@ from coclo_vio.online.world_anchor import checked_pose
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimator, Event, Interruptible, Learning, Output, Status
+from coclo_vio.values.outputs import Estimator, Event, Interruptible, Learning, Output, Settling, Status
 from coclo_vio.values.units import NS_PER_S
 
 
@@ -112,6 +112,11 @@ class GuardedEstimator:
         yield from map(self._frame.moved, self._faults.finish())
         if self._config.status_every_s:
             yield self.status
+
+    def settle(self) -> None:
+        """Wait for what the estimator does in another thread, so that its state can be kept."""
+        if isinstance(self._estimator, Settling):
+            self._estimator.settle()
 
     def reset(self, pose: Array | None = None, covariance: Array | None = None) -> None:
         """Start anew: velocity, contacts, footholds, keyframes and landmarks are forgotten.

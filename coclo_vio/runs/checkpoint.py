@@ -20,7 +20,7 @@ import coclo_vio
 from coclo_vio.values.array_store import ArrayReader
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.object_index import ObjectIndex
-from coclo_vio.values.outputs import Estimator
+from coclo_vio.values.outputs import Estimator, Settling
 from coclo_vio.values.tree_reader import TreeReader
 from coclo_vio.values.tree_writer import Foreign, TreeWriter
 from coclo_vio.values.whole_files import replacing
@@ -93,9 +93,8 @@ class Checkpoints:
             CheckpointUnsupported: the estimator holds something that cannot be kept.
             OSError: it cannot be written.
         """
-        settle = getattr(self._estimator, "settle", None)
-        if settle is not None:
-            settle()
+        if isinstance(self._estimator, Settling):
+            self._estimator.settle()
         writer = TreeWriter(self._index, _FOREIGN)
         root = writer.node({"estimator": self._estimator, **others})
         blocks = writer.arrays.blocks()

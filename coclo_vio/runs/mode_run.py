@@ -180,6 +180,6 @@ class ModeRun:
         self._observers.take(self._ready.mode.name, output)
 
     def _progressed(self) -> Progressed:
-        summary = self._tally.summary(dict(self._ready.estimator.counts))
+        summary = self._tally.summary_of(self._ready.estimator)
         records = self._recorder.records(summary, self._ready.sensors, is_running=True, resumed_ns=self._resumed_ns)
         return summary.recording_ns, records

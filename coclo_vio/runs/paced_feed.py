@@ -19,6 +19,7 @@ from coclo_vio.fusion.shared_images import SharedFrame, SharedImages
 from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.runs.latency import LatencyRecord
 from coclo_vio.runs.paced_source import Due, Ended, Pace, serve_recording
+from coclo_vio.runs.pipeline import Spanning
 from coclo_vio.runs.play_times import PlayTimes
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.calibration import StereoCalibration
@@ -168,6 +169,11 @@ class _Timed:
         """What the estimator counted, and images left out before."""
         left_out = self._times.left_out
         return {**self._estimator.counts, **({"image_left_out": left_out} if left_out else {})}
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Earliest and latest stamp of the samples that the estimator used; None where it does not say."""
+        return self._estimator.span_ns if isinstance(self._estimator, Spanning) else None
 
     def push(self, measurement: Measurement) -> Sequence[Output]:
         """Push a measurement, unless it is an image that is too late."""

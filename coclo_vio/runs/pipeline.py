@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Protocol, runtime_checkable
 
-from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import Estimate, Estimator, Event, Output
@@ -48,6 +48,15 @@ class RunSummary:
         return (self.estimated_until_ns - self.recording_ns[0]) / NS_PER_S / self.compute_s
 
 
+@runtime_checkable
+class Spanning(Protocol):
+    """An estimator that refuses samples, and knows from when to when those were that it used."""
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Earliest and latest stamp of the samples used; None before any."""
+
+
 def run(
     estimator: Estimator,
     measurements: Iterable[Measurement],
@@ -81,10 +90,7 @@ def run(
         tally.take(estimator.finish, take)
     except CocloError as error:
         failure = str(error)
-    summary = tally.summary(dict(estimator.counts), failure, is_stopped=is_stopped)
-    if isinstance(estimator, GuardedEstimator) and estimator.span_ns is not None:
-        summary = replace(summary, recording_ns=estimator.span_ns)  # without stamps that were refused
-    return summary
+    return tally.summary_of(estimator, failure, is_stopped=is_stopped)
 
 
 class Tally:
@@ -130,6 +136,13 @@ class Tally:
             yield output
             began = time.perf_counter()
         self._compute_s += time.perf_counter() - began
+
+    def summary_of(self, estimator: Estimator, failure: str | None = None, *, is_stopped: bool = False) -> RunSummary:
+        """The same with the counts of the estimator, and without the stamps that it refused."""
+        summary = self.summary(dict(estimator.counts), failure, is_stopped=is_stopped)
+        if isinstance(estimator, Spanning) and estimator.span_ns is not None:
+            return replace(summary, recording_ns=estimator.span_ns)
+        return summary
 
     def summary(self, counts: Mapping[str, int], failure: str | None = None, *, is_stopped: bool = False) -> RunSummary:
         """What it has come to so far.

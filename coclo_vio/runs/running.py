@@ -59,9 +59,6 @@ def run_modes(
         folder: run folder, made if needed.
         observers: who is shown what the modes read and give.
         ending: what becomes of earlier results, and what stops the run; earlier results are refused if None.
-        progress: called with mode and stamp.
-        watch: called with mode and output.
-        pictures_every: write the picture of every n-th frame of a mode that processes images; none if None.
         feed: plays the recording to the estimators by its stamps; None: they get it as fast as they take it.
 
     Raises:

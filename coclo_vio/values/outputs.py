@@ -250,6 +250,14 @@ class Interruptible(Protocol):
 
 
 @runtime_checkable
+class Settling(Protocol):
+    """An estimator with work in another thread, which may change it between two measurements."""
+
+    def settle(self) -> None:
+        """Wait until nothing changes the estimator but its next measurement."""
+
+
+@runtime_checkable
 class Learning(Protocol):
     """An estimator that learns constants which a fresh one can take over."""
 

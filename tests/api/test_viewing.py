@@ -9,6 +9,7 @@ import pytest
 
 import coclo_vio as cv
 from coclo_vio.runs.observers import Observers
+from coclo_vio.runs.paced_play import paced_feed, play_mode
 from coclo_vio.runs.running import run_modes
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.measurements import JointSample, Measurement
@@ -99,9 +100,15 @@ def test_one_view_shows_one_recording(leg_log: Path) -> None:
         cv.compare([leg_log, leg_log], ["coclo"], view=Kept())
 
 
-def test_the_window_is_among_the_outputs_where_pictures_are(short_recording: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("vision", ["in_turn", "beside"])
+def test_the_window_is_among_the_outputs_where_pictures_are(
+    vision: str, short_recording: Path, tmp_path: Path
+) -> None:
     view = Kept()
-    run = cv.run(short_recording, "combined", folder=tmp_path, view=view)
+    if vision == "beside":
+        run = _played(short_recording, tmp_path, view)
+    else:
+        run = cv.run(short_recording, "combined", folder=tmp_path, view=view)
     count = Counter(type(output) for output in view.outputs)
     snapshots = [output for output in view.outputs if isinstance(output, WindowSnapshot)]
     assert len(snapshots) >= 5
@@ -115,6 +122,15 @@ def test_the_window_is_among_the_outputs_where_pictures_are(short_recording: Pat
     assert {output.source for output in view.outputs if isinstance(output, Innovation)} == {"legs", "vision"}
     assert count[Picture] > 10
     assert not (tmp_path / "debug_images").exists(), "the view's pictures are not the run's"
+
+
+def _played(recording: Path, folder: Path, view: Kept) -> cv.Run:
+    """The recording played at half the speed, with vision beside the filter, and shown to a view."""
+    opened = cv.open(recording)
+    record, _ = play_mode(
+        opened.path, "combined", opened.config, folder, paced_feed(0.5), observers=Observers(view=view)
+    )
+    return cv.Run(folder, record)
 
 
 def test_without_a_view_nothing_is_among_the_outputs_that_was_not_requested(leg_log: Path, tmp_path: Path) -> None:

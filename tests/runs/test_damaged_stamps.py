@@ -35,5 +35,7 @@ def test_one_stamp_an_hour_ahead_ends_nothing(damaged_log: Path, leg_log: Path) 
     assert record.estimates >= expected.estimates - 1
     assert [event.kind for event in record.events] == ["stamp_refused"] * len(record.events)
     assert any("(future)" in event.detail for event in record.events)
+    assert record.recording_ns == expected.recording_ns
+    assert run.record.recording_ns == clean.record.recording_ns
     ends = [each.trajectories["coclo"].T_world_body[-1][:3, 3] for each in (run, clean)]
     assert np.linalg.norm(ends[0] - ends[1]) < 0.005

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.runs import checkpoint, run_folder
+from coclo_vio.runs.checkpoint import Checkpoints, Position
 from coclo_vio.runs.evaluating import evaluate_run
 from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.run_config import resolve
@@ -17,6 +19,8 @@ from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.runs.running import Ending, run_modes
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.outputs import Output
 
 SETTINGS = ["checkpoints.interval_s=0.5", "dataset.reading_threads=0"]
 CONFIG = resolve("daisy", settings=SETTINGS)
@@ -68,6 +72,32 @@ def test_a_killed_run_goes_on_and_equals_one_that_was_not(
     assert _files(left) == _files(tmp_path / "whole")
     assert (run.events, run.counts, run.measurements) == (whole.events, whole.counts, whole.measurements)
     assert {path.name for path in left.iterdir()} == {path.name for path in (tmp_path / "whole").iterdir()}
+
+
+class Working:
+    """An estimator with work in another thread until it is waited for."""
+
+    def __init__(self) -> None:
+        self.works = True
+        self.counts: dict[str, int] = {}
+
+    def push(self, measurement: Measurement) -> tuple[Output, ...]:
+        return ()
+
+    def finish(self) -> tuple[Output, ...]:
+        return ()
+
+    def settle(self) -> None:
+        self.works = False
+
+
+def test_a_checkpoint_waits_for_other_threads_also_behind_the_guard(tmp_path: Path) -> None:
+    estimator = GuardedEstimator(Working)
+    Checkpoints(tmp_path, "working", estimator).save(Position(1, NS, 0), {})
+    read = GuardedEstimator(Working)
+    Checkpoints(tmp_path, "working", read).load()
+    assert isinstance(read.estimator, Working)
+    assert not read.estimator.works
 
 
 def test_what_a_kill_left_is_evaluated_with_all_but_the_last_moment(leg_log: Path, tmp_path: Path) -> None:
