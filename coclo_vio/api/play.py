@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Protocol
 
 from coclo_vio.api.recording import Recording, open_recording
-from coclo_vio.api.run import Run
+from coclo_vio.api.run import Run, existing_of
 from coclo_vio.runs.latency import LatencyRecord
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.observers import Observers, Progress
 from coclo_vio.runs.paced_feed import PacedFeed
 from coclo_vio.runs.paced_play import paced_feed, play_mode
+from coclo_vio.runs.run_folder import Existing
+from coclo_vio.runs.running import Ending
 from coclo_vio.values.outputs import Output
 
 
@@ -50,6 +52,7 @@ def play(
     sink: OutputSink | None = None,
     progress: Progress | None = None,
     feed: PacedFeed | None = None,
+    existing: Existing | Ending | str = Existing.REFUSE,
 ) -> Play:
     """Play a recording to one mode from another process, each measurement when its stamp is due.
 
@@ -64,15 +67,18 @@ def play(
         sink: gets each output as it comes out, and is closed at the end.
         progress: called with the mode and the stamp (ns) of each measurement.
         feed: plays it; made of rate and seconds if None.
+        existing: what becomes of results in the folder: ``refuse`` or ``overwrite``; or an ``Ending``, which may stop
+            it. A play cannot be resumed.
 
     Raises:
-        ConfigError: there is no such mode, or the rate is not positive.
-        CocloError: the recording or the robot is at fault, or the mode lacks what it needs.
+        ConfigError: there is no such mode, the rate is not positive, or it is to be resumed.
+        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or the mode lacks what it needs.
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
     name = mode_of(recording.default_mode if mode is None else mode).name
     feed = feed or paced_feed(rate, seconds)
+    ending = existing if isinstance(existing, Ending) else Ending(existing_of(existing))
     with ExitStack() as stack:
         target = Path(folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_")))
         with nullcontext() if sink is None else closing(sink):
@@ -83,5 +89,6 @@ def play(
                 target,
                 feed,
                 observers=Observers(progress, None if sink is None else lambda _, output: sink.take(output)),
+                ending=ending,
             )
         return Play(Run(target, record, remove=stack.pop_all().close), latency)

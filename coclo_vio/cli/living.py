@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from coclo_vio.cli.mode_help import MODES_PLACE
-from coclo_vio.cli.options import ConfigOption, OutOption, RobotOption, SetOption
+from coclo_vio.cli.options import ConfigOption, OutOption, OverwriteOption, RobotOption, SetOption
 from coclo_vio.cli.terminal import give
 from coclo_vio.live.latency import LatencyRecord
 from coclo_vio.live.live_record import LiveRecord
@@ -19,6 +19,7 @@ from coclo_vio.live.open_wire import configured_for, open_wire
 from coclo_vio.live.preparation import given_calibrations
 from coclo_vio.live.session import LiveSettings, run_live
 from coclo_vio.live.warm_up import warm_up
+from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_record import RunRecord
@@ -39,6 +40,7 @@ def live(
     config: ConfigOption = None,
     settings: SetOption = None,
     output: OutOption = Path("out"),
+    overwrite: OverwriteOption = False,
     seconds: Annotated[
         float | None, typer.Option("--seconds", min=0.0, help="End after this time; otherwise at Ctrl-C.")
     ] = None,
@@ -48,6 +50,8 @@ def live(
     Odometry, tf and diagnostics go out on the same wire.
     """
     chosen = mode_of(mode)
+    if not overwrite:
+        run_folder.check_free(output, can_resume=False)
     resolved = configured_for(source, resolve(robot, config, settings or ()))
     given, resolved = given_calibrations(calibration, resolved)
     if chosen.has_legs:

@@ -2,6 +2,7 @@
 """The command ``play``: a recording fed by its stamps, and what that takes in time."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,24 +10,29 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from coclo_vio.api.play import Play
 from coclo_vio.api.play import play as play_recording
-from coclo_vio.api.recording import open_recording
+from coclo_vio.api.recording import Recording, open_recording
 from coclo_vio.cli.mode_help import DEFAULTS_PLACE, MODES_PLACE
 from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
     OutOption,
+    OverwriteOption,
     PartialOption,
     RobotOption,
     SetOption,
+    existing,
     with_partial,
 )
 from coclo_vio.cli.printing import print_failures, print_run, print_table, progress_bar
+from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give_json, out, say
 from coclo_vio.runs.comparison_report import report_title
 from coclo_vio.runs.latency import LatencyRecord, Spread
 from coclo_vio.runs.paced_feed import MAX_LAG_S
 from coclo_vio.runs.paced_play import LATENCY_JSON, paced_feed
+from coclo_vio.runs.running import Ending
 from coclo_vio.values.errors import DatasetError
 
 
@@ -46,13 +52,25 @@ def play(
     settings: SetOption = None,
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Play a recording to one mode by its stamps, as drivers would, and measure latencies and load."""
     feed = paced_feed(rate, seconds, max_lag_s=max_lag_s)
-    recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
-    with progress_bar() as progress:
-        played = play_recording(recording, mode, folder=output, progress=progress, feed=feed)
+    with stoppable(partial(done_so_far, output, can_resume=False)) as stop:
+        recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
+        ending = Ending(existing(overwrite=overwrite, resume=False), stop)
+        with progress_bar() as progress:
+            played = play_recording(recording, mode, folder=output, progress=progress, feed=feed, existing=ending)
+    _show(played, recording, output, as_json=as_json)
+
+
+def _show(played: Play, recording: Recording, output: Path, *, as_json: bool) -> None:
+    """What was played and its times.
+
+    Raises:
+        DatasetError: it stopped early.
+    """
     done, latency = played.run, played.latency
     if as_json:
         give_json(latency.to_json())
@@ -88,11 +106,10 @@ def _print_latency(latency: LatencyRecord) -> None:
     say(
         f"waited at most: {latency.waiting_most} measurements; images left out before the estimator: {latency.left_out}"
     )
-    if latency.intervals:
-        for name in latency.intervals[-1].processes:
-            loads = [one.processes[name] for one in latency.intervals if name in one.processes]
-            cpu = sum(load.cpu_percent for load in loads) / len(loads)
-            say(f"process {name}: {cpu:.0f} % of a core, {loads[0].rss_mb:.0f} to {loads[-1].rss_mb:.0f} MiB")
+    for name in dict.fromkeys(name for one in latency.intervals for name in one.processes):  # some end before others
+        loads = [one.processes[name] for one in latency.intervals if name in one.processes]
+        cpu = sum(load.cpu_percent for load in loads) / len(loads)
+        say(f"process {name}: {cpu:.0f} % of a core, {loads[0].rss_mb:.0f} to {loads[-1].rss_mb:.0f} MiB")
 
 
 def _add_rows(table: Table, what: str, spreads: Mapping[str, Spread]) -> None:

@@ -60,11 +60,12 @@ def stoppable(sentences: Callable[[], Iterable[str]]) -> Iterator[StopRequest]:
             signal.signal(each, handler)  # type: ignore[arg-type]
 
 
-def done_so_far(folder: Path) -> Iterator[str]:
-    """What stands in a folder of ``run`` or ``compare``, and how to go on.
+def done_so_far(folder: Path, *, can_resume: bool = True) -> Iterator[str]:
+    """What stands in a folder of ``run``, ``compare`` or ``play``, and how to go on.
 
     Args:
         folder: of the results; those of several recordings are in folders inside it.
+        can_resume: whether the command has ``--resume``.
     """
     found = [place for place in (folder, *sorted(folder.glob("*/"))) if (place / run_folder.RUN_JSON).is_file()]
     for place in found:
@@ -81,6 +82,5 @@ def done_so_far(folder: Path) -> Iterator[str]:
     if not found:
         yield f"nothing was written to {folder}"
     else:
-        yield (
-            f"the same command with --resume goes on from here; coclo-vio evaluate {found[0]} measures what is there"
-        )
+        measures = f"coclo-vio evaluate {found[0]} measures what is there"
+        yield f"the same command with --resume goes on from here; {measures}" if can_resume else measures

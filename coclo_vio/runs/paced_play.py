@@ -9,8 +9,9 @@ from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.paced_feed import MAX_LAG_S, PacedFeed
 from coclo_vio.runs.paced_source import Pace
 from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.run_folder import Existing
 from coclo_vio.runs.run_record import RunRecord
-from coclo_vio.runs.running import run_modes
+from coclo_vio.runs.running import Ending, run_modes
 from coclo_vio.values.errors import ConfigError
 
 LATENCY_JSON = "latency.json"
@@ -24,6 +25,7 @@ def play_mode(
     feed: PacedFeed,
     *,
     observers: Observers | None = None,
+    ending: Ending | None = None,
 ) -> tuple[RunRecord, LatencyRecord]:
     """Play a recording to one mode; what ``run.json`` and ``latency.json`` hold.
 
@@ -36,12 +38,16 @@ def play_mode(
         folder: run folder, made if needed.
         feed: what plays it.
         observers: who is shown what the mode reads and gives.
+        ending: what becomes of earlier results, and what stops it; earlier results are refused if None. A play cannot
+            be resumed.
 
     Raises:
-        CocloError: the recording, the robot or the configuration is at fault, or the mode lacks what it needs.
+        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or the mode lacks what it needs.
     """
+    if ending is not None and ending.existing is Existing.RESUME:
+        raise ConfigError(f"the play in {folder} cannot be resumed, as time has gone on; play it anew with --overwrite")
     config = for_use_online(config)
-    record = run_modes(path, [mode], config, folder, observers=observers, feed=feed)
+    record = run_modes(path, [mode], config, folder, observers=observers, ending=ending, feed=feed)
     latency = feed.record(mode, config)
     with run_folder.writing(folder):
         latency.write(folder / LATENCY_JSON)

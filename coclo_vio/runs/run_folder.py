@@ -25,8 +25,9 @@ from coclo_vio.values.whole_files import WholeLines
 RUN_JSON = "run.json"
 _TRAJECTORY_SUFFIXES = (".tum", "_state.csv", "_keyframes.csv", "_calibration.csv")
 _RESULTS = (RUN_JSON, "compare.json", "ranking.json", "report.html")
+_OF_TIMES = ("latency.json", "live.json")  # of play and live
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-_FIXED_NAMES = ("groundtruth.tum", "config.yaml", *_RESULTS)
+_FIXED_NAMES = ("groundtruth.tum", "config.yaml", *_OF_TIMES, *_RESULTS)
 
 
 class Existing(StrEnum):
@@ -78,8 +79,12 @@ def prepare(folder: Path) -> Path:
     return folder
 
 
-def check_free(folder: Path) -> None:
+def check_free(folder: Path, *, can_resume: bool = True) -> None:
     """See that a folder holds no results of an earlier run.
+
+    Args:
+        folder: for results.
+        can_resume: whether what is to be run can go on with an earlier run.
 
     Raises:
         DatasetError: it does; names the folder and the choices.
@@ -88,7 +93,7 @@ def check_free(folder: Path) -> None:
     if found is not None:
         raise DatasetError(
             f"{folder} holds the results of an earlier run ({found}), which would be overwritten; give --overwrite to "
-            "replace them, --resume to go on with that run, or another folder with -o"
+            f"replace them, {'--resume to go on with that run, ' if can_resume else ''}or another folder with -o"
         )
 
 

@@ -68,7 +68,7 @@ def run_modes(
     modes = {name: mode_of(name) for name in names}  # a misspelt mode is found before anything runs
     ending = ending or Ending()
     if ending.existing is Existing.REFUSE:
-        run_folder.check_free(folder)
+        run_folder.check_free(folder, can_resume=feed is None)
     dataset = open_dataset(path, config.robot, config.dataset)
     config = with_contact_source(config, dataset)
     resolved = config.on_recording(dataset.imu_calibration())
@@ -100,7 +100,8 @@ def run_modes(
                 else:
                     run = ModeRun(ready, journal, observers, ending.stop, resumes=earlier is not None)
                     run.run(source)
-            return journal.end(_with_reader(journal.record, dataset), is_stopped=ending.is_requested)
+            record = _with_reader(journal.record, dataset, is_played=feed is not None)
+            return journal.end(record, is_stopped=ending.is_requested)
 
 
 def _prepare(folder: Path, *, is_new: bool) -> None:
@@ -190,20 +191,26 @@ def _described(
     )
 
 
-def _with_reader(record: RunRecord, dataset: Dataset) -> RunRecord:
+def _with_reader(record: RunRecord, dataset: Dataset, *, is_played: bool) -> RunRecord:
     """The record with what was read, and from when to when, also where every mode stopped early.
 
-    Of a mode with cameras it is the time of the cameras that counts.
+    Of a mode with cameras it is the time of the cameras that counts. Of a stream that a finished mode has read the span
+    is that of the samples used, without stamps that were refused; of a recording that is played, that of what was
+    played.
     """
     try:
         report = dataset.report()
     except DatasetError:  # each mode has it as its failure
         return record
+    if is_played:
+        return record.model_copy(update={"reader": report})
     recording_ns = record.recording_ns
     trajectories = dict(record.estimators)
+    known = {sensor for one in trajectories.values() if one.status == "finished" for sensor in one.sensors}
     for stream in report.streams:
         span = stream.start_ns, stream.end_ns
-        recording_ns = union(recording_ns, span)
+        if stream.name not in known:
+            recording_ns = union(recording_ns, span)
         for name, trajectory in trajectories.items():
             if stream.name in _IMAGE_STREAMS and stream.name in trajectory.sensors:
                 trajectories[name] = trajectory.model_copy(update={"recording_ns": span})

@@ -20,6 +20,10 @@ def test_a_file_that_is_complete_is_run_to_its_end(coclo: Coclo, short_recording
     assert "/joint_states: 600 received, 0 lost" in answer.out
     record = read_live_record(tmp_path / "out")
     assert record.topics["/joint_states"].received == 600
+    again = coclo("live", "-s", "file", "--endpoint", short_recording, "-m", "coclo", "-r", "daisy", "-o", "out")
+    assert (again.status, again.out) == (1, "")
+    assert "out holds the results of an earlier run (run.json)" in again.err
+    assert "--resume" not in again.err
     assert coclo("run", short_recording, "-m", "coclo", "-r", "daisy", "-o", "ref").status == 0
     live, run = (read_estimates(tmp_path / name, "coclo").trajectory for name in ("out", "ref"))
     shared, of_live, of_run = np.intersect1d(live.stamps_ns, run.stamps_ns, return_indices=True)

@@ -15,6 +15,21 @@ def test_play_prints_times_and_writes_them(coclo: Coclo, leg_log: Path, tmp_path
     assert written["measurements"]["joints"] > 100
     run = json.loads((tmp_path / "out" / "run.json").read_text())
     assert run["estimators"]["coclo"]["estimates"] > 100
+    assert answer.err.count("process ") == 2, "estimator and source"
+
+
+def test_what_was_played_is_replaced_only_on_request(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
+    arguments = ("play", leg_log, "-m", "naive", "--rate", 20, "--seconds", 1)
+    assert coclo(*arguments).status == 0
+    recording_ns = json.loads((tmp_path / "out" / "run.json").read_text())["recording_ns"]
+    assert recording_ns[1] - recording_ns[0] <= 1_000_000_000, "what was played, not what the recording has"
+    refused = coclo(*arguments)
+    assert refused.status == 1
+    assert is_one_sentence(refused)
+    assert "give --overwrite to replace them, or another folder with -o" in refused.err
+    assert coclo(*arguments, "--overwrite").status == 0
+    assert coclo("run", leg_log, "-m", "naive", "--overwrite").status == 0
+    assert not (tmp_path / "out" / "latency.json").exists(), "it was that of another run"
 
 
 def test_a_rate_that_is_not_positive_is_a_misuse(coclo: Coclo, leg_log: Path) -> None:

@@ -22,6 +22,8 @@ from coclo_vio.runs.paced_feed import PacedFeed
 from coclo_vio.runs.paced_play import play_mode
 from coclo_vio.runs.paced_source import Pace
 from coclo_vio.runs.run_config import RunConfig
+from coclo_vio.runs.run_folder import Existing
+from coclo_vio.runs.running import Ending
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.units import NS_PER_S
 
@@ -63,7 +65,7 @@ def soak(path: Path, config: RunConfig, mode: str, minutes: float, rate: float, 
     seconds = 60.0 * minutes * rate
     pace = Pace(rate, seconds, 1 + math.ceil(seconds / (period_ns / NS_PER_S)), pause_s)
     feed = PacedFeed(pace, interval_s=max(60.0 * minutes / _INTERVALS, _SHORTEST_S))
-    run, latency = play_mode(path, mode, config, output / "run", feed)
+    run, latency = play_mode(path, mode, config, output / "run", feed, ending=Ending(Existing.OVERWRITE))
     truth = run_folder.read_ground_truth(output / "run", run)
     estimates = {
         name: run_folder.read_estimates(output / "run", name).trajectory
