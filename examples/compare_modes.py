@@ -2,6 +2,7 @@
 """Rank modes against ground truth: ``python examples/compare_modes.py [RECORDING [MODE,MODE... [FOLDER]]]``.
 
 Without arguments: leg odometry, visual odometry and both combined on the bundled recording (up to two minutes).
+An earlier comparison in the folder is replaced.
 """
 
 import sys
@@ -10,9 +11,9 @@ from pathlib import Path
 import coclo_vio as cv
 
 
-def main(path: str | Path | None = None, modes: str = "coclo,vins,combined", folder: str = "out") -> None:
+def main(path: str | Path | None = None, modes: str = "coclo,vins,combined", folder: str = "out/compare_modes") -> None:
     recording = cv.open(path or cv.sample_path())
-    comparison = cv.compare([recording], modes.split(","), output=folder)
+    comparison = cv.compare([recording], modes.split(","), output=folder, existing="overwrite")
     for name, compared in comparison.recordings.items():
         for trajectory, evaluation in compared.metrics.items():
             anees = "-" if evaluation.anees_pose is None else f"{evaluation.anees_pose:.2f}"

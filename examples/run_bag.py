@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Run one mode on a recording and print its drift: ``python examples/run_bag.py [RECORDING [MODE [FOLDER]]]``.
 
-Without arguments: leg odometry on the bundled rosbag.
+Without arguments: leg odometry on the bundled rosbag. An earlier run in the folder is replaced.
 """
 
 import sys
@@ -10,7 +10,7 @@ from pathlib import Path
 import coclo_vio as cv
 
 
-def main(path: str | Path | None = None, mode: str = "coclo", folder: str = "out") -> None:
+def main(path: str | Path | None = None, mode: str = "coclo", folder: str = "out/run_bag") -> None:
     recording = cv.open(path or cv.sample_path())
     robot = "no robot" if recording.robot is None else f"robot {recording.robot.name}"
     print(f"{recording.name}: {robot}; enough for {', '.join(recording.modes)}")
@@ -23,7 +23,7 @@ def main(path: str | Path | None = None, mode: str = "coclo", folder: str = "out
     if recording.ground_truth() is not None:
         for name, evaluation in run.metrics().items():
             print(f"{name}: ATE {1e3 * evaluation.ate_m:.1f} mm over {evaluation.path_length_m:.2f} m")
-    print(f"run folder: {run.save(folder)}")
+    print(f"run folder: {run.save(folder, overwrite=True)}")
 
 
 if __name__ == "__main__":

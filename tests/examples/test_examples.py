@@ -51,7 +51,8 @@ def test_a_recording_is_run_and_saved(run: Example, tmp_path: Path) -> None:
     shown = run("run_bag")
     assert "walk: robot daisy; enough for coclo, " in shown
     assert numbers(r"ATE ([\d.]+) mm", shown)[0] < 10.0
-    assert cv.load_run(tmp_path / "out").names == ("coclo",)
+    assert cv.load_run(tmp_path / "out" / "run_bag").names == ("coclo",)
+    assert run("run_bag") == shown, "a second time"
 
 
 def test_a_bag_is_run_by_the_mode_that_is_named(run: Example, short_recording: Path, tmp_path: Path) -> None:
