@@ -37,6 +37,7 @@ _HOMES = {
     "runs.run_config": ("RunConfig",),
     "runs.run_folder": ("Existing", "RecordedTrajectory"),
     "runs.run_record": ("RunRecord",),
+    "runs.running": ("Ending",),
     "runs.stop_request": ("RunStopped", "StopRequest"),
     "values.calibration": ("CameraCalibration", "ImuCalibration", "SensorCalibrations", "StereoCalibration"),
     "values.errors": (
@@ -155,6 +156,7 @@ if TYPE_CHECKING:
     from coclo_vio.runs.run_folder import Existing as Existing
     from coclo_vio.runs.run_folder import RecordedTrajectory as RecordedTrajectory
     from coclo_vio.runs.run_record import RunRecord as RunRecord
+    from coclo_vio.runs.running import Ending as Ending
     from coclo_vio.runs.stop_request import RunStopped as RunStopped
     from coclo_vio.runs.stop_request import StopRequest as StopRequest
     from coclo_vio.values.calibration import CameraCalibration as CameraCalibration

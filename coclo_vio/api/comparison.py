@@ -133,14 +133,7 @@ def compare(
         RunStopped: it was asked to stop; what was written stays.
     """
     ending = Ending(existing_of(existing), stop)
-    given = [recordings] if isinstance(recordings, Recording | str | Path) else list(recordings)
-    opened = [one if isinstance(one, Recording) else open_recording(one) for one in given]
-    if view is not None and len(opened) > 1:
-        raise ConfigError(f"a view shows one recording, not {len(opened)}; compare one at a time, or without a view")
-    if not opened:
-        raise ConfigError("there is no recording to compare on; give at least one")
-    for recording in opened:
-        check_comparable(recording, modes)
+    opened = _opened(recordings, modes, has_view=view is not None)
     if output is not None and ending.existing is Existing.REFUSE:
         run_folder.check_free(Path(output))
     compared: list[ComparedRecording] = []
@@ -166,6 +159,29 @@ def compare(
     if output is not None and len(opened) > 1:
         comparison.write_index(output)
     return comparison
+
+
+def _opened(
+    recordings: Recording | str | Path | Sequence[Recording | str | Path],
+    modes: str | Sequence[str] | None,
+    *,
+    has_view: bool,
+) -> list[Recording]:
+    """The recordings, each of which can be compared on.
+
+    Raises:
+        DatasetError: a recording cannot be read or has no ground truth.
+        ConfigError: there is none, no such mode, or a view of several.
+    """
+    given = [recordings] if isinstance(recordings, Recording | str | Path) else list(recordings)
+    opened = [one if isinstance(one, Recording) else open_recording(one) for one in given]
+    if has_view and len(opened) > 1:
+        raise ConfigError(f"a view shows one recording, not {len(opened)}; compare one at a time, or without a view")
+    if not opened:
+        raise ConfigError("there is no recording to compare on; give at least one")
+    for recording in opened:
+        check_comparable(recording, modes)
+    return opened
 
 
 def compare_one(

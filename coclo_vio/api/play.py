@@ -46,12 +46,11 @@ def play(
     recording: Recording | str | Path,
     mode: str | None = None,
     *,
-    rate: float = 1.0,
+    rate: float | PacedFeed = 1.0,
     seconds: float | None = None,
     folder: str | Path | None = None,
     sink: OutputSink | None = None,
     progress: Progress | None = None,
-    feed: PacedFeed | None = None,
     existing: Existing | Ending | str = Existing.REFUSE,
 ) -> Play:
     """Play a recording to one mode from another process, each measurement when its stamp is due.
@@ -61,23 +60,23 @@ def play(
     Args:
         recording: what ``open`` gives, or a path.
         mode: its name; the best that the recording is enough for if None.
-        rate: seconds of recording per second.
+        rate: seconds of recording per second; or what plays it, made of rate and seconds.
         seconds: of the recording to play; all of it if None.
         folder: run folder; a temporary one if None.
         sink: gets each output as it comes out, and is closed at the end.
         progress: called with the mode and the stamp (ns) of each measurement.
-        feed: plays it; made of rate and seconds if None.
         existing: what becomes of results in the folder: ``refuse`` or ``overwrite``; or an ``Ending``, which may stop
             it. A play cannot be resumed.
 
     Raises:
         ConfigError: there is no such mode, the rate is not positive, or it is to be resumed.
-        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or the mode lacks what it needs.
+        CocloError: the folder holds results and ``existing`` refuses them, the recording or the robot is at fault, or
+            the mode lacks what it needs.
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
     name = mode_of(recording.default_mode if mode is None else mode).name
-    feed = feed or paced_feed(rate, seconds)
+    feed = rate if isinstance(rate, PacedFeed) else paced_feed(rate, seconds)
     ending = existing if isinstance(existing, Ending) else Ending(existing_of(existing))
     with ExitStack() as stack:
         target = Path(folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_")))

@@ -168,7 +168,7 @@ class Run:
         if target.resolve() == self.folder.resolve():
             return target
         if not overwrite:
-            run_folder.check_free(target)
+            run_folder.check_free(target, "give overwrite=True to replace them, or another folder")
         run_folder.clear(target)
         with run_folder.writing(target):
             shutil.copytree(self.folder, target, dirs_exist_ok=True)

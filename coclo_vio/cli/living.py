@@ -13,7 +13,7 @@ import typer
 from coclo_vio.cli.mode_help import MODES_PLACE
 from coclo_vio.cli.options import ConfigOption, OutOption, OverwriteOption, RobotOption, SetOption
 from coclo_vio.cli.terminal import give
-from coclo_vio.live.latency import LatencyRecord
+from coclo_vio.live.latency_histogram import LatencyRecord
 from coclo_vio.live.live_record import LiveRecord
 from coclo_vio.live.open_wire import configured_for, open_wire
 from coclo_vio.live.preparation import given_calibrations
@@ -51,7 +51,7 @@ def live(
     """
     chosen = mode_of(mode)
     if not overwrite:
-        run_folder.check_free(output, can_resume=False)
+        run_folder.check_free(output, run_folder.WITHOUT_RESUME)
     resolved = configured_for(source, resolve(robot, config, settings or ()))
     given, resolved = given_calibrations(calibration, resolved)
     if chosen.has_legs:

@@ -61,7 +61,7 @@ def play(
         recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
         ending = Ending(existing(overwrite=overwrite, resume=False), stop)
         with progress_bar() as progress:
-            played = play_recording(recording, mode, folder=output, progress=progress, feed=feed, existing=ending)
+            played = play_recording(recording, mode, rate=feed, folder=output, progress=progress, existing=ending)
     _show(played, recording, output, as_json=as_json)
 
 

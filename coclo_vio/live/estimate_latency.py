@@ -4,7 +4,7 @@
 import time
 from collections import deque
 
-from coclo_vio.live.latency import LatencyHistogram, LatencyRecord
+from coclo_vio.live.latency_histogram import LatencyHistogram, LatencyRecord
 from coclo_vio.values.outputs import Estimate
 
 _MOST_STAMPS = 5000

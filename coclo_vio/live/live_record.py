@@ -4,7 +4,7 @@
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from coclo_vio.live.latency import LatencyRecord
+from coclo_vio.live.latency_histogram import LatencyRecord
 from coclo_vio.live.topic_counts import TopicRecord
 from coclo_vio.values.record import Record
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from pydantic import BaseModel, ConfigDict
 
-from coclo_vio.live.latency import LatencyHistogram, LatencyRecord
+from coclo_vio.live.latency_histogram import LatencyHistogram, LatencyRecord
 from coclo_vio.live.wire import WireMessage
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from coclo_vio.online.world_anchor import WorldAnchor
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.outputs import Estimate, Output
+from coclo_vio.values.outputs import Estimate, Output, WindowSnapshot
 
 PoseGiven = tuple[Array, Array]
 """``T_world_body``, (4, 4), and the covariance of its right/local error, (6, 6)."""
@@ -78,6 +78,8 @@ class OutputFrame:
 
     def moved(self, output: Output) -> Output:
         """An output by the clock of the samples and in the world that was chosen."""
+        if isinstance(output, WindowSnapshot) and self._anchor.is_moved:
+            output = output.moved(self._anchor.T_output_world)
         if not isinstance(output, Estimate):
             stamp_ns = self.stamp_ns(output.stamp_ns)
             return output if stamp_ns == output.stamp_ns else replace(output, stamp_ns=stamp_ns)

@@ -71,6 +71,16 @@ class WorldAnchor:
         """From a pose of the body on, in the world of the outputs, everything is less certain by this, (6, 6)."""
         self._terms.append(_Term(T_world_body, np.eye(6), covariance))
 
+    @property
+    def is_moved(self) -> bool:
+        """Whether estimates do not stay as they are."""
+        return bool(self._terms)
+
+    @property
+    def T_output_world(self) -> Array:
+        """The estimator's world in that of the outputs, (4, 4)."""
+        return self._T_output_world
+
     def moved(self, state: StateEstimate) -> StateEstimate:
         """A state in the world of the outputs."""
         if not self._terms:

@@ -42,7 +42,8 @@ def play_mode(
             be resumed.
 
     Raises:
-        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or the mode lacks what it needs.
+        CocloError: the folder holds results, the recording, the robot or the configuration is at fault, or the mode
+            lacks what it needs.
     """
     if ending is not None and ending.existing is Existing.RESUME:
         raise ConfigError(f"the play in {folder} cannot be resumed, as time has gone on; play it anew with --overwrite")

@@ -79,12 +79,17 @@ def prepare(folder: Path) -> Path:
     return folder
 
 
-def check_free(folder: Path, *, can_resume: bool = True) -> None:
+WITHOUT_RESUME = "give --overwrite to replace them, or another folder with -o"
+"""The choices of a command that cannot go on with an earlier run."""
+_CHOICES = "give --overwrite to replace them, --resume to go on with that run, or another folder with -o"
+
+
+def check_free(folder: Path, choices: str = _CHOICES) -> None:
     """See that a folder holds no results of an earlier run.
 
     Args:
         folder: for results.
-        can_resume: whether what is to be run can go on with an earlier run.
+        choices: what can be done about them.
 
     Raises:
         DatasetError: it does; names the folder and the choices.
@@ -92,8 +97,7 @@ def check_free(folder: Path, *, can_resume: bool = True) -> None:
     found = next((name for name in _RESULTS if (folder / name).exists()), None)
     if found is not None:
         raise DatasetError(
-            f"{folder} holds the results of an earlier run ({found}), which would be overwritten; give --overwrite to "
-            f"replace them, {'--resume to go on with that run, ' if can_resume else ''}or another folder with -o"
+            f"{folder} holds the results of an earlier run ({found}), which would be overwritten; {choices}"
         )
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording through several modes into one run folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,20 +68,13 @@ def run_modes(
     modes = {name: mode_of(name) for name in names}  # a misspelt mode is found before anything runs
     ending = ending or Ending()
     if ending.existing is Existing.REFUSE:
-        run_folder.check_free(folder, can_resume=feed is None)
+        run_folder.check_free(folder, *([] if feed is None else [run_folder.WITHOUT_RESUME]))
     dataset = open_dataset(path, config.robot, config.dataset)
     config = with_contact_source(config, dataset)
     resolved = config.on_recording(dataset.imu_calibration())
     faults = Faults(resolved.faults, resolved.robot)
     observers = observers or Observers()
-    every = observers.drawn_every
-    prepared = {name: _prepared(mode, path, dataset, resolved, every) for name, mode in modes.items()}
-    diagnosis = preflight(dataset, resolved)
-    if not config.dataset.allow_partial:
-        prepared = {name: _contradicted(modes[name], ready, diagnosis) or ready for name, ready in prepared.items()}
-    lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
-    if len(lacks) == len(prepared) and lacks:
-        raise lacks[0]
+    prepared, diagnosis = _all_prepared(modes, path, dataset, resolved, observers.drawn_every)
     _check_apart(folder, path)
     earlier = earlier_run(folder, path, resolved) if ending.existing is Existing.RESUME else None
     _prepare(folder, is_new=earlier is None)
@@ -143,6 +136,24 @@ class Ending:
     def is_requested(self) -> bool:
         """Whether the run is to stop now."""
         return self.stop is not None and self.stop.is_requested
+
+
+def _all_prepared(
+    modes: Mapping[str, Mode], path: Path, dataset: Dataset, config: RunConfig, pictures_every: int | None
+) -> tuple[dict[str, PreparedMode | CocloError], Diagnosis]:
+    """Each mode made ready, or why it cannot run, by name; and what is wrong with the recording.
+
+    Raises:
+        CocloError: no mode can run.
+    """
+    prepared = {name: _prepared(mode, path, dataset, config, pictures_every) for name, mode in modes.items()}
+    diagnosis = preflight(dataset, config)
+    if not config.dataset.allow_partial:
+        prepared = {name: _contradicted(modes[name], ready, diagnosis) or ready for name, ready in prepared.items()}
+    lacks = [ready for ready in prepared.values() if isinstance(ready, CocloError)]
+    if len(lacks) == len(prepared) and lacks:
+        raise lacks[0]
+    return prepared, diagnosis
 
 
 def _prepared(

@@ -45,6 +45,9 @@ def test_a_folder_that_was_given_stays(leg_log: Path, tmp_path: Path) -> None:
 
 def test_a_saved_run_is_loaded_with_all_it_had(naive_run: cv.Run, tmp_path: Path) -> None:
     loaded = cv.load_run(naive_run.save(tmp_path / "saved"))
+    with pytest.raises(cv.DatasetError, match="would be overwritten; give overwrite=True to replace them"):
+        naive_run.save(tmp_path / "saved")
+    assert naive_run.save(tmp_path / "saved", overwrite=True) == tmp_path / "saved"
     assert loaded.record == naive_run.record
     assert loaded.names == naive_run.names == ("naive",)
     for ours, theirs in (

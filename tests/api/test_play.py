@@ -65,7 +65,7 @@ def test_it_is_evaluated_like_a_run(played: tuple[cv.Play, Noting]) -> None:
 def test_where_the_estimator_is_behind_images_go_and_joints_stay(go1_walk: Path, tmp_path: Path) -> None:
     recording = cv.open(go1_walk, robot="go1", settings=["bridge.vision=in_turn"])
     feed = paced_feed(50.0, max_lag_s=0.01)
-    play = cv.play(recording, "combined", folder=tmp_path / "out", feed=feed)
+    play = cv.play(recording, "combined", rate=feed, folder=tmp_path / "out")
     assert play.latency.left_out > 5
     assert play.run.record.estimators["combined_coclo"].counts["image_left_out"] == play.latency.left_out
     assert [event.kind for event in play.run.events].count("images_left_out") == 1

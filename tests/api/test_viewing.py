@@ -101,9 +101,7 @@ def test_one_view_shows_one_recording(leg_log: Path) -> None:
 
 
 @pytest.mark.parametrize("vision", ["in_turn", "beside"])
-def test_the_window_is_among_the_outputs_where_pictures_are(
-    vision: str, short_recording: Path, tmp_path: Path
-) -> None:
+def test_the_window_is_among_the_outputs_where_pictures_are(vision: str, short_recording: Path, tmp_path: Path) -> None:
     view = Kept()
     if vision == "beside":
         run = _played(short_recording, tmp_path, view)

@@ -4,7 +4,7 @@ import pytest
 
 from coclo_vio.datasets.rosbag.message_types import IMAGE, IMU
 from coclo_vio.live.intake import Intake
-from coclo_vio.live.latency import LatencyHistogram
+from coclo_vio.live.latency_histogram import LatencyHistogram
 from coclo_vio.live.topic_counts import TopicCounts
 from coclo_vio.live.wire import WireMessage
 from coclo_vio.live.wire_events import WireEvents

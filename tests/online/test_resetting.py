@@ -8,6 +8,9 @@ import pytest
 
 import coclo_vio as cv
 from coclo_vio.geometry import se3, so3
+from coclo_vio.online.output_frame import OutputFrame
+from coclo_vio.values.estimates import NavState, StateEstimate
+from coclo_vio.values.outputs import Estimate, WindowSnapshot
 
 GIVEN = se3.transform(so3.about_z(1.2), np.array([4.0, -3.0, 0.5]))
 SIGMAS = np.array([0.02, 0.02, 0.05, 0.3, 0.3, 0.1])
@@ -88,6 +91,25 @@ def test_reanchoring_moves_the_world_and_nothing_else(sample: cv.Recording, walk
         np.testing.assert_allclose(one.nav.velocity_world, turn @ other.nav.velocity_world, atol=1e-9)
         assert np.linalg.eigvalsh(one.covariance)[0] > -1e-15
     np.testing.assert_allclose(np.sqrt(np.diag(states[0].covariance)[3:6]), SIGMAS[3:], rtol=0.05)
+
+
+def test_the_window_is_shown_in_the_world_that_was_chosen() -> None:
+    nav = NavState(np.eye(4), *(np.zeros(3) for _ in range(4)))
+    state = StateEstimate(1, nav, np.eye(9))
+    snapshot = WindowSnapshot(1, np.eye(4)[None], np.array([[1.0, 0.0, 0.5]]))
+    frame = OutputFrame(is_levelled=True)
+    frame.moved(Estimate("coclo", state))
+    assert frame.moved(snapshot) is snapshot
+    frame.anchor_now((GIVEN, np.zeros((6, 6))))
+    estimate, window = frame.moved(Estimate("coclo", state)), frame.moved(snapshot)
+    assert isinstance(estimate, Estimate)
+    assert isinstance(window, WindowSnapshot)
+    T_world_body = estimate.state.nav.T_world_body
+    np.testing.assert_allclose(T_world_body[:3, 3], GIVEN[:3, 3], atol=1e-9)
+    np.testing.assert_allclose(window.T_world_keyframes, T_world_body[None], atol=1e-9)
+    np.testing.assert_allclose(
+        window.landmarks_world[0], T_world_body[:3, :3] @ [1.0, 0.0, 0.5] + T_world_body[:3, 3], atol=1e-9
+    )
 
 
 def test_an_anchor_without_uncertainty_makes_positions_certain_again(

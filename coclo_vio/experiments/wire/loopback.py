@@ -52,7 +52,17 @@ def run_trial(trial: WireTrial) -> dict[str, Any]:
     """
     place = _place(trial.wire)
     live = [sys.executable, "-m", "coclo_vio", "live", "-s", trial.wire, *place.live, "-m", trial.mode]
-    live += ["-r", trial.robot, "-o", str(trial.folder), "--overwrite", "--set", "live.idle_s=5", "--set", "live.wait_s=180"]
+    live += [
+        "-r",
+        trial.robot,
+        "-o",
+        str(trial.folder),
+        "--overwrite",
+        "--set",
+        "live.idle_s=5",
+        "--set",
+        "live.wait_s=180",
+    ]
     player = [sys.executable, "-m", "coclo_vio.live.publish_recording", str(trial.recording), "--wire", trial.wire]
     player += [*place.player, "--loop", "--seconds", f"{trial.seconds:g}", "--wait", "120", "--robot", trial.robot]
     environment = {**os.environ, "CYCLONEDDS_URI": _DDS}
