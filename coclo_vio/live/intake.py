@@ -3,7 +3,7 @@
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from threading import Condition
 
 from coclo_vio.datasets.rosbag.message_types import IMAGES
@@ -61,6 +61,15 @@ class Intake:
         with self._changed:
             self._counts_of(topic, "").refused[reason] += 1
         self._events.report(topic, reason)
+
+    def leave_out(self, items: Iterable[_Item]) -> None:
+        """Count messages that were taken and are not used: too many came before the topics were chosen."""
+        reason = "dropped, more came before the topics were chosen than are kept (live.most_messages)"
+        for item in items:
+            if isinstance(item, WireMessage):
+                with self._changed:
+                    self._counts_of(item.topic, item.msgtype).dropped += 1
+                self._events.report(item.topic, reason, kind="wire_overload")
 
     def choose(self, topics: frozenset[str]) -> None:
         """From now on take only what comes on these topics; forget what was counted on others."""

@@ -138,7 +138,9 @@ class _Session:
                     f"{self._source.name}: nothing that is read came within {now_s - begun_s:.0f} s; check --endpoint, "
                     "--domain and the topics, or wait longer (live.wait_s)"
                 )
-            del gathered[: max(0, len(gathered) - 4 * live.most_messages)]
+            excess = max(0, len(gathered) - 4 * live.most_messages)
+            self._intake.leave_out(gathered[:excess])
+            del gathered[:excess]
 
     def run(
         self,

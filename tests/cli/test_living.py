@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``live`` from the command line: a finished file as a source, and what it answers to mistakes."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,20 @@ def test_a_file_that_is_complete_is_run_to_its_end(coclo: Coclo, short_recording
     shared, of_live, of_run = np.intersect1d(live.stamps_ns, run.stamps_ns, return_indices=True)
     assert len(shared) > 540
     np.testing.assert_allclose(live.positions[of_live], run.positions[of_run], atol=2e-3)
+
+
+def test_messages_that_are_left_out_before_the_start_are_counted(
+    coclo: Coclo, short_recording: Path, tmp_path: Path
+) -> None:
+    answer = coclo(
+        "live", "-s", "file", "--endpoint", short_recording, "-m", "coclo", "-r", "daisy", "-o", "out",
+        "--set", "live.first_messages_s=1", "--set", "live.most_messages=100",
+    )  # fmt: skip
+    assert answer.status == 0, answer.err
+    topics = read_live_record(tmp_path / "out").topics
+    assert topics["/joint_states"].dropped > 300
+    taken = json.loads((tmp_path / "out" / "run.json").read_text())["estimators"]["coclo"]["measurements"]
+    assert taken == sum(one.received - one.dropped for one in topics.values())
 
 
 @pytest.mark.parametrize(
