@@ -54,5 +54,5 @@ def view(
     to: Annotated[str, typer.Option("--to", help="foxglove or rerun.")] = "foxglove",
     file: Annotated[Path | None, typer.Option("--file", help="Default: view.mcap or view.rrd in the folder.")] = None,
 ) -> None:
-    """Write a run into a file for Foxglove or Rerun: robot, trajectories, contacts, uncertainty, events, plots."""
+    """Write a run into a file for Foxglove or Rerun, with robot and plots."""
     give(f"view: {view_run(run_folder, to, file=file or run_folder / f'view{file_suffix(to)}')}")

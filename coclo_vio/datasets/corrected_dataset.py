@@ -84,9 +84,9 @@ class CorrectedDataset:
     def _merged(self, sensors: frozenset[type]) -> Iterator[Measurement]:
         delays = {self._of_samples.delay_ns(kind) for kind in sensors}
         if len(delays) <= 1:
-            return map(self.corrected, self._dataset.measurements(sensors))
+            return map(self._of_samples.corrected, self._dataset.measurements(sensors))
         streams = [self._dataset.measurements(frozenset({kind})) for kind in sensors]
-        return merge_streams([map(self.corrected, stream) for stream in streams])
+        return merge_streams([map(self._of_samples.corrected, stream) for stream in streams])
 
     def ground_truth(self) -> GroundTruth | None:
         """The corrected reference trajectory, or None.

@@ -136,4 +136,4 @@ def test_without_a_view_nothing_is_among_the_outputs_that_was_not_requested(leg_
     recording = cv.open(leg_log)
     observers = Observers(watch=lambda _, output: outputs.append(output))
     run_modes(recording.path, ["coclo"], recording.config, tmp_path, observers=observers)
-    assert {type(output) for output in outputs} <= {Estimate, cv.Event}
+    assert {type(output) for output in outputs} <= {Estimate, cv.Event, cv.Status}

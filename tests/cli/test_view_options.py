@@ -16,7 +16,9 @@ def test_run_and_compare_write_the_file_of_a_view(coclo: Coclo, leg_log: Path, t
     assert answer.status == 0
     assert "view: walk.rrd" in answer.out.splitlines()
     assert (tmp_path / "walk.rrd").stat().st_size > 100_000
-    answer = coclo("compare", leg_log, "--modes", "naive", "--view", "foxglove", "--view-file", "walk.mcap")
+    answer = coclo(
+        "compare", leg_log, "--modes", "naive", "-o", "both", "--view", "foxglove", "--view-file", "walk.mcap"
+    )
     assert answer.status == 0
     assert (tmp_path / "walk.mcap").read_bytes()[:5] == b"\x89MCAP"
 

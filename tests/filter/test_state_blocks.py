@@ -4,6 +4,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def measurements(random: np.random.Generator) -> Callable[[State], Array]:
     """All measurement models of the robust profile; those of the paper's are among them, or products of them."""
     legs, places, hips = np.arange(LEGS), random.normal(size=(LEGS, 3)), random.normal(size=(LEGS, 3))
     models = [
-        measurement_model.gyroscope,
+        partial(measurement_model.gyroscope, reading=random.normal(size=3)),
         measurement_model.specific_force_at_rest,
         measurement_model._rest,
         measurement_model._velocity_of(places, random.normal(size=(LEGS, 3)), random.normal(size=(LEGS, 3))),
@@ -176,7 +177,7 @@ def test_reports_are_those_declared(daisy: RobotModel, noisy_walk: AnalyticTrial
     for measurement in noisy_walk.measurements[:330]:
         odometry.push(measurement)
     reports = odometry.reports()
-    assert set(reports) == {"leg_scale", "leg_compliance", "slip_turn", "slip", "leg_stretch"}
+    assert set(reports) == {"leg_scale", "leg_compliance", "slip_turn", "slip", "gyroscope_scale", "leg_stretch"}
     assert reports["leg_stretch"][1] > 0.02
     assert reports["leg_scale"][1] < 2.0 * KNOWN_SIGMA
 

@@ -175,7 +175,8 @@ def test_a_contact_estimator_from_one_file_decides_stance(extended: Extended) ->
         changes += len(at_s)
     assert changes > 6, "the robot walks"
     with pytest.raises(
-        ConfigError, match=r"no contact estimator 'least_phase'; there are: hysteresis, logistic, paper"
+        ConfigError,
+        match=r"no contact estimator 'least_phase'; there are: hysteresis, kinematic, kinematic_load, logistic, paper",
     ):
         resolve("daisy", settings=LEAST_PHASE[1::2])
 

@@ -2,7 +2,6 @@
 """What a view writes is what it was given: read back from its file, by stamps, counts and values."""
 
 import json
-import logging
 import socket
 import sys
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import JointSample
 from coclo_vio.values.outputs import Calibration, Estimate, Event, Innovation, KeyframeHealth, Picture, WindowSnapshot
 from coclo_vio.values.trajectory import Trajectory
+from coclo_vio.views import drawn_scene
 from coclo_vio.views.canvas import quat_xyzw_of
 from coclo_vio.views.drawn_robot import DrawnRobot, mesh_path
 from coclo_vio.views.drawn_scene import ellipsoid_of
@@ -180,15 +180,16 @@ def test_ground_truth_begins_at_the_first_estimate(rows: Rows, walk: Walk, tmp_p
 
 
 def test_what_cannot_be_drawn_is_logged_once_and_ends_nothing(
-    walk: Walk, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    walk: Walk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(image: object) -> bytes:
         raise ValueError("no encoder")
 
     pictures = [Picture(stamp_ns, np.zeros((4, 4, 3), np.uint8)) for stamp_ns in (1, 2)]
-    with caplog.at_level(logging.WARNING):
-        drawn("foxglove", tmp_path, walk, Setting(encode=failing), *pictures)
-    assert [record.getMessage() for record in caplog.records] == ["the view could not draw Picture: no encoder"]
+    logged: list[str] = []
+    monkeypatch.setattr(drawn_scene._log, "warning", lambda text, *values: logged.append(text % values))
+    drawn("foxglove", tmp_path, walk, Setting(encode=failing), *pictures)
+    assert logged == ["the view could not draw Picture: no encoder"]
 
 
 def test_a_covariance_that_is_no_number_is_no_reason_to_stop(walk: Walk, tmp_path: Path) -> None:
