@@ -78,11 +78,15 @@ class StereoFrontend:
                 coordinates to previous, (4, 4); None if unknown: then constant velocity is assumed.
 
         Raises:
-            DatasetError: the images are not of the size that was calibrated.
+            DatasetError: the first images are not of the size that was calibrated; later ones of another size count
+                as lost.
         """
         self._counts["frames"] += 1
-        pair = self._rectifier.rectify(frame)
+        size_fault = self._rectifier.size_fault(frame)
+        pair = self._last[0] if size_fault and self._last is not None else self._rectifier.rectify(frame)
         self._motion.advance(frame.stamp_ns, T_previous_current)
+        if size_fault:
+            return self._lost(frame.stamp_ns, pair, size_fault)
         brightness = Brightness.of(pair, self._config.quality)
         fault = brightness.left_fault or self._repetition(pair)
         if fault:
