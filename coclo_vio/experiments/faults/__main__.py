@@ -9,6 +9,7 @@ pages.
 import argparse
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from coclo_vio.experiments.bench.compilation import run_all_kernels
@@ -43,24 +44,29 @@ def main(arguments: list[str] | None = None) -> None:
         for mode in options.modes.split(","):
             mode_of(mode)  # a misspelt one is found before anything runs
         seeds = range(options.first_seed, options.first_seed + options.seeds)
-        plan = FaultPlan(
-            options.output.resolve(),
-            tuple(options.robots.split(",")),
-            tuple(seeds),
-            tuple(options.modes.split(",")),
-        )
-        command, work = _command(options), plan.work(options.only)
-        report(f"commit {plan.commit}: {sum(len(unit.jobs) for unit in work)} jobs are left")
-        if work:
-            run_all_kernels()  # compiles them once, not in each worker
-        run_units(work, Provenance.now(command, Path.cwd()), min(options.workers, _MOST_WORKERS), report)
+        robots, modes = tuple(options.robots.split(",")), tuple(options.modes.split(","))
+        plan = FaultPlan(options.output.resolve(), robots, tuple(seeds), modes)
+        command = _command(options)
+        if options.finished_by is None:
+            _run(plan, command, options)
+        else:
+            plan = replace(plan, commit=options.finished_by)
         record = summarise(plan, command)
         _print(record)
         record.write(plan.folder / plan.commit / _FILE)
         if options.publish:
-            _publish(record, Path.cwd())
+            _publish(record, plan.finished()[-1].origin, Path.cwd())
     except CocloError as error:
         sys.exit(f"faults: {error}")
+
+
+def _run(plan: FaultPlan, command: str, options: argparse.Namespace) -> None:
+    """Run what is left of a plan."""
+    work = plan.work(options.only)
+    report(f"commit {plan.commit}: {sum(len(unit.jobs) for unit in work)} jobs are left")
+    if work:
+        run_all_kernels()  # compiles them once, not in each worker
+    run_units(work, Provenance.now(command, Path.cwd()), min(options.workers, _MOST_WORKERS), report)
 
 
 def _print(record: FaultsRecord) -> None:
@@ -74,11 +80,11 @@ def _print(record: FaultsRecord) -> None:
         print(line)
 
 
-def _publish(record: FaultsRecord, root: Path) -> None:
-    """Write record and pages."""
+def _publish(record: FaultsRecord, origin: Provenance, root: Path) -> None:
+    """Write record and pages; the origin is that of the last job."""
     record.write(root / RESULTS / _FILE)
     known = root / RESULTS / "provenance.json"
-    Provenances.read(known).with_entry(_FILE, Provenance.now(record.command, root)).write(known)
+    Provenances.read(known).with_entry(_FILE, origin).write(known)
     for page in render(root):
         print(f"wrote {page}")
 
@@ -92,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--modes", default=",".join(MODES), help="separated by commas")
     parser.add_argument("--only", default="", metavar="PATTERN", help="run only jobs whose name has this in it")
     parser.add_argument("--workers", type=int, default=1, help="processes, two at most")
+    parser.add_argument("--finished-by", metavar="COMMIT", help="run nothing: show the jobs that this commit finished")
     parser.add_argument("--publish", action="store_true", help="write docs/results/faults.json and the pages")
     return parser
 

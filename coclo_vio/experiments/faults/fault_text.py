@@ -15,9 +15,10 @@ def figure_head(record: FaultsRecord, robot: str) -> tuple[str, ...]:
 
 def figure_rows(record: FaultsRecord, robot: str) -> Iterator[tuple[str, ...]]:
     """A row a fault: drift %, worst second m, recovery s, ANEES of each trajectory; "=" where nothing of it is read."""
-    names = _names(record, robot)
+    names, modes = _names(record, robot), {row.trajectory: row.mode for row in record.rows}
     for case, rows in by_fault(record, robot).items():
-        yield (case, *(_cell(rows.get(name)) for name in names))
+        broken = _broken(record, robot, case)
+        yield (case, *("**exception**" if modes[name] in broken else _cell(rows.get(name)) for name in names))
 
 
 def event_head(record: FaultsRecord, robot: str) -> tuple[str, ...]:
@@ -31,12 +32,15 @@ def event_rows(record: FaultsRecord, robot: str) -> Iterator[tuple[str, ...]]:
     for case, rows in by_fault(record, robot).items():
         if case == NOMINAL:
             continue
-        cells = []
+        cells, broken = [], _broken(record, robot, case)
         for mode in modes:
             row = next((row for row in rows.values() if row.mode == mode), None)
-            is_same = row is None or row.is_as_nominal
-            kinds = "" if row is None else ", ".join(f"`{kind}` {count}" for kind, count in row.events.items())
-            cells.append("=" if is_same and row is not None else kinds or "-")
+            if row is None:
+                cells.append("exception" if mode in broken else "")
+            elif row.is_as_nominal:
+                cells.append("=")
+            else:
+                cells.append(", ".join(f"`{kind}` {count}" for kind, count in row.events.items()) or "-")
         yield (case, *cells)
 
 
@@ -68,9 +72,10 @@ def counts_sentence(record: FaultsRecord) -> str:
     return (
         f"{record.finished} of {record.planned} jobs are finished ({seeds}): {len(rows)} trajectories with "
         f"{faults} faults, of which {sum(row.is_silent for row in rows)} are wrong and silent and "
-        f"{sum(bool(row.failures) for row in rows)} stopped early. Of {len(halves)} trajectories of `combined` with a "
-        f"healthy half {sum(row.is_worse for row in halves)} are worse than they may be, and "
-        f"{sum(row.is_unexplained for row in halves)} have an ANEES above 4 without an event."
+        f"{sum(bool(row.failures) for row in rows)} stopped early; {len(record.not_run)} jobs ended in an exception. "
+        f"Of {len(halves)} trajectories of `combined` with a healthy half {sum(row.is_worse for row in halves)} are "
+        f"worse than they may be, and {sum(row.is_unexplained for row in halves)} have an ANEES above 4 without an "
+        "event."
     )
 
 
@@ -81,7 +86,7 @@ def _cell(row: FaultRow | None) -> str:
         return "="
     if row.drift_percent is None and row.worst_second_m is None:
         return "no estimate"
-    text = f"{_number(row.drift_percent, '.2f')} / {_number(row.worst_second_m, '.2f')}"
+    text = f"{_number(row.drift_percent, '.2f')} / {_number(row.worst_second_m, '.3f')}"
     if row.recovery_s is not None:
         text += f" / {row.recovery_s:.1f} s"
     if row.never_recovered:
@@ -98,6 +103,12 @@ def _cell(row: FaultRow | None) -> str:
         if is_on
     ]
     return f"{text} **{', '.join(marks)}**" if marks else text
+
+
+def _broken(record: FaultsRecord, robot: str, case: str) -> set[str]:
+    """The modes that a fault broke off, or that had no recording."""
+    titles = (title.split(", ") for title in record.not_run)
+    return {parts[-1] for parts in titles if parts[0].split()[0] == robot and ", ".join(parts[1:-1]) == case}
 
 
 def _names(record: FaultsRecord, robot: str) -> list[str]:

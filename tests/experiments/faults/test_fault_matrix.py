@@ -152,7 +152,7 @@ def record_of(records: list[FaultJobRecord]) -> FaultsRecord:
         commit="abc1234",
         seeds={"go1": (1,)},
         rows=tuple(rows_of(records)),
-        not_run={"go1 1, blackout 4 s, tight": "it broke"},
+        not_run={"go1 1, blackout 4 s, vins": "it broke"},
         finished=1,
         planned=2,
     )
@@ -169,13 +169,13 @@ def test_the_tables_show_figures_events_and_what_is_amiss() -> None:
         ]
     )
     figures = {row[0]: row[1:] for row in figure_rows(record, "go1")}
-    assert figures[NOMINAL] == ("0.50 / 0.10, 1.0",) * 3
-    assert figures[case] == ("=", "", "7.00 / 0.10 / 2.0 s, 1.2 **silent, worse**")
+    assert figures[NOMINAL] == ("0.50 / 0.100, 1.0",) * 3
+    assert figures[case] == ("=", "**exception**", "7.00 / 0.100 / 2.0 s, 1.2 **silent, worse**")
     events = {row[0]: row[1:] for row in event_rows(record, "go1")}
-    assert events == {case: ("=", "-", "-"), "joints silent 2 s": ("-", "-", "`why` 2")}
+    assert events == {case: ("=", "exception", "-"), "joints silent 2 s": ("", "", "`why` 2")}
     lines = amiss_lines(record)
     assert lines[0] == "* go1, blackout 4 s, `combined`: wrong and silent: drift 7.00 %, ANEES 1.20, coverage 1.00."
-    assert lines[-1] == "* go1 1, blackout 4 s, tight: it broke"
+    assert lines[-1] == "* go1 1, blackout 4 s, vins: it broke"
     assert len(lines) == 3
 
 
