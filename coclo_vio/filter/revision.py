@@ -24,6 +24,7 @@ from coclo_vio.values.arrays import Array
 
 _LEAST_SIGMA = 1e-5  # of a prior that can be replaced; below, what it is on counts as known
 _MOST_KEPT = 1.0 - 1e-6  # of the prior's variance, after measurements
+_LEAST_WIDER = 1.001  # times the variance of the prior that is replaced
 _VELOCITY_SIGMA_MPS, _RATE_SIGMA_RADPS, _FOOT_SIGMA_M = 0.05, 0.02, 0.005  # of a filter that resumes
 
 
@@ -53,14 +54,16 @@ def replaced_prior(covariance: Array, at: slice, value: Array, before: Prior, af
         at: the errors of the constants.
         value: of the constants now, (k,).
         before: the prior that holds; not one that says they are known.
-        after: a wider one that replaces it.
+        after: a wider one that replaces it; along an axis on which it is not wider, only its mean does.
     """
     root = np.linalg.cholesky(before.covariance)
     whiten = np.linalg.inv(root)
     kept, axes = np.linalg.eigh(whiten @ covariance[at, at] @ whiten.T)
     explained = (axes * np.minimum(kept, _MOST_KEPT)) @ axes.T
-    new = np.linalg.inv(after.covariance)
-    wider = np.linalg.inv(np.eye(len(root)) - root.T @ new @ root)
+    spread, directions = np.linalg.eigh(whiten @ after.covariance @ whiten.T)
+    spread = np.maximum(spread, _LEAST_WIDER)
+    new = whiten.T @ (directions / spread) @ directions.T @ whiten
+    wider = (directions * (spread / (spread - 1.0))) @ directions.T
     gain = whiten.T @ np.linalg.inv(wider - explained) @ whiten
     columns = covariance[:, at] @ np.linalg.cholesky(0.5 * (gain + gain.T))
     of_constants = covariance[:, at] + columns @ columns[at].T

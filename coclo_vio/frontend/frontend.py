@@ -78,11 +78,15 @@ class StereoFrontend:
                 coordinates to previous, (4, 4); None if unknown: then constant velocity is assumed.
 
         Raises:
-            DatasetError: the images are not of the size that was calibrated.
+            DatasetError: the first images are not of the size that was calibrated; later ones of another size count
+                as lost.
         """
         self._counts["frames"] += 1
-        pair = self._rectifier.rectify(frame)
+        size_fault = self._rectifier.size_fault(frame)
+        pair = self._last[0] if size_fault and self._last is not None else self._rectifier.rectify(frame)
         self._motion.advance(frame.stamp_ns, T_previous_current)
+        if size_fault:
+            return self._lost(frame.stamp_ns, pair, size_fault)
         brightness = Brightness.of(pair, self._config.quality)
         fault = brightness.left_fault or self._repetition(pair)
         if fault:
@@ -97,6 +101,9 @@ class StereoFrontend:
         )
         detected = self._detect(pair, smooth, tracked)
         tracks = self._matcher.match(pair, smooth, tracked.joined(detected))
+        interchange = "" if brightness.right_fault else self._interchange(pair, smooth, tracks)
+        if interchange:
+            return self._lost(frame.stamp_ns, pair, interchange)
         self._counts["unmatched"] += int((~tracks.has_right).sum())
         quality, reason = assess(tracks, len(tracked), len(previous), motion, brightness, self._config.quality)
         if quality is TrackingQuality.LOST:
@@ -126,6 +133,26 @@ class StereoFrontend:
             )
         )
         return "both images equal those of an earlier frame, to the bit: the camera repeats them" if is_same else ""
+
+    def _interchange(self, pair: RectifiedPair, smooth: SmoothPair, tracks: ActiveTracks) -> str:
+        """Why the images cannot be left and right, if next to no point is matched but many the other way round."""
+        matched = int(tracks.has_right.sum())
+        if matched >= self._config.quality.lost_tracks:
+            return ""
+        points = self._detector.find(pair.right, np.zeros((0, 2)))
+        if len(points) < self._config.quality.degraded_tracks:
+            return ""
+        others = ActiveTracks.new(0, points, self._drift_corrector.templates(smooth.right, points))
+        turned = self._matcher.match(
+            RectifiedPair(pair.right, pair.left), SmoothPair(smooth.right, smooth.left), others
+        )
+        found = int(turned.has_right.sum())
+        if found < max(self._config.quality.degraded_tracks, len(points) // 2):
+            return ""
+        return (
+            f"left and right images are interchanged: {found} of {len(points)} points are matched the other way round, "
+            f"{matched} of {len(tracks)} this way"
+        )
 
     def _detect(self, pair: RectifiedPair, smooth: SmoothPair, tracked: ActiveTracks) -> ActiveTracks:
         """New points up to the configured number of tracks."""

@@ -85,12 +85,9 @@ class Rectifier:
         Raises:
             DatasetError: they are not of the size that was calibrated.
         """
-        if frame.left.shape != self._shape:
-            rows, columns = frame.left.shape
-            raise DatasetError(
-                f"the images at {frame.stamp_ns} ns have {columns} x {rows} px, the cameras were calibrated with "
-                f"{self._shape[1]} x {self._shape[0]}; scale the images or the calibration"
-            )
+        fault = self.size_fault(frame)
+        if fault:
+            raise DatasetError(f"{fault}; scale the images or the calibration")
         if not self._maps:
             return RectifiedPair(frame.left, frame.right)
         left, right = (
@@ -98,6 +95,16 @@ class Rectifier:
             for image, maps in zip((frame.left, frame.right), self._maps, strict=True)
         )
         return RectifiedPair(left, right)
+
+    def size_fault(self, frame: StereoFrame) -> str:
+        """Why the images of a frame cannot be rectified: their size; empty where they can."""
+        if frame.left.shape == self._shape:
+            return ""
+        rows, columns = frame.left.shape
+        return (
+            f"the images at {frame.stamp_ns} ns have {columns} x {rows} px, the cameras were calibrated with "
+            f"{self._shape[1]} x {self._shape[0]}"
+        )
 
     def _valid(self, maps: tuple[FloatImage, FloatImage]) -> ByteImage:
         """255 where a map points into the raw image, (rows, columns)."""

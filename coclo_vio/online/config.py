@@ -43,6 +43,14 @@ class OnlineConfig(StageConfig):
     step_gap_s: Annotated[
         float, Field(ge=0, le=60, description="one sigma of the unknown time that passed while the clock stepped, s")
     ] = 0.1
+    silent_s: Annotated[
+        float,
+        Field(ge=0, description="a stream that gives nothing for longer, while others go on, is reported, s; 0: none"),
+    ] = 0.5
+    constant_readings: Annotated[
+        int,
+        Field(ge=0, description="an IMU that gives the same reading so often in a row is reported; 0: never"),
+    ] = 25
     status_every_s: Annotated[
         float, Field(ge=0, description="a Status comes out this often, s; 0: never, it can be read at any time")
     ] = 1.0

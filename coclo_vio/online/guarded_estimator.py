@@ -16,6 +16,7 @@ from coclo_vio.online.config import OnlineConfig
 from coclo_vio.online.fault_episodes import FaultEpisodes
 from coclo_vio.online.output_frame import OutputFrame
 from coclo_vio.online.reorder_buffer import ReorderBuffer
+from coclo_vio.online.stream_watch import StreamWatch
 from coclo_vio.online.world_anchor import checked_pose
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import CocloError
@@ -46,6 +47,7 @@ class GuardedEstimator:
         self._config = config or OnlineConfig()
         self._follower = ClockFollower(self._config)
         self._buffer = ReorderBuffer(self._config.latency, self._follower.streams)
+        self._watch = StreamWatch(self._config)
         self._faults, self._frame = FaultEpisodes(), OutputFrame(is_levelled=is_levelled)
         self._counted: Counter[str] = Counter()
         self._ended: Counter[str] = Counter()  # counts of estimators before a reset
@@ -198,6 +200,7 @@ class GuardedEstimator:
             return
         yield from self._used(self._buffer.due(now_ns if arrival_ns is None else arrival_ns))
         yield from self._faults.over(now_ns)
+        yield from self._watch.look(self._follower.streams.values(), now_ns)
         yield from self._status_due(now_ns)
 
     def _take(self, sample: Accepted) -> Iterator[Output]:
@@ -214,6 +217,7 @@ class GuardedEstimator:
             measurement, stamp_ns, raw_ns = sample.arrival.measurement, sample.stamp_ns, sample.arrival.raw_ns
             first_ns, last_ns = self._span_ns or (raw_ns, raw_ns)
             self._span_ns = min(first_ns, raw_ns), max(last_ns, raw_ns)
+            yield from self._watch.take(measurement, stamp_ns)
             if stamp_ns != measurement.stamp_ns:
                 measurement = replace(measurement, stamp_ns=stamp_ns)
             yield from self._estimator.push(measurement)

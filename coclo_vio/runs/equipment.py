@@ -8,6 +8,7 @@ from coclo_vio.datasets.dataset import Dataset
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.robot.description import robot_names
 from coclo_vio.robot.model import RobotModel
+from coclo_vio.runs.fault_kinds.image_faults import halved_cameras
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.sensor_faults import turned_cameras, turned_imu
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration
@@ -74,6 +75,8 @@ class Equipment:
             turn_deg, shift_m = config.faults.camera_turn_deg, config.faults.camera_shift_m
             camera_imu = None if camera_imu is None else turned_imu(camera_imu, stereo, turn_deg, shift_m)
             stereo = turned_cameras(stereo, turn_deg, shift_m)
+        if config.faults.halved_cameras and stereo is not None:
+            stereo = halved_cameras(stereo)
         return cls(
             robot,
             dataset.imu_calibration() if config.robot is None else config.robot.imu,

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Simulated faults, applied to any recording to see how an estimator copes with them.
 
-Between a reader and an estimator, one measurement at a time. Ground truth is left alone.
+Between a reader and an estimator, one measurement at a time: first what sensors measure wrongly, then what drivers do
+to stamps and order. Ground truth is left alone but for gaps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,44 +13,27 @@ from pydantic import BeforeValidator, Field
 
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.runs.encoder_faults import EncoderFaults, flipped_span, offset_span
-from coclo_vio.runs.fault_spans import Span
-from coclo_vio.runs.sensor_faults import GyroscopeOffset, GyroscopeOffsets, LateImages, Vector, offset_gyroscope
-from coclo_vio.values.config import StageConfig
-from coclo_vio.values.errors import ConfigError, listing
+from coclo_vio.runs.fault_kinds.fault_form import SPAN, Spans, one_or_more
+from coclo_vio.runs.fault_kinds.image_faults import Blackouts, ImageFaults, ImageFaultsConfig
+from coclo_vio.runs.fault_kinds.inertial_faults import InertialFaults, InertialFaultsConfig
+from coclo_vio.runs.fault_kinds.joint_faults import JointFaults, JointFaultsConfig
+from coclo_vio.runs.fault_kinds.sliding_feet import SlidingFeet
+from coclo_vio.runs.fault_kinds.stream_faults import StreamFaults, StreamFaultsConfig
+from coclo_vio.runs.fault_kinds.truth_faults import TruthFaultsConfig, with_gaps
+from coclo_vio.runs.sensor_faults import DelayedImages, GyroscopeOffset, GyroscopeOffsets, Vector, offset_gyroscope
 from coclo_vio.values.measurements import (
     ALL_SENSORS,
+    CameraImuSample,
+    FootForceSample,
     ImuSample,
     JointSample,
     Measurement,
     StereoFrame,
     StereoTracks,
-    TrackingQuality,
 )
+from coclo_vio.values.trajectory import GroundTruth
 
-_QUOTES = "; quote it, YAML takes 20:5 for a number of base 60"
 Read = Callable[[frozenset[type]], Iterator[Measurement]]  # from the beginning each time, as Dataset.measurements
-
-
-def _leg_span(text: str) -> tuple[str, Span]:
-    """Leg and span of ``LEG:START:SECONDS``."""
-    leg, _, span = text.partition(":")
-    if not leg or ":" not in span:
-        raise ValueError(f"{text!r} is no LEG:START:SECONDS, such as leg1:20:3 for three seconds")
-    return leg, Span.parse(span)
-
-
-def _span_text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f'must be text START:SECONDS, such as "20:5"{_QUOTES}')
-    Span.parse(value)
-    return value
-
-
-def _leg_span_text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise ValueError("must be text LEG:START:SECONDS, such as leg1:20:3")
-    _leg_span(value)
-    return value
 
 
 def _flipped_text(value: Any) -> str:
@@ -67,28 +50,19 @@ def _offset_text(value: Any) -> str:
     return value
 
 
-def _one_or_more(value: Any) -> Any:
-    return value if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+JointSpans = Annotated[tuple[Annotated[str, BeforeValidator(_flipped_text)], ...], BeforeValidator(one_or_more)]
+JointOffsets = Annotated[tuple[Annotated[str, BeforeValidator(_offset_text)], ...], BeforeValidator(one_or_more)]
+_BESIDE_MEASUREMENTS = ("seed", "faulty_imu", "camera_turn_deg", "camera_shift_m", "truth_gaps")
 
 
-Spans = Annotated[tuple[Annotated[str, BeforeValidator(_span_text)], ...], BeforeValidator(_one_or_more)]
-LegSpans = Annotated[tuple[Annotated[str, BeforeValidator(_leg_span_text)], ...], BeforeValidator(_one_or_more)]
-JointSpans = Annotated[tuple[Annotated[str, BeforeValidator(_flipped_text)], ...], BeforeValidator(_one_or_more)]
-JointOffsets = Annotated[tuple[Annotated[str, BeforeValidator(_offset_text)], ...], BeforeValidator(_one_or_more)]
-
-
-class FaultsConfig(StageConfig):
+class FaultsConfig(TruthFaultsConfig, StreamFaultsConfig, JointFaultsConfig, InertialFaultsConfig, ImageFaultsConfig):
     """Which faults occur, and when; starts are in seconds after the recording's first measurement. None by default."""
 
     blackouts: Annotated[
         Spans, Field(description='START:SECONDS each: images are black, tracks gone; as ["20:5"]')
     ] = ()
     frame_loss: Annotated[float, Field(ge=0, le=1, description="share of stereo frames that are lost, at random")] = 0.0
-    seed: Annotated[int, Field(ge=0, description="which frames are lost")] = 0
-    frozen_legs: Annotated[
-        LegSpans, Field(description="LEG:START:SECONDS each: the leg's joints repeat their last reading, at rest")
-    ] = ()
-    silent_joints: Annotated[Spans, Field(description='START:SECONDS each: no joint sample; as ["20:5"]')] = ()
+    seed: Annotated[int, Field(ge=0, description="decides everything random")] = 0
     flipped_encoders: Annotated[
         JointSpans,
         Field(description="JOINT:START:SECONDS each: the encoder reads angle and velocity with a wrong sign"),
@@ -99,9 +73,11 @@ class FaultsConfig(StageConfig):
     ] = ()
     gyroscope_offset: Annotated[
         GyroscopeOffsets,
-        Field(description="START:SECONDS:RADPS each: added to every axis of the body's gyroscope; as 20:1000:0.05"),
+        Field(description="START:SECONDS:RADPS each: added to every axis of the gyroscope; as 20:1000:0.05"),
     ] = ()
-    image_delay_s: Annotated[float, Field(ge=0, le=0.5, description="stamps of images are late by this, s")] = 0.0
+    image_delay_s: Annotated[
+        float, Field(ge=-1, le=1, description="stamps of images are late by this, s; early where it is negative")
+    ] = 0.0
     camera_turn_deg: Annotated[
         Vector, Field(description="the cameras' calibration is turned by this rotation vector, body axes, deg")
     ] = (0.0, 0.0, 0.0)
@@ -112,26 +88,20 @@ class FaultsConfig(StageConfig):
     @property
     def is_none(self) -> bool:
         """Whether there is no fault."""
-        return self.leaves_measurements and not self.turns_cameras
+        return self.leaves_measurements and not self.turns_cameras and not self.truth_gaps
 
     @property
     def leaves_measurements(self) -> bool:
         """Whether every measurement is as recorded."""
-        joints = self.frozen_legs or self.silent_joints or self.flipped_encoders or self.encoder_offsets
-        return not (joints or self.blackouts or self.gyroscope_offset or self.frame_loss or self.image_delay_s)
+        fields = type(self).model_fields
+        return all(
+            getattr(self, name) == field.default for name, field in fields.items() if name not in _BESIDE_MEASUREMENTS
+        )
 
     @property
     def turns_cameras(self) -> bool:
         """Whether the cameras' calibration is wrong."""
         return any(self.camera_turn_deg) or any(self.camera_shift_m)
-
-
-@dataclass(frozen=True, slots=True)
-class _FrozenLeg:
-    """Columns of the leg's joints in a ``JointSample``, and when they are frozen."""
-
-    joints: tuple[int, ...]
-    span: Span
 
 
 class Faults:
@@ -144,11 +114,8 @@ class Faults:
             ConfigError: a leg or joint that the robot does not have, or no robot.
         """
         self.config = config
-        self._dark = [Span.parse(text) for text in config.blackouts]
-        self._silent = [Span.parse(text) for text in config.silent_joints]
-        self._frozen = [_frozen_leg(text, robot) for text in config.frozen_legs]
-        self._encoders = EncoderFaults(config.flipped_encoders, config.encoder_offsets, robot)
-        self._offsets = [GyroscopeOffset.parse(text) for text in config.gyroscope_offset]
+        self._robot = robot
+        _SensorFaults(config, robot)  # a leg that the robot does not have is found before anything runs
 
     def measurements(self, read: Read, sensors: frozenset[type]) -> Iterator[Measurement]:
         """What ``read`` gives of ``sensors``, with the faults on it.
@@ -161,97 +128,72 @@ class Faults:
         if self.config.leaves_measurements:
             yield from read(sensors)
             return
-        late = LateImages(self.config.image_delay_s)
-        for measurement in self._changed(read, sensors):
-            yield from late.push(measurement)
-        yield from late.finish()
-
-    def _changed(self, read: Read, sensors: frozenset[type]) -> Iterator[Measurement]:
         start_ns = _first_ns(read)
-        losses = np.random.default_rng(self.config.seed)
-        blackouts, frozen_legs = _Blackouts(self._dark), _FrozenLegs(self._frozen)
-        for measurement in read(sensors):
-            after_ns = measurement.stamp_ns - start_ns
-            match measurement:
-                case StereoFrame() | StereoTracks():
-                    if losses.random() >= self.config.frame_loss:
-                        yield blackouts.applied(measurement, after_ns)
-                case JointSample():
-                    sample = frozen_legs.applied(self._encoders.applied(measurement, after_ns), after_ns)
-                    if not any(after_ns in span for span in self._silent):
-                        yield sample
-                case ImuSample():
-                    yield offset_gyroscope(measurement, after_ns, self._offsets)
-                case _:
-                    yield measurement
+        streams = StreamFaults(self.config, self.config.seed)
+        for measurement in self._measured(read(sensors), start_ns):
+            yield from streams.push(measurement, measurement.stamp_ns - start_ns)
+        yield from streams.finish()
+
+    def truth(self, truth: GroundTruth | None, read: Read) -> GroundTruth | None:
+        """Ground truth with its gaps.
+
+        Args:
+            truth: of the recording, if there is one.
+            read: gives the recording, as in ``measurements``.
+
+        Raises:
+            ConfigError: no pose of it is left.
+            DatasetError: the recording is malformed.
+        """
+        if truth is None or not self.config.truth_gaps:
+            return truth
+        return with_gaps(truth, self.config.truth_gaps, _first_ns(read))
+
+    def _measured(self, measurements: Iterator[Measurement], start_ns: int) -> Iterator[Measurement]:
+        """As the sensors measure, in the order of stamps."""
+        sensors, delayed = _SensorFaults(self.config, self._robot), DelayedImages(self.config.image_delay_s)
+        for measurement in measurements:
+            measured = sensors.applied(measurement, measurement.stamp_ns - start_ns)
+            if measured is not None:
+                yield from delayed.push(measured)
+        yield from delayed.finish()
 
 
-class _Blackouts:
-    """Black images and lost tracks for some spans of time.
+class _SensorFaults:
+    """The faults of all sensors, from a recording's beginning on."""
 
-    A tracker loses its points in the dark: the same point has another identity afterwards, and a new age.
-    """
+    def __init__(self, config: FaultsConfig, robot: RobotDescription | None) -> None:
+        self._frame_loss = config.frame_loss
+        self._losses = np.random.default_rng(config.seed)
+        self._blackouts = Blackouts([fault.span for fault in SPAN.parsed(config.blackouts)])
+        self._images = ImageFaults(config, config.seed)
+        self._inertial = InertialFaults(config, config.seed)
+        self._offsets = [GyroscopeOffset.parse(text) for text in config.gyroscope_offset]
+        self._encoders = EncoderFaults(config.flipped_encoders, config.encoder_offsets, robot)
+        self._joints = JointFaults(config, robot, config.seed)
+        self._sliding = SlidingFeet(config.sliding_legs, robot)
 
-    def __init__(self, dark: Sequence[Span]) -> None:
-        self._dark = dark
-        self._was_dark = False
-        self._shift = 0  # of identities, from the last darkness on
-        self._next_id = 0
-        self._frames: int | None = None  # since the last darkness
+    def applied(self, measurement: Measurement, after_ns: int) -> Measurement | None:
+        """What is measured instead; None where nothing is."""
+        match measurement:
+            case StereoFrame() | StereoTracks():
+                if self._losses.random() < self._frame_loss:
+                    return None
+                frame = self._images.applied(measurement, after_ns)
+                return None if frame is None else self._blackouts.applied(frame, after_ns)
+            case JointSample():
+                slid = self._sliding.applied(measurement, after_ns)
+                return self._joints.applied(self._encoders.applied(slid, after_ns), after_ns)
+            case FootForceSample():
+                return self._joints.applied_to_feet(measurement, after_ns)
+            case ImuSample() | CameraImuSample():
+                return self._inertia(measurement, after_ns)
+            case _:
+                return measurement
 
-    def applied(self, frame: StereoFrame | StereoTracks, after_ns: int) -> StereoFrame | StereoTracks:
-        """The frame, or what is left of it."""
-        is_dark = any(after_ns in span for span in self._dark)
-        if isinstance(frame, StereoFrame):
-            black = np.zeros_like(frame.left)
-            return replace(frame, left=black, right=black) if is_dark else frame
-        if is_dark:
-            self._shift, self._frames = self._next_id, 0
-            nothing = np.zeros((0, 2))
-            none = np.zeros(0, dtype=np.int64)
-            return StereoTracks(frame.stamp_ns, none, nothing, nothing, quality=TrackingQuality.LOST, reason="blackout")
-        shifted = frame
-        if self._frames is not None:
-            self._frames += 1
-            ages = np.minimum(frame.ages, self._frames)
-            shifted = replace(frame, track_ids=frame.track_ids + self._shift, ages=ages)
-        self._next_id = max(self._next_id, int(shifted.track_ids.max(initial=-1)) + 1)
-        return shifted
-
-
-class _FrozenLegs:
-    """Joints of some legs repeat their last reading, for some spans of time."""
-
-    def __init__(self, frozen: Sequence[_FrozenLeg]) -> None:
-        self._frozen = frozen
-        self._held: list[JointSample | None] = [None] * len(frozen)
-
-    def applied(self, sample: JointSample, after_ns: int) -> JointSample:
-        """The sample with the frozen joints' readings in it; one frozen from the start on holds its first."""
-        position, velocity, effort = (np.array(part) for part in (sample.position, sample.velocity, sample.effort))
-        is_frozen = False
-        for index, leg in enumerate(self._frozen):
-            held = self._held[index]
-            if held is None or after_ns not in leg.span:
-                held = self._held[index] = sample
-            if after_ns in leg.span:
-                joints = list(leg.joints)
-                position[joints], effort[joints] = held.position[joints], held.effort[joints]
-                velocity[joints] = 0.0
-                is_frozen = True
-        return JointSample(sample.stamp_ns, position, velocity, effort) if is_frozen else sample
-
-
-def _frozen_leg(text: str, robot: RobotDescription | None) -> _FrozenLeg:
-    name, span = _leg_span(text)
-    if robot is None:
-        raise ConfigError(f"faults.frozen_legs = {text!r}: no robot is given; name it with --robot")
-    joints = {leg.name: leg.joints for leg in robot.legs}
-    if name not in joints:
-        raise ConfigError(
-            f"faults.frozen_legs = {text!r}: {robot.name} has no leg {name}; its legs are: {listing(joints)}"
-        )
-    return _FrozenLeg(tuple(robot.joint_names.index(joint) for joint in joints[name]), span)
+    def _inertia(self, sample: ImuSample | CameraImuSample, after_ns: int) -> Measurement | None:
+        offsets: Sequence[GyroscopeOffset] = self._offsets if self._inertial.is_on(sample) else ()
+        return self._inertial.applied(offset_gyroscope(sample, after_ns, offsets), after_ns)
 
 
 def _first_ns(read: Read) -> int:

@@ -187,7 +187,8 @@ def _described(
 ) -> RunRecord:
     """``run.json`` before any mode has run; the ground truth goes to its own file, unless it cannot be meant so."""
     is_wrong = truth_errors(diagnosis) and not given.dataset.allow_partial
-    truth = None if is_wrong else dataset.ground_truth()
+    faults = Faults(resolved.faults, resolved.robot)
+    truth = None if is_wrong else faults.truth(dataset.ground_truth(), dataset.measurements)
     if truth is not None:
         run_folder.write_ground_truth(folder, truth)
     is_robots = resolved.robot is not None and resolved.robot == given.robot

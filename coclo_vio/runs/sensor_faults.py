@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated faults of single sensors: a gyroscope's offset that steps in, late image stamps, a wrong mounting.
+"""Simulated faults of single sensors: a gyroscope's offset that steps in, late or early image stamps, a wrong mounting.
 
 The mounting is a fault of the calibration that an estimator is given: the recording stays as it is.
 """
 
-from collections import deque
+import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
@@ -12,10 +12,11 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BeforeValidator
 
+from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, StereoCalibration, matrix4
-from coclo_vio.values.measurements import ImuSample, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import CameraImuSample, ImuSample, Measurement, StereoFrame, StereoTracks
 from coclo_vio.values.units import NS_PER_S
 
 _LARGEST_RADPS = 10.0
@@ -70,38 +71,45 @@ GyroscopeOffsets = Annotated[tuple[Annotated[str, BeforeValidator(_offset_text)]
 Vector = tuple[float, float, float]
 
 
-def offset_gyroscope(sample: ImuSample, after_ns: int, offsets: Sequence[GyroscopeOffset]) -> ImuSample:
+def offset_gyroscope(
+    sample: ImuSample | CameraImuSample, after_ns: int, offsets: Sequence[GyroscopeOffset]
+) -> ImuSample | CameraImuSample:
     """A reading with the offsets of its time added, the reading itself where there is none."""
     radps = sum(each.radps for each in offsets if each.start_ns <= after_ns < each.end_ns)
     if radps == 0.0:
         return sample
-    return ImuSample(sample.stamp_ns, sample.angular_velocity + radps, sample.specific_force)
+    return type(sample)(sample.stamp_ns, sample.angular_velocity + radps, sample.specific_force)
 
 
-class LateImages:
-    """Stamps of images are late, and images come in the order of their stamps.
+class DelayedImages:
+    """Stamps of images are late or early, and everything comes in the order of stamps.
 
     Args:
-        delay_s: stamp of an image less the time of its exposure, at least 0, s.
+        delay_s: stamp of an image less the time of its exposure, s.
     """
 
     def __init__(self, delay_s: float) -> None:
         self._delay_ns = round(delay_s * NS_PER_S)
-        self._held: deque[Measurement] = deque()
+        self._held: list[tuple[int, int, int, Measurement]] = []  # stamp, rank of its kind, number
+        self._number = 0
 
     def push(self, measurement: Measurement) -> Iterator[Measurement]:
-        """Take one; those that are due."""
-        while self._held and self._held[0].stamp_ns < measurement.stamp_ns:
-            yield self._held.popleft()
-        if self._delay_ns and isinstance(measurement, StereoFrame | StereoTracks):
-            self._held.append(replace(measurement, stamp_ns=measurement.stamp_ns + self._delay_ns))
-        else:
+        """Take one; those that nothing can come before any more."""
+        if not self._delay_ns:
             yield measurement
+            return
+        now_ns = measurement.stamp_ns + min(self._delay_ns, 0)
+        if isinstance(measurement, StereoFrame | StereoTracks):
+            measurement = replace(measurement, stamp_ns=measurement.stamp_ns + self._delay_ns)
+        self._number += 1
+        heapq.heappush(self._held, (*order_key(measurement), self._number, measurement))
+        while self._held and self._held[0][0] < now_ns:
+            yield heapq.heappop(self._held)[-1]
 
     def finish(self) -> Iterator[Measurement]:
         """Those that still wait."""
-        yield from self._held
-        self._held.clear()
+        while self._held:
+            yield heapq.heappop(self._held)[-1]
 
 
 def turned_cameras(stereo: StereoCalibration, turn_deg: Vector, shift_m: Vector) -> StereoCalibration:

@@ -54,6 +54,22 @@ def test_a_replaced_prior_is_as_if_it_had_held_from_the_start(seed: int) -> None
     np.testing.assert_allclose(mean + step, expected, rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.parametrize("variances", [(0.005, 0.005, 0.005), (3.0, 0.02, 0.003)])
+def test_along_an_axis_on_which_the_new_prior_is_not_wider_only_its_mean_is_replaced(
+    variances: tuple[float, float, float],
+) -> None:
+    random = np.random.default_rng(4)
+    rows, measured = random.normal(size=(7, 6)), random.normal(size=7)
+    before = Prior(np.zeros(3), np.diag([0.01, 0.02, 0.03]))
+    after = Prior(np.array([0.1, -0.2, 0.3]), np.diag(variances))
+    mean, covariance = posterior(before, rows, measured)
+    columns, step = replaced_prior(covariance, slice(3, 6), mean[3:], before, after)
+    widened = Prior(after.mean, np.diag(np.maximum(variances, [0.01, 0.02, 0.03])))
+    expected, expected_covariance = posterior(widened, rows, measured)
+    np.testing.assert_allclose(covariance + columns @ columns.T, expected_covariance, rtol=5e-3, atol=1e-4)
+    np.testing.assert_allclose(mean + step, expected, rtol=5e-3, atol=1e-3)
+
+
 def test_a_prior_that_nothing_has_measured_is_just_the_new_one() -> None:
     before, after = Prior(np.zeros(3), np.eye(3) * 1e-4), Prior(np.full(3, 0.05), np.eye(3) * 1e-2)
     covariance = np.diag([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4])

@@ -232,6 +232,36 @@ def test_images_of_another_size_than_calibrated_are_refused() -> None:
         StereoFrontend(rig()).track(StereoFrame(0, small, small))
 
 
+def test_images_that_change_their_size_are_lost_until_they_have_it_again(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frames = walked[0]
+    before = [frontend.track(frame) for frame in frames[:3]][-1]
+    half = StereoFrame(frames[3].stamp_ns, frames[3].left[::2, ::2], frames[3].right[::2, ::2])
+    lost = frontend.track(half)
+    assert lost.quality is TrackingQuality.LOST
+    assert f"have {WIDTH // 2} x {HEIGHT // 2} px, the cameras were calibrated with {WIDTH} x {HEIGHT}" in lost.reason
+    assert frontend.overlay().shape == (HEIGHT, 2 * WIDTH, 3)
+    after = frontend.track(frames[4])
+    assert after.quality is TrackingQuality.HEALTHY
+    assert len(set(after.track_ids) & set(before.track_ids)) > 100
+
+
+def test_interchanged_images_are_lost_until_they_are_right_again(walked: Walk) -> None:
+    frontend = StereoFrontend(rig())
+    frames = walked[0]
+    for frame in frames[:3]:
+        frontend.track(frame)
+    lost = frontend.track(StereoFrame(frames[3].stamp_ns, frames[3].right, frames[3].left))
+    assert lost.quality is TrackingQuality.LOST
+    assert lost.reason.startswith("left and right images are interchanged: 1")
+    assert len(lost) == 0
+    after = frontend.track(frames[4])
+    assert after.quality is TrackingQuality.HEALTHY
+    assert (after.ages >= 4).sum() > 90
+    alone = StereoFrontend(rig()).track(StereoFrame(frames[0].stamp_ns, frames[0].right, frames[0].left))
+    assert alone.quality is TrackingQuality.LOST
+
+
 def test_images_of_a_few_pixels_are_lost() -> None:
     tiny = rig().left.model_copy(update={"width_px": 24, "height_px": 20})
     frontend = StereoFrontend(rig().model_copy(update={"left": tiny, "right": tiny}))

@@ -230,7 +230,7 @@ def test_a_recording_of_images_alone_counts_from_its_first() -> None:
         ("faults.gyroscope_offset=['20:5:99']", "RADPS within 10 rad/s"),
         ("faults.gyroscope_offset=[7]", "must be text START:SECONDS:RADPS"),
         ("faults.frame_loss=1.5", "less than or equal to 1"),
-        ("faults.frameloss=0.5", "there is no faults.frameloss; the keys there are: blackouts, "),
+        ("faults.frameloss=0.5", "there is no faults.frameloss; the keys there are: accelerometer_offset, blackouts, "),
     ],
 )
 def test_a_malformed_fault_is_named_in_one_sentence(setting: str, words: str) -> None:

@@ -17,6 +17,7 @@ PAGES = (
     Path("docs") / "grid.md",
     Path("docs") / "legged.md",
     Path("docs") / "diagnosis.md",
+    Path("docs") / "faults.md",
 )
 _PLACE = re.compile(r"<!-- results: (?P<name>[a-z0-9_]+) -->\n.*?<!-- end of results -->", re.DOTALL)
 

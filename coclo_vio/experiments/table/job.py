@@ -88,6 +88,8 @@ def _run(job: Job, recordings: Recordings, config: RunConfig, folder: Path) -> d
     """The results by trajectory; the run folder appears whole, without the states, which are large."""
     path = recordings.path(job.trial, job.seed)
     folder.parent.mkdir(parents=True, exist_ok=True)
+    for left in folder.parent.glob(f".{folder.name}.*"):  # by a worker that was killed
+        shutil.rmtree(left, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as scratch:
         run = Path(scratch) / folder.name
         record = run_modes(path, [job.variant.mode], config, run)

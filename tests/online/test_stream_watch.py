@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A stream that falls silent and an IMU that is stuck are reported once, and so is their end; nothing else is."""
+
+import numpy as np
+import pytest
+from damaged_streams import MS, NotingEstimator, S, imu, joints, tracks
+
+from coclo_vio.datasets.sequencer import sort_measurements
+from coclo_vio.online.config import OnlineConfig
+from coclo_vio.online.guarded_estimator import GuardedEstimator
+from coclo_vio.values.measurements import ImuSample, JointSample, Measurement, StereoTracks
+from coclo_vio.values.outputs import Event
+
+T0 = 1_700_000_000 * S
+KINDS = ("stream_silent", "stream_resumed", "reading_constant", "reading_changes")
+
+
+def recorded(seconds: float = 6.0) -> list[Measurement]:
+    """Joints and IMU at 200 Hz, tracks at 10 Hz; no two readings of the IMU are equal."""
+    stamps = [T0 + number * 5 * MS for number in range(round(seconds * 200))]
+    noise = np.random.default_rng(1)
+    readings = [ImuSample(at, noise.normal(size=3), noise.normal(size=3)) for at in stamps]
+    return list(sort_measurements([*readings, *map(joints, stamps), *map(tracks, stamps[::20])]))
+
+
+def reported(measurements: list[Measurement], **values: float) -> list[Event]:
+    guard = GuardedEstimator(NotingEstimator, OnlineConfig(**values))
+    outputs = [output for measurement in measurements for output in guard.push(measurement)]
+    return [output for output in [*outputs, *guard.finish()] if isinstance(output, Event) and output.kind in KINDS]
+
+
+def without(kind: type, start_s: float, end_s: float, seconds: float = 6.0) -> list[Measurement]:
+    return [
+        each
+        for each in recorded(seconds)
+        if type(each) is not kind or not start_s * S <= each.stamp_ns - T0 < end_s * S
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(JointSample, "joints"), (ImuSample, "imu"), (StereoTracks, "stereo_tracks")]
+)
+def test_a_silent_stream_is_reported_when_it_stops_and_when_it_goes_on(kind: type, name: str) -> None:
+    stops, goes_on = reported(without(kind, 2.0, 4.0))
+    assert (stops.kind, goes_on.kind) == ("stream_silent", "stream_resumed")
+    assert stops.detail.startswith(f"no sample of {name} has come for ")
+    assert "(online.silent_s = 0.5): the estimator goes on without" in stops.detail
+    latest_s = 1.2 if kind is StereoTracks else 0.6  # ten periods
+    assert 0.4 <= (stops.stamp_ns - T0) / S - 2.0 <= latest_s
+    assert goes_on.detail == f"{name} goes on after {goes_on.detail.split()[-4]} s of silence"
+    assert float(goes_on.detail.split()[-4]) == pytest.approx(2.0, abs=0.15)
+    assert (goes_on.stamp_ns - T0) / S == pytest.approx(4.0, abs=0.1)
+
+
+def test_a_stream_that_ends_early_is_reported_once() -> None:
+    assert [each.kind for each in reported(without(JointSample, 2.0, 9.0))] == ["stream_silent"]
+
+
+def test_short_pauses_lost_frames_and_a_pause_of_all_are_not_reported() -> None:
+    assert reported(recorded()) == []
+    assert reported(without(JointSample, 2.0, 2.4)) == []
+    assert reported([each for each in recorded() if not 2 * S <= each.stamp_ns - T0 < 4 * S]) == []
+    assert reported(without(JointSample, 2.0, 4.0), silent_s=0.0) == []
+    assert reported(without(StereoTracks, 2.0, 2.9)) == []
+
+
+def stuck(start_s: float, end_s: float) -> list[Measurement]:
+    held = None
+    rows: list[Measurement] = []
+    for each in recorded():
+        if isinstance(each, ImuSample):
+            is_stuck = start_s * S <= each.stamp_ns - T0 < end_s * S
+            held = each if held is None or not is_stuck else held
+            each = ImuSample(each.stamp_ns, held.angular_velocity, held.specific_force)  # noqa: PLW2901
+        rows.append(each)
+    return rows
+
+
+def test_an_imu_that_repeats_its_reading_is_reported_and_so_is_its_end() -> None:
+    stops, goes_on = reported(stuck(2.0, 3.0))
+    assert (stops.kind, goes_on.kind) == ("reading_constant", "reading_changes")
+    assert stops.detail.startswith("imu has given the same reading 25 times in a row, to the bit")
+    assert (stops.stamp_ns - T0) / S == pytest.approx(2.12, abs=0.02)
+    assert goes_on.detail == "imu gives new readings again, after 1 s of one reading"
+
+
+def test_a_reading_that_comes_a_few_times_or_never_changes_is_not_reported() -> None:
+    assert reported(stuck(2.0, 2.1)) == []
+    assert reported(stuck(2.0, 3.0), constant_readings=0) == []
+    stamps = [T0 + number * 5 * MS for number in range(600)]
+    assert reported(list(sort_measurements([*map(imu, stamps), *map(joints, stamps)]))) == [], "made by hand"
