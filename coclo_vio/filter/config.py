@@ -76,6 +76,15 @@ class RobustConfig(StageConfig):
     foot_velocity_noise_mps: Annotated[
         float, Field(gt=0, description="one sigma of a stance foot's velocity (slip, bending), m/s")
     ] = 0.05
+    step_deflection_s: Annotated[
+        float,
+        Field(
+            ge=0,
+            lt=0.1,
+            description="one sigma of the body's displacement within a step that legs do not measure (bending, "
+            "roll-off), m per m/s of its speed: noise of the pose at a camera frame, each axis",
+        ),
+    ] = 0.002
     no_contact_velocity_density: Annotated[
         float, Field(gt=0, description="white velocity of any foot while no foot carries the body, m/s/sqrt(Hz)")
     ] = 0.2

@@ -85,11 +85,13 @@ class BodyTrail:
     def motion_to(self, stamp_ns: int, now_ns: int, core: SquareRootFilter) -> FrameMotion:
         """The motion from the present to a stamp; beyond constant velocity only across a gap, or back."""
         dt_s = (stamp_ns - now_ns) / NS_PER_S
+        deflection_m = self._config.robust.step_deflection_s * float(np.linalg.norm(core.mean.vector[VELOCITY]))
         if dt_s < 0.0 and self.reaches(stamp_ns, now_ns):
             sigmas = [float(np.sqrt(core.variance(errors).mean())) for errors in (RATE, VELOCITY)]
-            return FrameMotion(0.0, (-sigmas[0] * dt_s, -sigmas[1] * dt_s), self._back_to(stamp_ns))
+            motion_m = float(np.hypot(sigmas[1] * dt_s, deflection_m))
+            return FrameMotion(0.0, (-sigmas[0] * dt_s, motion_m), self._back_to(stamp_ns))
         if abs(dt_s) <= self._config.max_gap_s:
-            return FrameMotion(dt_s)
+            return FrameMotion(dt_s, (0.0, deflection_m))
         robust, reach = self._config.robust, float(np.sqrt(abs(dt_s) ** 3 / 3.0))
         return FrameMotion(dt_s, (robust.angular_acceleration_density * reach, robust.acceleration_density * reach))
 

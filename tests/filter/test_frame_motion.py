@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from test_keyframe_exchange import pushed, started
 
+from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.frame_motion import FrameMotion
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.geometry import se3
@@ -51,6 +52,19 @@ def test_the_uncertainty_of_a_late_frame_grows_with_its_delay_and_covers_the_err
         traces.append(now_to_frame)
     assert traces == sorted(traces)
     assert max(nees) < 4.0
+
+
+def test_a_frame_has_a_noise_in_proportion_to_the_speed(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    traces, speeds = [], []
+    for deflection_s in (0.0, 0.05):
+        robust = RobustConfig(step_deflection_s=deflection_s)
+        odometry = LegOdometryFilter(daisy, FilterConfig(robust=robust), remembers_frames=True)
+        now = pushed(odometry, noisy_walk.measurements[:1000])[-1]
+        keyframe = odometry.mark_frame(now.stamp_ns).anchor()
+        traces.append(np.trace(keyframe.mark_frame(now.stamp_ns).poses().covariance[9:, 9:]))
+        speeds.append(float(np.linalg.norm(now.nav.velocity_world)))
+    assert speeds[0] == speeds[1] > 0.03
+    assert traces[1] - traces[0] == pytest.approx(2 * 3 * (0.05 * speeds[0]) ** 2, rel=0.01)
 
 
 def test_between_two_samples_the_motion_back_is_divided(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
