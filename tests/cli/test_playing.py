@@ -15,7 +15,7 @@ def test_play_prints_times_and_writes_them(coclo: Coclo, leg_log: Path, tmp_path
     assert written["measurements"]["joints"] > 100
     run = json.loads((tmp_path / "out" / "run.json").read_text())
     assert run["estimators"]["coclo"]["estimates"] > 100
-    assert answer.err.count("process ") == 2, "estimator and source"
+    assert "process estimator: " in answer.err
 
 
 def test_what_was_played_is_replaced_only_on_request(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
