@@ -17,6 +17,7 @@ from coclo_vio.runs.paced_play import paced_feed, play_mode
 from coclo_vio.runs.run_folder import Existing
 from coclo_vio.runs.running import Ending
 from coclo_vio.values.outputs import Output
+from coclo_vio.views.view import View
 
 
 class OutputSink(Protocol):
@@ -49,7 +50,7 @@ def play(
     rate: float | PacedFeed = 1.0,
     seconds: float | None = None,
     folder: str | Path | None = None,
-    sink: OutputSink | None = None,
+    sink: OutputSink | View | None = None,
     progress: Progress | None = None,
     existing: Existing | Ending | str = Existing.REFUSE,
 ) -> Play:
@@ -63,7 +64,7 @@ def play(
         rate: seconds of recording per second; or what plays it, made of rate and seconds.
         seconds: of the recording to play; all of it if None.
         folder: run folder; a temporary one if None.
-        sink: gets each output as it comes out, and is closed at the end.
+        sink: gets each output as it comes out, and is closed at the end; a view gets measurements too.
         progress: called with the mode and the stamp (ns) of each measurement.
         existing: what becomes of results in the folder: ``refuse`` or ``overwrite``; or an ``Ending``, which may stop
             it. A play cannot be resumed.
@@ -80,6 +81,8 @@ def play(
     ending = existing if isinstance(existing, Ending) else Ending(existing_of(existing))
     with ExitStack() as stack:
         target = Path(folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="coclo_vio_")))
+        view = sink if isinstance(sink, View) else None
+        watch = None if sink is None or view is not None else lambda _, output: sink.take(output)
         with nullcontext() if sink is None else closing(sink):
             record, latency = play_mode(
                 recording.path,
@@ -87,7 +90,7 @@ def play(
                 recording.config,
                 target,
                 feed,
-                observers=Observers(progress, None if sink is None else lambda _, output: sink.take(output)),
+                observers=Observers(progress, watch, view),
                 ending=ending,
             )
         return Play(Run(target, record, remove=stack.pop_all().close), latency)

@@ -28,6 +28,7 @@ from coclo_vio.cli.options import (
 from coclo_vio.cli.printing import print_failures, print_run, print_table, progress_bar
 from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give_json, out, say
+from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
 from coclo_vio.runs.comparison_report import report_title
 from coclo_vio.runs.latency import LatencyRecord, Spread
 from coclo_vio.runs.paced_feed import MAX_LAG_S
@@ -53,6 +54,9 @@ def play(
     allow_partial: PartialOption = False,
     output: OutOption = Path("out"),
     overwrite: OverwriteOption = False,
+    view: ViewOption = None,
+    view_file: ViewFileOption = None,
+    view_port: ViewPortOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Play a recording to one mode by its stamps, as drivers would, and measure latencies and load."""
@@ -60,8 +64,10 @@ def play(
     with stoppable(partial(done_so_far, output, can_resume=False)) as stop:
         recording = open_recording(dataset, robot, config=config, settings=with_partial(settings, allow_partial))
         ending = Ending(existing(overwrite=overwrite, resume=False), stop)
-        with progress_bar() as progress:
-            played = play_recording(recording, mode, rate=feed, folder=output, progress=progress, existing=ending)
+        with opened_view(view, recording, view_file, view_port) as shown, progress_bar() as progress:
+            played = play_recording(
+                recording, mode, rate=feed, folder=output, sink=shown, progress=progress, existing=ending
+            )
     _show(played, recording, output, as_json=as_json)
 
 

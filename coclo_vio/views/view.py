@@ -3,7 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.arrays import ByteImage
@@ -12,6 +12,7 @@ from coclo_vio.values.outputs import Output
 from coclo_vio.values.trajectory import Trajectory
 
 
+@runtime_checkable
 class View(Protocol):
     """Shows what goes into an estimator and what comes out; whoever runs the estimator calls it.
 

@@ -18,6 +18,14 @@ def test_play_prints_times_and_writes_them(coclo: Coclo, leg_log: Path, tmp_path
     assert "process estimator: " in answer.err
 
 
+def test_a_play_can_be_seen(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
+    shown = ("--view", "foxglove", "--view-file", "play.mcap")
+    answer = coclo("play", leg_log, "-m", "naive", "--rate", 20, "--seconds", 2, *shown)
+    assert answer.status == 0, answer.err
+    assert "view: play.mcap" in answer.out.splitlines()
+    assert (tmp_path / "play.mcap").stat().st_size > 50_000, "the robot and its joints"
+
+
 def test_what_was_played_is_replaced_only_on_request(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     arguments = ("play", leg_log, "-m", "naive", "--rate", 20, "--seconds", 1)
     assert coclo(*arguments).status == 0
