@@ -62,9 +62,15 @@ class _Step:
 class BodyTrail:
     """The last motions of the body, step by step; corrections between steps are no motion."""
 
-    def __init__(self, config: FilterConfig) -> None:
-        """Args: the filter's."""
+    def __init__(self, config: FilterConfig, *, is_exact: bool = False) -> None:
+        """Take the filter's configuration.
+
+        Args:
+            config: the filter's.
+            is_exact: whether a frame is where the filter is, as in the paper, without what moves within a step.
+        """
         self._config = config
+        self._deflection_s = 0.0 if is_exact or config.profile == "paper" else config.robust.step_deflection_s
         self._steps: deque[_Step] = deque()
 
     def add(self, before: State, start_ns: int, after: State, end_ns: int) -> None:
@@ -85,7 +91,7 @@ class BodyTrail:
     def motion_to(self, stamp_ns: int, now_ns: int, core: SquareRootFilter) -> FrameMotion:
         """The motion from the present to a stamp; beyond constant velocity only across a gap, or back."""
         dt_s = (stamp_ns - now_ns) / NS_PER_S
-        deflection_m = self._config.robust.step_deflection_s * float(np.linalg.norm(core.mean.vector[VELOCITY]))
+        deflection_m = self._deflection_s * float(np.linalg.norm(core.mean.vector[VELOCITY]))
         if dt_s < 0.0 and self.reaches(stamp_ns, now_ns):
             sigmas = [float(np.sqrt(core.variance(errors).mean())) for errors in (RATE, VELOCITY)]
             motion_m = float(np.hypot(sigmas[1] * dt_s, deflection_m))

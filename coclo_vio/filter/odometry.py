@@ -83,11 +83,10 @@ class LegOdometryFilter:
         self._robot, contact = robot, robot.description.contact
         self._profile: Profile
         self._camera_imu: CameraImu | None = None
-        initial = self.config.initial
         if self.config.profile == "paper":
             contact = contact.for_paper()
             self._profile = PaperProfile(
-                robot, self.config.paper, self._counts, initial=initial, has_frame=remembers_frames
+                robot, self.config.paper, self._counts, initial=self.config.initial, has_frame=remembers_frames
             )
         else:
             if camera_imu is not None and self.config.camera_imu.is_used:
@@ -100,7 +99,7 @@ class LegOdometryFilter:
                 robot,
                 self.config.robust,
                 self._counts,
-                initial=initial,
+                initial=self.config.initial,
                 has_frame=remembers_frames,
                 extra_blocks=(*extra, *start),
                 holds_soles=not preintegrates,
@@ -113,7 +112,8 @@ class LegOdometryFilter:
         self._core: SquareRootFilter | None = None
         self._exchange: KeyframeExchange | None = None
         self._levels: list[StateLevel] = []
-        self._gate, self._trail = EvidenceGate(self.config.feedback_gate), BodyTrail(self.config)
+        self._gate = EvidenceGate(self.config.feedback_gate)
+        self._trail = BodyTrail(self.config, is_exact=preintegrates)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
         self._given: Learnt = {}

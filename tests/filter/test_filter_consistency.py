@@ -30,6 +30,7 @@ MATCHED = FilterConfig(
         foothold_creep=2e-5,
         foot_position_noise_m=1e-5,
         foot_velocity_noise_mps=1e-3,
+        step_deflection_s=0.0,
     ),
     initial=InitialConfig(accelerometer_bias_mps2=0.05, camera_rotation_sigma_rad=0.0, stereo_scale_sigma=0.0),
     standstill=StandstillConfig(window_s=0.4, gyroscope_std_radps=0.006, joint_speed_radps=0.065),

@@ -22,7 +22,7 @@ from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.units import NS_PER_S
 
 EXACT_CAMERAS = InitialConfig(camera_rotation_sigma_rad=0.0, stereo_scale_sigma=0.0)
-NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_compliance=False)
+NOMINAL = RobustConfig(estimates_leg_scale=False, estimates_leg_compliance=False, step_deflection_s=0.0)
 PROFILES = [
     FilterConfig(robust=NOMINAL, initial=EXACT_CAMERAS),
     FilterConfig(profile="paper", initial=EXACT_CAMERAS),
