@@ -3,7 +3,8 @@
 
 One wrong result must not spoil the filter, so evidence whose innovation is larger than its covariance allows is
 rejected. But consistent evidence that is rejected again and again means that the filter itself is wrong: after some
-rejections in a row its covariance is inflated until the evidence fits, and the evidence is accepted.
+rejections in a row its covariance is inflated until the evidence fits, and the evidence is accepted, unless no
+third sensor agrees with it.
 """
 
 from collections import Counter
@@ -54,7 +55,12 @@ class EvidenceGate:
         self.counts: Counter[str] = Counter()
 
     def correct(
-        self, core: SquareRootFilter, evidence: PoseEvidence, fallback: PoseEvidence | None = None
+        self,
+        core: SquareRootFilter,
+        evidence: PoseEvidence,
+        fallback: PoseEvidence | None = None,
+        *,
+        may_force: bool = True,
     ) -> GateResult:
         """Correct the filter by evidence on keyframe and frame, if its innovation passes.
 
@@ -63,6 +69,7 @@ class EvidenceGate:
             evidence: the novel information.
             fallback: all information of the other side: used in place of ``evidence`` where the correction is forced,
                 so that evidence that was rejected before is made up for.
+            may_force: False where no other sensor agrees with this evidence: it is rejected however often it comes.
         """
         innovation, correction = correction_by(core, evidence)
         if correction is None:
@@ -71,7 +78,7 @@ class EvidenceGate:
         outcome = GateOutcome.ACCEPTED
         if innovation.squared > limit:
             self._rejections += 1
-            if self._rejections <= self._config.max_rejections:
+            if self._rejections <= self._config.max_rejections or not may_force:
                 return self._result(GateOutcome.REJECTED, innovation)
             outcome = GateOutcome.FORCED
             correction = self._inflated_correction(core, evidence if fallback is None else fallback)

@@ -241,7 +241,12 @@ class FramePair:
         return remembered_poses.frame_pair(self._exchange.core_of(self), self.keyframe_ns, self.stamp_ns)
 
     def correct(
-        self, evidence: PoseEvidence, inflation: float = 1.0, fallback: PoseEvidence | None = None
+        self,
+        evidence: PoseEvidence,
+        inflation: float = 1.0,
+        fallback: PoseEvidence | None = None,
+        *,
+        may_force: bool = True,
     ) -> GateResult:
         """Correct the filter by evidence on the two poses, however late it comes, if its innovation passes the gate.
 
@@ -249,6 +254,7 @@ class FramePair:
             evidence: on the poses of keyframe and frame relative to the anchor.
             inflation: the filter's sigmas of rotation and positions are multiplied by this before the gate.
             fallback: all information of the other side, used instead where the correction is forced.
+            may_force: whether evidence that was rejected several times in a row is accepted by force.
 
         Raises:
             FilterError: the object is void, or the evidence is of other stamps.
@@ -261,7 +267,7 @@ class FramePair:
                 "take start_ns and end_ns from poses() of this pair"
             )
         core.inflate_poses(inflation)
-        return self._exchange.gate.correct(core, evidence, fallback)
+        return self._exchange.gate.correct(core, evidence, fallback, may_force=may_force)
 
     def keep(self) -> Keyframe:
         """Make the frame the keyframe. This pair and its keyframe are void then.

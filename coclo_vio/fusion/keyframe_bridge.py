@@ -233,13 +233,14 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
         pair, feedback = pending.pair, pending.feedback
         outcome = None
         if feedback is not None:
-            gate = pair.correct(feedback.evidence, feedback.inflation, feedback.fallback)
+            may_force = self._monitor is None or self._monitor.is_for_vision
+            gate = pair.correct(feedback.evidence, feedback.inflation, feedback.fallback, may_force=may_force)
             outcome = gate.outcome
             if self._reports_innovations:
                 yield Innovation(pair.stamp_ns, "vision", gate.innovation_squared, gate.rows)
             self._last_pose = pair.T_world_body
             if outcome in {GateOutcome.REJECTED, GateOutcome.FORCED}:
-                yield Event(pair.stamp_ns, f"feedback_{outcome.value}", _gate_sentence(gate))
+                yield Event(pair.stamp_ns, f"feedback_{outcome.value}", _gate_sentence(gate, may_force))
         self._known_to_both = pair.poses().end
         self._keyframe = pair.keep()
         if outcome in {GateOutcome.ACCEPTED, GateOutcome.FORCED}:
@@ -266,10 +267,11 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
         yield Estimate(self._smoother_name, replace(result.estimate, nav=nav, covariance=covariance))
 
 
-def _gate_sentence(gate: GateResult) -> str:
+def _gate_sentence(gate: GateResult, may_force: bool) -> str:
     """What the gate measured, and what it did."""
     squared, rows = gate.innovation_squared, gate.rows
     measured = f"the evidence of vision has a squared innovation of {squared:.0f} where {rows} is expected"
     if gate.outcome is GateOutcome.REJECTED:
-        return f"{measured}; it was rejected"
+        against = "" if may_force else "; the gyroscope does not agree with vision either"
+        return f"{measured}; it was rejected{against}"
     return f"{measured}, after rejections in a row; the filter's covariance was inflated and the evidence accepted"

@@ -32,6 +32,7 @@ _FLOOR_RAD = 2e-4  # least noise of a rotation, each axis
 _START_FACTOR, _LEAST_FACTOR, _MOST_FACTOR = 3.0, 1.5, 10.0  # of what residuals claim
 _MEDIAN_OF_CHI2 = 2.37  # three degrees of freedom
 _REMEMBERED = 30  # intervals
+_TURN_SIGMAS = 8.0
 _GATE = 21.1  # chi-square, three degrees of freedom, one in 10,000
 
 
@@ -63,10 +64,12 @@ class RotationInnovation:
     Attributes:
         value: cameras less expected, rad, (3,).
         squared: normalised, chi-square with three degrees of freedom.
+        turns_significantly: whether the cameras turn by many sigmas, without which agreement shows nothing.
     """
 
     value: Array
     squared: float
+    turns_significantly: bool
 
     @property
     def is_accepted(self) -> bool:
@@ -100,7 +103,8 @@ class RotationCalibration:
         value = pair.by_vision - pair.by_gyroscope - rows @ self.mean
         noise = self._factor**2 * pair.covariance + np.eye(3) * _FLOOR_RAD**2
         spread = rows @ self.covariance @ rows.T + noise
-        return RotationInnovation(value, float(value @ np.linalg.solve(spread, value))), rows, noise
+        turns = bool(pair.by_vision @ pair.by_vision > _TURN_SIGMAS**2 * noise.trace() / 3.0)
+        return RotationInnovation(value, float(value @ np.linalg.solve(spread, value)), turns), rows, noise
 
     def add(self, pair: RotationPair) -> RotationInnovation:
         """Take an interval; its innovation before, by which it is used or left out."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coclo_vio.fusion.delay_search import DelaySearch
 from coclo_vio.fusion.rotation_calibration import BIAS, DELAY, MOUNTING, RotationCalibration, RotationPair
 from coclo_vio.fusion.rotation_findings import (
     CameraMounting,
@@ -33,12 +34,14 @@ from coclo_vio.values.units import NS_PER_S
 _SHORTEST_S, _LONGEST_S = 0.3, 1.0  # of an interval
 _SHORTEST_AGAIN_S = 0.1  # the same after an interval in which sensors disagree
 _UNDECIDED_S = 1.0  # for how long a disagreement waits for a witness
+_SEARCH_SIGMA_S = 0.01  # of a delay that was found by search
 _SIGMAS = 5.0  # beyond which an error of calibration is found
 _LEAST_MOUNTING_RAD, _LEAST_DELAY_S = 0.012, 0.012  # less is within a prior, or the low-pass of an IMU
 _LEAST_AGAIN_RAD = 0.035  # beyond a mounting that has been found
 _LEAST_RATE_RADPS, _LEAST_BIAS_RADPS = 0.015, 0.01
 _FEWEST_PAIRS = 10
 _IN_A_ROW, _MOST_IN_A_ROW = 2, 12
+_JUDGED, _FEWEST_JUDGED = 6, 4  # latest intervals with a turn, by which cameras and gyroscope agree or not
 _SAME_DIRECTION = 0.7
 
 
@@ -86,6 +89,8 @@ class RotationCheck:
         self._reference: Array | None = None  # bias that is subtracted from all readings
         self._start: StereoTracks | None = None
         self._disagreements: deque[_Disagreement] = deque(maxlen=_MOST_IN_A_ROW)
+        self._delays = DelaySearch(self._gyroscope)
+        self._agreed: deque[bool] = deque(maxlen=_JUDGED)
         self._suspects_vision = False
         self._reported_mounting: Array | None = None
 
@@ -93,6 +98,18 @@ class RotationCheck:
     def start_ns(self) -> int | None:
         """Time of the frame at which the present interval began."""
         return None if self._start is None else self._start.stamp_ns
+
+    @property
+    def is_for_vision(self) -> bool:
+        """Whether cameras and gyroscope agree in most of the latest turns, or another sensor agrees with vision.
+
+        Also where there is no gyroscope to compare with; not before there are some turns.
+        """
+        if self._gyroscope.is_empty:
+            return True
+        known = [each.testimony[1] for each in self._disagreements if each.testimony is not None]
+        agree = len(self._agreed) >= _FEWEST_JUDGED and 2 * sum(self._agreed) >= len(self._agreed)
+        return agree or Testimony.VISION in known
 
     def push_gyroscope(self, reading: InertialReading) -> None:
         """Take a reading of the body's gyroscope."""
@@ -128,6 +145,10 @@ class RotationCheck:
         self._start = tracks
         if start is None or pair is None:
             return None
+        delay_s = self._delays.push(start.stamp_ns, stamp_ns, pair.by_vision)
+        if delay_s is not None:
+            self.calibration = RotationCalibration()  # none of its pairs was of one time
+            return self._delay(delay_s, _SEARCH_SIGMA_S)
         return self._compare(start.stamp_ns, stamp_ns, pair, self._reference - bias)
 
     def _pair(self, start: StereoTracks, end: StereoTracks, reference: Array) -> RotationPair | None:
@@ -146,6 +167,8 @@ class RotationCheck:
 
     def _compare(self, start_ns: int, end_ns: int, pair: RotationPair, reference_less_bias: Array) -> Finding | None:
         innovation = self.calibration.add(pair)
+        if innovation.turns_significantly:
+            self._agreed.append(innovation.is_accepted)
         others = self._others(start_ns, end_ns, pair.by_gyroscope)
         if innovation.is_accepted:
             self._disagreements.clear()
@@ -204,9 +227,8 @@ class RotationCheck:
         delay_s = float(known.mean[DELAY]) + self.gyroscope_delay_s
         sigma_s = float(np.sqrt(known.covariance[DELAY, DELAY]))
         if abs(delay_s) > max(_SIGMAS * sigma_s, _LEAST_DELAY_S):
-            self._start = None  # stamps change from here on
             known.remove_delay(delay_s)
-            return ImageDelay(delay_s, sigma_s)
+            return self._delay(delay_s, sigma_s)
         reported, least = self._reported_mounting, _LEAST_MOUNTING_RAD
         if reported is not None:
             mounting, least = mounting - reported, _LEAST_AGAIN_RAD
@@ -217,6 +239,14 @@ class RotationCheck:
         if _is_significant(off, known.covariance[BIAS, BIAS], _LEAST_BIAS_RADPS):
             return self._offset(off, end_ns, end_ns, np.eye(4), None)
         return None
+
+    def _delay(self, delay_s: float, sigma_s: float) -> ImageDelay:
+        """Stamps change from here on."""
+        self._start = None
+        self._disagreements.clear()
+        self._agreed.clear()
+        self._delays.restart()
+        return ImageDelay(delay_s, sigma_s)
 
     def _sudden_finding(self) -> Finding | None:
         """Who is wrong, once cameras and gyroscope have disagreed twice in a row in the same direction."""

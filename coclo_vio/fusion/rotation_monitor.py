@@ -62,6 +62,11 @@ class RotationMonitor:
         self._snapshots: dict[int, Snapshot] = {}  # of the filter, by the stamps of frames at which intervals begin
         self._states: deque[StateEstimate] = deque()  # of the last seconds
 
+    @property
+    def is_for_vision(self) -> bool:
+        """Whether another sensor than the legs agrees with vision, or there is none."""
+        return self._check.is_for_vision
+
     def take(self, measurement: Measurement) -> None:
         """Take a reading of an IMU; anything else is left out."""
         match measurement:

@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 
 from coclo_vio.geometry import so3
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.units import NS_PER_S
 
 _KEPT_S = 4.0  # how far back an interval may begin
@@ -26,6 +26,11 @@ class GyroscopeRotation:
         self._rotation = rotation_body_imu
         self._stamps_ns: deque[int] = deque()
         self._rates: deque[Array] = deque()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there has been no reading."""
+        return not self._stamps_ns
 
     def push(self, stamp_ns: int, rate: Array) -> None:
         """Take a reading in order, imu frame, rad/s, (3,); others are left out."""
@@ -63,6 +68,20 @@ class GyroscopeRotation:
         for turn in so3.exp(0.5 * (at[1:] + at[:-1]) * np.diff(at_s)[:, None]):
             rotation = rotation @ turn
         return np.asarray(so3.log(rotation)), np.asarray(at[-1] - at[0])
+
+
+    def mean_rates(self, starts_ns: IntArray, ends_ns: IntArray) -> Array | None:
+        """Mean rates over intervals, body axes, rad/s, (n, 3); None where readings do not reach over all of them."""
+        stamps = np.array(self._stamps_ns, dtype=np.int64)
+        if len(stamps) < 2 or stamps[0] > starts_ns.min() or stamps[-1] < ends_ns.max():
+            return None
+        times_s = (stamps - stamps[0]) / NS_PER_S
+        rates = np.array(self._rates) @ self._rotation.T
+        turned = np.zeros((len(stamps), 3))
+        np.cumsum(0.5 * (rates[1:] + rates[:-1]) * np.diff(times_s)[:, None], axis=0, out=turned[1:])
+        start_s, end_s = ((each - stamps[0]) / NS_PER_S for each in (starts_ns, ends_ns))
+        turns = [np.interp(end_s, times_s, each) - np.interp(start_s, times_s, each) for each in turned.T]
+        return np.column_stack(turns) / (end_s - start_s)[:, None]
 
 
 class FeetRotation:
