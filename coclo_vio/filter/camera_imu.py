@@ -71,7 +71,7 @@ class CameraImu:
         self.blocks = camera_imu_blocks(own, config.initial, imu, is_passive=is_passive)
         self.counts: Counter[str] = Counter()
         self._imu, self._body_imu, self._config, self._initial = imu, body_imu, own, config.initial
-        self._rotation_body_imu, self._lever_cross = imu.T_body_imu[:3, :3], so3.hat(imu.T_body_imu[:3, 3])
+        self.rotation_body_imu, self._lever_cross = imu.T_body_imu[:3, :3], so3.hat(imu.T_body_imu[:3, 3])
         self._comparison = ImuComparison(body_imu.T_body_imu, imu.T_body_imu, own.window_s)
         self._standstill = StandstillDetector(config.standstill.limits)
         self._gravity = GravityWindow(robust.gravity_dwell_s, robust.gravity_window_s)
@@ -102,7 +102,7 @@ class CameraImu:
         self._comparison.push(sample, is_second=True)
         self._standstill.push(sample)
         values = np.stack((sample.angular_velocity, sample.specific_force))
-        self._since_joints.append(values @ self._rotation_body_imu.T)
+        self._since_joints.append(values @ self.rotation_body_imu.T)
 
     def replaces_body_imu(self, stamp_ns: int) -> bool:
         """Whether the body's IMU is silent while the camera's is not."""
@@ -113,7 +113,7 @@ class CameraImu:
     def rest(self, stamp_ns: int) -> ImuMeans | None:
         """Mean readings at rest, body axes, while this IMU replaces the body's; otherwise None."""
         rest = self._standstill.rest if self.replaces_body_imu(stamp_ns) else None
-        return None if rest is None else rest.rotated(self._rotation_body_imu)
+        return None if rest is None else rest.rotated(self.rotation_body_imu)
 
     def completed(self, reading: Reading) -> Reading:
         """The reading with the standstill by this IMU, while it replaces the body's."""

@@ -119,9 +119,10 @@ class LegOdometryFilter:
         self._given: Learnt = {}
 
     @property
-    def imu_rotation(self) -> Array:
-        """``R_body_imu``, (3, 3)."""
-        return self._robot.description.imu.T_body_imu[:3, :3]
+    def imu_rotations(self) -> tuple[Array, Array | None]:
+        """``R_body_imu`` of the body's IMU and of the camera's, (3, 3); None where that one is not used."""
+        own = None if self._camera_imu is None else self._camera_imu.rotation_body_imu
+        return self._robot.description.imu.T_body_imu[:3, :3], own
 
     @property
     def reading(self) -> Reading | None:

@@ -198,7 +198,7 @@ def combined_odometry(
         SlidingWindowSmoother(rig, smoother, gives_snapshots=pictures_every is not None),
         stages,
         config,
-        check=RotationCheck(rig, leg_filter.imu_rotation),
+        check=RotationCheck(rig, *leg_filter.imu_rotations),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
     )

@@ -261,7 +261,7 @@ def combined_beside(
         leg_filter,
         VisionProcess(recipe, size if has_frames else 0, config.vision_timeout_s),
         config,
-        check=RotationCheck(rig, leg_filter.imu_rotation),
+        check=RotationCheck(rig, *leg_filter.imu_rotations),
         time_offset_s=stereo.time_offset_s,
         reports_innovations=pictures_every is not None,
     )

@@ -137,9 +137,10 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
 
     def _take_sample(self, sample: JointSample | ImuSample | CameraImuSample | FootForceSample) -> Iterator[Output]:
         """A sample of legs or IMUs goes to the filter."""
+        if self._monitor is not None and not self._monitor.take(sample):
+            self._counted["imu_set_aside"] += 1
+            return
         state = self._filter.push(sample)
-        if self._monitor is not None:
-            self._monitor.take(sample)
         if state is not None:
             self._latest = state
             if self._monitor is not None:

@@ -4,7 +4,8 @@
 Beside filter and window, and independent of them: the cameras' rotation comes from two frames' tracks alone
 (``stereo_motion``), the gyroscope's from its readings, the legs' from feet that stand over the whole interval. Slow
 disagreement between cameras and gyroscope is an error of calibration, which is estimated (``rotation_calibration``): a
-mounting, a delay, a bias. Sudden disagreement is a fault of one of the two, and the third sensor names it.
+mounting, a delay, a bias. Sudden disagreement is a fault of one of the two, and the third sensor names it. A gyroscope
+that has been set aside is replaced by the cameras' own, if there is one, until it agrees with the cameras again.
 """
 
 from collections import deque
@@ -13,10 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from coclo_vio.fusion.delay_search import DelaySearch
+from coclo_vio.fusion.gyroscope_return import GyroscopeReturn
 from coclo_vio.fusion.rotation_calibration import BIAS, DELAY, MOUNTING, RotationCalibration, RotationPair
 from coclo_vio.fusion.rotation_findings import (
     CameraMounting,
     Finding,
+    GyroscopeAgrees,
     GyroscopeOffset,
     ImageDelay,
     VisionAgrees,
@@ -82,9 +85,11 @@ class RotationCheck:
         self.calibration = RotationCalibration()
         self.gyroscope_delay_s = 0.0
         self._rig = rig
-        self._gyroscope, self._feet = GyroscopeRotation(rotation_body_imu), FeetRotation()
+        self._body_gyroscope, self._feet = GyroscopeRotation(rotation_body_imu), FeetRotation()
         own = rotation_body_camera_imu
         self._camera_gyroscope = None if own is None else GyroscopeRotation(own)
+        self._gyroscope = self._body_gyroscope  # that is compared
+        self._aside: GyroscopeReturn | None = None  # the body's, while it is set aside
         self._witnesses = {"legs": Witness(), "camera_gyroscope": Witness()}
         self._reference: Array | None = None  # bias that is subtracted from all readings
         self._start: StereoTracks | None = None
@@ -113,7 +118,7 @@ class RotationCheck:
 
     def push_gyroscope(self, reading: InertialReading) -> None:
         """Take a reading of the body's gyroscope."""
-        self._gyroscope.push(reading.stamp_ns, reading.angular_velocity)
+        self._body_gyroscope.push(reading.stamp_ns, reading.angular_velocity)
 
     def push_camera_gyroscope(self, reading: InertialReading) -> None:
         """Take a reading of the cameras' own gyroscope."""
@@ -137,33 +142,69 @@ class RotationCheck:
         dt_s = 0.0 if start is None else (stamp_ns - start.stamp_ns) / NS_PER_S
         if 0.0 < dt_s < (_SHORTEST_AGAIN_S if self._disagreements else _SHORTEST_S):
             return None
-        pair = None
-        if start is not None and 0.0 < dt_s <= _LONGEST_S:
-            pair = self._pair(start, tracks, self._reference)
-            if dt_s < _SHORTEST_S and (pair is None or self.calibration.innovation(pair)[0].is_accepted):
+        is_interval = start is not None and 0.0 < dt_s <= _LONGEST_S
+        motion = self._visual_motion(start, tracks) if start is not None and is_interval else None
+        pair = None if start is None or motion is None else self._pair(start.stamp_ns, stamp_ns, motion)
+        if start is not None and 0.0 < dt_s < _SHORTEST_S:
+            if pair is None or self.calibration.innovation(pair)[0].is_accepted:
                 return None  # a short interval decides only where it is significant
         self._start = tracks
-        if start is None or pair is None:
+        if start is None or motion is None:
             return None
+        returned = self._returned(start.stamp_ns, stamp_ns, motion[0])
+        if returned is not None or pair is None:
+            return returned
         delay_s = self._delays.push(start.stamp_ns, stamp_ns, pair.by_vision)
         if delay_s is not None:
             self.calibration = RotationCalibration()  # none of its pairs was of one time
             return self._delay(delay_s, _SEARCH_SIGMA_S)
         return self._compare(start.stamp_ns, stamp_ns, pair, self._reference - bias)
 
-    def _pair(self, start: StereoTracks, end: StereoTracks, reference: Array) -> RotationPair | None:
-        """The rotation between two frames by cameras and gyroscope; None where one of them has none."""
-        by_gyroscope = self._gyroscope.between(start.stamp_ns, end.stamp_ns, reference)
-        motion = None if by_gyroscope is None else stereo_motion(self._rig, start, end)
-        if by_gyroscope is None or motion is None:
+    def set_gyroscope_aside(self) -> None:
+        """From now on compare the cameras with their own gyroscope, if there is one, and watch the body's."""
+        self._aside = GyroscopeReturn(self._body_gyroscope)
+        own = self._camera_gyroscope
+        self._compare_with(GyroscopeRotation(np.eye(3)) if own is None else own)
+
+    def _returned(self, start_ns: int, end_ns: int, T_start_end: Array) -> GyroscopeAgrees | None:
+        """Whether a gyroscope that was set aside agrees with the cameras."""
+        returned = None if self._aside is None else self._aside.push(start_ns, end_ns, so3.log(T_start_end[:3, :3]))
+        if returned is None:
+            return None
+        self._aside, self._reference = None, returned.bias
+        self._compare_with(self._body_gyroscope)
+        return GyroscopeAgrees(returned.bias, returned.sigma)
+
+    def _compare_with(self, gyroscope: GyroscopeRotation) -> None:
+        """Begin to compare the cameras with another gyroscope."""
+        self._gyroscope, self._delays = gyroscope, DelaySearch(gyroscope)
+        self.calibration = RotationCalibration()
+        self._disagreements.clear()
+        self._agreed.clear()
+        self._suspects_vision = False
+
+    def _visual_motion(self, start: StereoTracks, end: StereoTracks) -> tuple[Array, Array] | None:
+        """The body's motion between two frames, (4, 4), and the covariance of its rotation, body axes, (3, 3)."""
+        motion = stereo_motion(self._rig, start, end)
+        if motion is None:
             return None
         T_body_camera = self._rig.T_body_camera
-        T = T_body_camera @ motion.T_start_end @ se3.inverse(T_body_camera)
         to_body = T_body_camera[:3, :3]
-        covariance = to_body @ motion.covariance[:3, :3] @ to_body.T
-        return RotationPair(
-            T, so3.log(T[:3, :3]), covariance, *by_gyroscope, (end.stamp_ns - start.stamp_ns) / NS_PER_S
-        )
+        T_start_end = T_body_camera @ motion.T_start_end @ se3.inverse(T_body_camera)
+        return T_start_end, to_body @ motion.covariance[:3, :3] @ to_body.T
+
+    def _pair(self, start_ns: int, end_ns: int, motion: tuple[Array, Array]) -> RotationPair | None:
+        """The rotation between two frames by cameras and gyroscope; None without readings of the gyroscope."""
+        by_gyroscope = self._gyroscope.between(start_ns, end_ns, self._bias_removed)
+        if by_gyroscope is None:
+            return None
+        T, covariance = motion
+        return RotationPair(T, so3.log(T[:3, :3]), covariance, *by_gyroscope, (end_ns - start_ns) / NS_PER_S)
+
+    @property
+    def _bias_removed(self) -> Array:
+        """What is subtracted from readings of the gyroscope that is compared, rad/s, (3,)."""
+        return np.zeros(3) if self._reference is None or self._aside is not None else self._reference
 
     def _compare(self, start_ns: int, end_ns: int, pair: RotationPair, reference_less_bias: Array) -> Finding | None:
         innovation = self.calibration.add(pair)
@@ -196,10 +237,11 @@ class RotationCheck:
 
     def _others(self, start_ns: int, end_ns: int, by_gyroscope: Array) -> dict[str, Array]:
         """Rates of the other sensors less the gyroscope's, rad/s, (3,) each, by name."""
-        rotations = {"legs": self._feet.between(start_ns, end_ns)}
-        if self._camera_gyroscope is not None:
+        rotations: dict[str, Array | None] = {}  # the better witness first
+        if self._camera_gyroscope is not None and self._aside is None:
             by_camera = self._camera_gyroscope.between(start_ns, end_ns, np.zeros(3))
             rotations["camera_gyroscope"] = None if by_camera is None else by_camera[0]
+        rotations["legs"] = self._feet.between(start_ns, end_ns)
         dt_s = (end_ns - start_ns) / NS_PER_S
         return {name: (each - by_gyroscope) / dt_s for name, each in rotations.items() if each is not None}
 
@@ -211,8 +253,7 @@ class RotationCheck:
     def _testimony_of_row(self) -> tuple[str, Testimony] | None:
         """The same over the whole time of disagreement, in which a witness's noise counts less."""
         start_ns, end_ns = self._disagreements[0].start_ns, self._disagreements[-1].end_ns
-        assert self._reference is not None, "there was an interval"
-        known = self._gyroscope.between(start_ns, end_ns, self._reference)
+        known = self._gyroscope.between(start_ns, end_ns, self._bias_removed)
         if known is None:
             return None
         turns = [each.rate * (each.end_ns - each.start_ns) for each in self._disagreements]
@@ -236,7 +277,7 @@ class RotationCheck:
             self._reported_mounting = known.mean[MOUNTING]
             return CameraMounting(known.mean[MOUNTING], covariance)
         off = reference_less_bias + known.mean[BIAS]
-        if _is_significant(off, known.covariance[BIAS, BIAS], _LEAST_BIAS_RADPS):
+        if self._aside is None and _is_significant(off, known.covariance[BIAS, BIAS], _LEAST_BIAS_RADPS):
             return self._offset(off, end_ns, end_ns, np.eye(4), None)
         return None
 
@@ -253,10 +294,12 @@ class RotationCheck:
         row, last = self._disagreements, self._disagreements[-1]
         single = next((each.testimony for each in reversed(row) if each.testimony is not None), None)
         testimony = self._testimony_of_row() or single
-        if testimony is not None and testimony[1] is Testimony.VISION:
+        if self._aside is None and testimony is not None and testimony[1] is Testimony.VISION:
             T_start_end = np.linalg.multi_dot([each.by_vision for each in row])
             start_ns = row[0].start_ns
             self.calibration.step_bias(-last.rate)
+            for witness in self._witnesses.values():
+                witness.shift(last.rate)
             row.clear()
             return self._offset(-last.rate, start_ns, last.end_ns, T_start_end, testimony[0])
         is_undecided = testimony is None and (last.end_ns - row[0].start_ns) / NS_PER_S < _UNDECIDED_S

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a comparison of rotations can find: a wrong mounting, late images, a gyroscope's offset, cameras that err."""
+"""What a comparison of rotations can find: a wrong mounting, late images, a gyroscope that is off, cameras that err."""
 
 from dataclasses import dataclass
 
@@ -73,4 +73,17 @@ class VisionAgrees:
     """Cameras that were suspect agree with the gyroscope again."""
 
 
-Finding = CameraMounting | ImageDelay | GyroscopeOffset | VisionSuspect | VisionAgrees
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroscopeAgrees:
+    """The body's gyroscope, which was set aside, agrees with the cameras again.
+
+    Attributes:
+        bias: of it, body axes, rad/s, (3,).
+        sigma: of each axis, rad/s.
+    """
+
+    bias: Array
+    sigma: float
+
+
+Finding = CameraMounting | ImageDelay | GyroscopeOffset | VisionSuspect | VisionAgrees | GyroscopeAgrees

@@ -15,6 +15,7 @@ from coclo_vio.fusion.rotation_calibration import DELAY
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_findings import (
     CameraMounting,
+    GyroscopeAgrees,
     GyroscopeOffset,
     ImageDelay,
     VisionAgrees,
@@ -28,6 +29,7 @@ from coclo_vio.values.outputs import Event
 from coclo_vio.values.units import NS_PER_S
 
 _KEPT_S = 4.0
+_FAULTY_WITHIN_S = 10.0  # a second offset so soon is no bias: the gyroscope is set aside
 _MOUNTING_SIGMA_RAD = 0.02  # beyond that of the finding: the filter finds the rest
 _SNAPSHOTS = 4
 _LEAST_BIAS_SIGMA_RADPS = 0.002
@@ -61,19 +63,23 @@ class RotationMonitor:
         self._latest: StateEstimate | None = None
         self._snapshots: dict[int, Snapshot] = {}  # of the filter, by the stamps of frames at which intervals begin
         self._states: deque[StateEstimate] = deque()  # of the last seconds
+        self._offset_ns: int | None = None  # when an offset was found last
+        self._is_imu_aside = False
 
     @property
     def is_for_vision(self) -> bool:
         """Whether another sensor than the legs agrees with vision, or there is none."""
         return self._check.is_for_vision
 
-    def take(self, measurement: Measurement) -> None:
-        """Take a reading of an IMU; anything else is left out."""
+    def take(self, measurement: Measurement) -> bool:
+        """Take a reading of an IMU; anything else is left out. Whether the filter is to use the measurement."""
         match measurement:
             case ImuSample():
                 self._check.push_gyroscope(measurement)
+                return not self._is_imu_aside
             case CameraImuSample():
                 self._check.push_camera_gyroscope(measurement)
+        return True
 
     def follow(self, state: StateEstimate) -> None:
         """Take the filter's estimate, right after it was made."""
@@ -98,6 +104,8 @@ class RotationMonitor:
                 revision = _delay(stamp_ns, found)
             case GyroscopeOffset() as found:
                 revision = self._offset(stamp_ns, found, self._latest)
+            case GyroscopeAgrees() as found:
+                revision = self._use_again(stamp_ns, found)
             case VisionSuspect() as found:
                 revision = Revision(_suspicion(stamp_ns, found))
             case VisionAgrees():
@@ -150,13 +158,32 @@ class RotationMonitor:
         self._filter.revise_gyroscope(found.bias, sigma, resumed)
         x, y, z = found.change
         agreeing = "the cameras show" if found.witness is None else f"cameras and {_named(found.witness)} agree"
-        detail = (
+        measured = (
             f"the bias of the body's gyroscope is off by ({x:.3f}, {y:.3f}, {z:.3f}) +- {found.sigma:.3f} rad/s, as "
-            f"{agreeing}; the filter takes that over and is turned by {degrees:.1f} deg, and the "
-            "window starts anew"
+            f"{agreeing}"
         )
-        resumed_ns = None if resumed is None else found.start_ns
-        return Revision(Event(stamp_ns, "gyroscope_offset", detail), resumed_ns=resumed_ns, is_anew=True)
+        last_ns, self._offset_ns = self._offset_ns, stamp_ns
+        is_sudden = found.witness is not None  # and no better estimate of the same offset
+        if is_sudden and last_ns is not None and stamp_ns - last_ns < _FAULTY_WITHIN_S * NS_PER_S:
+            self._is_imu_aside = True
+            self._check.set_gyroscope_aside()
+            detail = (
+                f"{measured}, and was off by another amount {(stamp_ns - last_ns) / NS_PER_S:.1f} s ago: the body's "
+                "IMU is set aside until it agrees with the cameras again"
+            )
+            event = Event(stamp_ns, "imu_set_aside", detail)
+        else:
+            detail = f"{measured}; the filter takes that over and is turned by {degrees:.1f} deg, and the window starts anew"
+            event = Event(stamp_ns, "gyroscope_offset", detail)
+        return Revision(event, resumed_ns=None if resumed is None else found.start_ns, is_anew=True)
+
+    def _use_again(self, stamp_ns: int, found: GyroscopeAgrees) -> Revision:
+        """Take the body's IMU again, which was set aside."""
+        self._is_imu_aside, self._offset_ns = False, None
+        self._snapshots.clear()
+        self._filter.revise_gyroscope(found.bias, max(found.sigma, _LEAST_BIAS_SIGMA_RADPS))
+        detail = "the body's IMU agrees with the cameras on the rotation again, and is used"
+        return Revision(Event(stamp_ns, "imu_used_again", detail))
 
     def _pose_at(self, stamp_ns: int) -> Array:
         """The filter's pose at a time as it was estimated then, (4, 4)."""

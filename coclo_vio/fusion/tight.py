@@ -112,9 +112,10 @@ class TightOdometry(Continuing, StreamingEstimator):
     def _process(self, measurement: Measurement) -> Iterator[Output]:
         match measurement:
             case JointSample() | ImuSample() | CameraImuSample() | FootForceSample():
+                if self._monitor is not None and not self._monitor.take(measurement):
+                    self._counted["imu_set_aside"] += 1
+                    return
                 state = self._filter.push(measurement)
-                if self._monitor is not None:
-                    self._monitor.take(measurement)
                 if state is not None:
                     self._latest = state
                     if self._monitor is not None:
@@ -282,12 +283,11 @@ def tight_odometry(
         )
 
     leg_filter = LegOdometryFilter(robot, filter_config, preintegrates=True, camera_imu=camera_imu)
-    own = None if camera_imu is None else camera_imu.T_body_imu[:3, :3]
     return TightOdometry(
         leg_filter,
         make_smoother,
         stages,
-        check=RotationCheck(rig, leg_filter.imu_rotation, own),
+        check=RotationCheck(rig, *leg_filter.imu_rotations),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,
     )

@@ -37,6 +37,10 @@ class Witness:
         self._mean = self._mean + share * off
         self._variance = (1.0 - share) * (self._variance + share * off**2)
 
+    def shift(self, by: Array) -> None:
+        """The gyroscope's bias has stepped: this sensor's rate less the gyroscope's is more by this, rad/s, (3,)."""
+        self._mean = self._mean + by
+
     def testify(self, difference: Array, contradiction: Array) -> Testimony | None:
         """With whom it agrees, by its rate less the gyroscope's; None where it cannot tell.
 

@@ -218,6 +218,9 @@ class GuardedEstimator:
             first_ns, last_ns = self._span_ns or (raw_ns, raw_ns)
             self._span_ns = min(first_ns, raw_ns), max(last_ns, raw_ns)
             yield from self._watch.take(measurement, stamp_ns)
+            if self._watch.is_stuck(measurement):
+                self._counted["constant_reading"] += 1
+                continue
             if stamp_ns != measurement.stamp_ns:
                 measurement = replace(measurement, stamp_ns=stamp_ns)
             yield from self._estimator.push(measurement)

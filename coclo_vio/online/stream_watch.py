@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is amiss with a stream though every stamp is right: it is silent while others go on, or its IMU is stuck.
 
-Only reports: the estimator goes on with what there is.
+The estimator goes on with what there is. Readings of an IMU that is stuck are no measurements: they are to be left out.
 """
 
 from collections.abc import Iterable, Iterator
@@ -65,7 +65,7 @@ class StreamWatch:
                 before.is_reported = True
                 detail = (
                     f"{STREAM_NAMES[kind]} has given the same reading {before.count} times in a row, to the bit: the "
-                    "sensor or its driver is stuck; the estimator uses it as it is"
+                    "sensor or its driver is stuck, and its readings are left out until they change"
                 )
                 yield Event(now_ns, "reading_constant", detail)
         else:
@@ -74,6 +74,11 @@ class StreamWatch:
                 detail = f"{STREAM_NAMES[kind]} gives new readings again, after {duration_s:.3g} s of one reading"
                 yield Event(now_ns, "reading_changes", detail)
             self._repetitions[kind] = _Repetition(content, now_ns, changes=before.changes + 1)
+
+    def is_stuck(self, measurement: Measurement) -> bool:
+        """Whether a sample, which was taken last, is the repeated reading of an IMU that is stuck."""
+        repetition = self._repetitions.get(type(measurement))
+        return repetition is not None and repetition.is_reported
 
     def look(self, streams: Iterable[StreamState], now_ns: int) -> Iterator[Event]:
         """See which streams are silent; where nothing comes at all, that time does not count.
