@@ -91,7 +91,7 @@ class EvidenceGate:
         """Inflate the filter's covariance until the innovation is as large as expected, and correct by it then."""
         innovation, correction = correction_by(core, evidence)
         if correction is not None and innovation.squared > innovation.rows:
-            core.factor = core.factor * float((innovation.squared / innovation.rows) ** 0.5)
+            core.inflate_poses(float((innovation.squared / innovation.rows) ** 0.5))
             _, correction = correction_by(core, evidence)
         assert correction is not None, "evidence with an innovation determines something"
         return correction

@@ -90,9 +90,8 @@ class LegOdometryFilter:
             )
         else:
             if camera_imu is not None and self.config.camera_imu.is_used:
-                self._camera_imu = CameraImu(
-                    camera_imu, robot.description.imu, self.config, is_passive=not preintegrates
-                )
+                body_imu = robot.description.imu
+                self._camera_imu = CameraImu(camera_imu, body_imu, self.config, is_passive=not preintegrates)
             extra = (*extra_blocks, *(() if self._camera_imu is None else self._camera_imu.blocks))
             start = (start_block(len(robot.leg_names), extra),) if preintegrates else ()
             self._profile = RobustProfile(

@@ -49,7 +49,11 @@ class OnlineConfig(StageConfig):
     ] = 0.5
     constant_readings: Annotated[
         int,
-        Field(ge=0, description="an IMU that gives the same reading so often in a row is reported; 0: never"),
+        Field(
+            ge=0,
+            description="an IMU that gives the same reading so often in a row, or six times and three times as often as "
+            "it ever did before, is reported and left out until it changes; 0: never",
+        ),
     ] = 25
     status_every_s: Annotated[
         float, Field(ge=0, description="a Status comes out this often, s; 0: never, it can be read at any time")

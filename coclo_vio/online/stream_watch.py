@@ -16,6 +16,7 @@ from coclo_vio.values.units import NS_PER_S
 
 _PERIODS = 10  # a stream is not silent before so many of its periods
 _EVERY_NS = NS_PER_S // 20
+_FEWEST_EQUAL, _TIMES_USUAL = 6, 3  # equal readings in a row, and times the longest such row so far: the IMU is stuck
 
 
 @dataclass(slots=True)
@@ -26,6 +27,7 @@ class _Repetition:
     since_ns: int
     count: int = 1
     changes: int = 0  # readings that differed from the one before
+    usual: int = 1  # longest row of equal readings before, as of an IMU that is published more often than it measures
     is_reported: bool = False
 
 
@@ -61,7 +63,8 @@ class StreamWatch:
             self._repetitions[kind] = _Repetition(content, now_ns)
         elif before.content == content:
             before.count += 1
-            if before.count == self._most_equal and before.changes >= self._most_equal:
+            limit = min(self._most_equal, max(_FEWEST_EQUAL, _TIMES_USUAL * before.usual))
+            if not before.is_reported and before.count >= limit and before.changes >= self._most_equal:
                 before.is_reported = True
                 detail = (
                     f"{STREAM_NAMES[kind]} has given the same reading {before.count} times in a row, to the bit: the "
@@ -73,7 +76,8 @@ class StreamWatch:
                 duration_s = (now_ns - before.since_ns) / NS_PER_S
                 detail = f"{STREAM_NAMES[kind]} gives new readings again, after {duration_s:.3g} s of one reading"
                 yield Event(now_ns, "reading_changes", detail)
-            self._repetitions[kind] = _Repetition(content, now_ns, changes=before.changes + 1)
+            usual = before.usual if before.is_reported else max(before.usual, before.count)
+            self._repetitions[kind] = _Repetition(content, now_ns, changes=before.changes + 1, usual=usual)
 
     def is_stuck(self, measurement: Measurement) -> bool:
         """Whether a sample, which was taken last, is the repeated reading of an IMU that is stuck."""

@@ -115,6 +115,27 @@ def test_a_forced_correction_uses_the_fallback() -> None:
     assert se3.log(se3.inverse(step.T_world_end) @ _pair(core.mean)[1])[3] == pytest.approx(0.3, abs=0.02)
 
 
+def test_evidence_with_which_no_other_sensor_agrees_is_never_forced() -> None:
+    core = random_filter(13, sigma=1e-3)
+    gate = EvidenceGate(GateConfig(max_rejections=1))
+    step = of_pair(core, np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]), 1e-3)
+    before = core.mean.vector.copy()
+    assert {gate.correct(core, step, may_force=False).outcome for _ in range(5)} == {GateOutcome.REJECTED}
+    np.testing.assert_array_equal(core.mean.vector, before)
+    assert gate.correct(core, step).outcome is GateOutcome.FORCED, "once another one agrees"
+
+
+def test_a_forced_correction_does_not_widen_the_constants() -> None:
+    """A jump of the pose says nothing against scales, biases and mountings, which would take it up otherwise."""
+    core = random_filter(14, sigma=1e-3)
+    gate = EvidenceGate(GateConfig(max_rejections=1))
+    constants = LAYOUT.at("camera")
+    before = core.variance(constants)
+    outcomes = [gate.correct(core, of_pair(core, np.full(6, 0.1), 1e-3)).outcome for _ in range(2)]
+    assert outcomes[-1] is GateOutcome.FORCED
+    assert (core.variance(constants) <= before * (1.0 + 1e-9)).all()
+
+
 def of_pair(core: SquareRootFilter, shift: Array, sigma: float) -> PoseEvidence:
     """Evidence that the frame is ``shift`` (6,) away from its estimate."""
     T_start, T_end, _ = _pair(core.mean)

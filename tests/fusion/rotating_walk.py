@@ -18,7 +18,7 @@ from coclo_vio.values.units import NS_PER_S
 
 WALK = BodyMotionConfig(
     rest_s=1.0,
-    walk_s=7.0,
+    walk_s=10.0,
     stop_s=0.0,
     ramp_s=0.6,
     speed_mps=0.2,
@@ -63,6 +63,16 @@ def with_offset_gyroscope(measurements: Iterable[Measurement], start_s: float, o
     return [
         ImuSample(one.stamp_ns, one.angular_velocity + offset, one.specific_force)
         if isinstance(one, ImuSample) and one.stamp_ns > start_s * NS_PER_S
+        else one
+        for one in measurements
+    ]
+
+
+def with_reversed_gyroscope(measurements: Iterable[Measurement], start_s: float, end_s: float) -> list[Measurement]:
+    """All axes of the IMU have the wrong sign for a time."""
+    return [
+        ImuSample(one.stamp_ns, -one.angular_velocity, -one.specific_force)
+        if isinstance(one, ImuSample) and start_s * NS_PER_S < one.stamp_ns < end_s * NS_PER_S
         else one
         for one in measurements
     ]

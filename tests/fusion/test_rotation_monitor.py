@@ -4,7 +4,15 @@
 from collections.abc import Iterable
 
 import numpy as np
-from rotating_walk import stream, trial, turned_rig, with_late_images, with_offset_gyroscope
+import pytest
+from rotating_walk import (
+    stream,
+    trial,
+    turned_rig,
+    with_late_images,
+    with_offset_gyroscope,
+    with_reversed_gyroscope,
+)
 from stand_ins import NotingSmoother
 from walk_among_points import DAISY, outputs_of, states
 
@@ -13,7 +21,7 @@ from coclo_vio.fusion.combined import CombinedOdometry
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
-from coclo_vio.values.measurements import Measurement, StereoTracks
+from coclo_vio.values.measurements import ImuSample, Measurement, StereoTracks
 from coclo_vio.values.outputs import Event, Output
 from coclo_vio.values.units import NS_PER_S
 
@@ -28,6 +36,7 @@ class Run:
         check = RotationCheck(turned_rig(turn), IMU_ROTATION)
         odometry = CombinedOdometry(self.filter, self.smoother, None, check=check)
         self.outputs: list[Output] = outputs_of(odometry, measurements)
+        self.counts = odometry.counts
         self.events = [each for each in self.outputs if isinstance(each, Event) and each.kind != "vision_lost"]
         self.last = states(self.outputs, "combined_coclo")[-1]
 
@@ -93,3 +102,32 @@ def test_an_offset_of_the_gyroscope_is_reported_and_taken_out_of_bias_and_attitu
     np.testing.assert_allclose(run.last.nav.gyroscope_bias, bias, atol=0.01)
     assert run.attitude_error_rad < 0.04
     assert np.linalg.norm(se3.log(run.last.nav.T_world_body)[3:]) > 0.3
+
+
+@pytest.mark.parametrize("delay_s", [0.4, -0.4])
+def test_a_large_delay_of_images_is_found_by_search_and_corrected(delay_s: float) -> None:
+    run = Run(with_late_images(stream(), delay_s), np.zeros(3))
+    assert run.kinds == ["image_delay"]
+    assert f"stamps of images are 400.0 +- 10.0 ms {'late' if delay_s > 0.0 else 'early'}" in run.events[0].detail
+    recorded = [one.stamp_ns for one in stream() if isinstance(one, StereoTracks)]
+    last = next(each for each in reversed(run.smoother.pushed) if isinstance(each, StereoTracks))
+    assert min(abs(last.stamp_ns - stamp_ns) for stamp_ns in recorded) < 0.02 * NS_PER_S
+
+
+def test_an_imu_of_wrong_sign_is_set_aside_and_used_again_when_it_is_right() -> None:
+    run = Run(with_reversed_gyroscope(stream(), 4.5, 6.5), np.zeros(3))
+    events = [each for each in run.events if each.kind != "legs_disagree"]
+    assert [each.kind for each in events] == ["gyroscope_offset", "imu_set_aside", "imu_used_again"]
+    aside, again = events[1:]
+    assert "was off by another amount" in aside.detail
+    assert run.starts_anew_after(aside)
+    assert again.stamp_ns > 6.5 * NS_PER_S
+    left_out = run.counts["imu_set_aside"] / trial_rate()
+    assert left_out == pytest.approx((again.stamp_ns - aside.stamp_ns) / NS_PER_S, abs=0.05)
+    assert run.attitude_error_rad < 0.04
+
+
+def trial_rate() -> float:
+    """Readings of the IMU in a second."""
+    stamps = [one.stamp_ns for one in stream() if isinstance(one, ImuSample)]
+    return (len(stamps) - 1) / (stamps[-1] - stamps[0]) * NS_PER_S

@@ -79,13 +79,33 @@ def stuck(start_s: float, end_s: float) -> list[Measurement]:
 def test_an_imu_that_repeats_its_reading_is_reported_and_so_is_its_end() -> None:
     stops, goes_on = reported(stuck(2.0, 3.0))
     assert (stops.kind, goes_on.kind) == ("reading_constant", "reading_changes")
-    assert stops.detail.startswith("imu has given the same reading 25 times in a row, to the bit")
-    assert (stops.stamp_ns - T0) / S == pytest.approx(2.12, abs=0.02)
+    assert stops.detail.startswith("imu has given the same reading 6 times in a row, to the bit")
+    assert (stops.stamp_ns - T0) / S == pytest.approx(2.025, abs=0.01)
     assert goes_on.detail == "imu gives new readings again, after 1 s of one reading"
 
 
 def test_a_reading_that_comes_a_few_times_or_never_changes_is_not_reported() -> None:
-    assert reported(stuck(2.0, 2.1)) == []
+    assert reported(stuck(2.0, 2.02)) == []
     assert reported(stuck(2.0, 3.0), constant_readings=0) == []
     stamps = [T0 + number * 5 * MS for number in range(600)]
     assert reported(list(sort_measurements([*map(imu, stamps), *map(joints, stamps)]))) == [], "made by hand"
+
+
+def test_an_imu_that_is_published_more_often_than_it_measures_is_not_stuck() -> None:
+    rows = recorded()
+    held: ImuSample | None = None
+    for number, each in enumerate([row for row in rows if isinstance(row, ImuSample)]):
+        held = each if number % 5 == 0 else held
+        assert held is not None
+        rows[rows.index(each)] = ImuSample(each.stamp_ns, held.angular_velocity, held.specific_force)
+    assert reported(rows) == []
+
+
+def test_readings_of_an_imu_that_is_stuck_do_not_reach_the_estimator() -> None:
+    rows = stuck(2.0, 3.0)
+    guard = GuardedEstimator(NotingEstimator)
+    for row in rows:
+        guard.push(row)
+    guard.finish()
+    count = guard.counts["constant_reading"]
+    assert 190 <= count <= 196, "of 200, those after the sixth"
