@@ -142,23 +142,28 @@ class RotationCheck:
         dt_s = 0.0 if start is None else (stamp_ns - start.stamp_ns) / NS_PER_S
         if 0.0 < dt_s < (_SHORTEST_AGAIN_S if self._disagreements else _SHORTEST_S):
             return None
-        is_interval = start is not None and 0.0 < dt_s <= _LONGEST_S
-        motion = self._visual_motion(start, tracks) if start is not None and is_interval else None
-        pair = None if start is None or motion is None else self._pair(start.stamp_ns, stamp_ns, motion)
-        if start is not None and 0.0 < dt_s < _SHORTEST_S:
-            if pair is None or self.calibration.innovation(pair)[0].is_accepted:
-                return None  # a short interval decides only where it is significant
-        self._start = tracks
-        if start is None or motion is None:
+        if start is None or not 0.0 < dt_s <= _LONGEST_S:
+            self._start = tracks
             return None
-        returned = self._returned(start.stamp_ns, stamp_ns, motion[0])
+        motion = self._visual_motion(start, tracks)
+        pair = None if motion is None else self._pair(start.stamp_ns, stamp_ns, motion)
+        if dt_s < _SHORTEST_S and (pair is None or self.calibration.innovation(pair)[0].is_accepted):
+            return None  # a short interval decides only where it is significant
+        self._start = tracks
+        returned = None if motion is None else self._returned(start.stamp_ns, stamp_ns, motion[0])
         if returned is not None or pair is None:
             return returned
-        delay_s = self._delays.push(start.stamp_ns, stamp_ns, pair.by_vision)
-        if delay_s is not None:
-            self.calibration = RotationCalibration()  # none of its pairs was of one time
-            return self._delay(delay_s, _SEARCH_SIGMA_S)
-        return self._compare(start.stamp_ns, stamp_ns, pair, self._reference - bias)
+        return self._delayed(start.stamp_ns, stamp_ns, pair) or self._compare(
+            start.stamp_ns, stamp_ns, pair, self._reference - bias
+        )
+
+    def _delayed(self, start_ns: int, end_ns: int, pair: RotationPair) -> ImageDelay | None:
+        """A delay of the images beyond what the calibration can find."""
+        delay_s = self._delays.push(start_ns, end_ns, pair.by_vision)
+        if delay_s is None:
+            return None
+        self.calibration = RotationCalibration()  # none of its pairs was of one time
+        return self._delay(delay_s, _SEARCH_SIGMA_S)
 
     def set_gyroscope_aside(self) -> None:
         """From now on compare the cameras with their own gyroscope, if there is one, and watch the body's."""

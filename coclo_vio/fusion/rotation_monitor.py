@@ -173,7 +173,9 @@ class RotationMonitor:
             )
             event = Event(stamp_ns, "imu_set_aside", detail)
         else:
-            detail = f"{measured}; the filter takes that over and is turned by {degrees:.1f} deg, and the window starts anew"
+            detail = (
+                f"{measured}; the filter takes that over and is turned by {degrees:.1f} deg, and the window starts anew"
+            )
             event = Event(stamp_ns, "gyroscope_offset", detail)
         return Revision(event, resumed_ns=None if resumed is None else found.start_ns, is_anew=True)
 

@@ -69,7 +69,6 @@ class GyroscopeRotation:
             rotation = rotation @ turn
         return np.asarray(so3.log(rotation)), np.asarray(at[-1] - at[0])
 
-
     def mean_rates(self, starts_ns: IntArray, ends_ns: IntArray) -> Array | None:
         """Mean rates over intervals, body axes, rad/s, (n, 3); None where readings do not reach over all of them."""
         stamps = np.array(self._stamps_ns, dtype=np.int64)
@@ -81,7 +80,7 @@ class GyroscopeRotation:
         np.cumsum(0.5 * (rates[1:] + rates[:-1]) * np.diff(times_s)[:, None], axis=0, out=turned[1:])
         start_s, end_s = ((each - stamps[0]) / NS_PER_S for each in (starts_ns, ends_ns))
         turns = [np.interp(end_s, times_s, each) - np.interp(start_s, times_s, each) for each in turned.T]
-        return np.column_stack(turns) / (end_s - start_s)[:, None]
+        return np.asarray(np.column_stack(turns) / (end_s - start_s)[:, None])
 
 
 class FeetRotation:

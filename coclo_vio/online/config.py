@@ -51,8 +51,8 @@ class OnlineConfig(StageConfig):
         int,
         Field(
             ge=0,
-            description="an IMU that gives the same reading so often in a row, or six times and three times as often as "
-            "it ever did before, is reported and left out until it changes; 0: never",
+            description="an IMU that gives the same reading so often in a row, or six times and three times as often "
+            "as it ever did before, is reported and left out until it changes; 0: never",
         ),
     ] = 25
     status_every_s: Annotated[

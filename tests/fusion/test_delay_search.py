@@ -46,7 +46,7 @@ def found(rates: Rates, delay_s: float, *, noise_rad: float = 0.0005, bias: floa
         if time_s - last_s < FRAMES_S or last_s - delay_s < 0.0 or time_s - delay_s > times_s[-1]:
             last_s = time_s if last_s - delay_s < 0.0 else last_s
             continue
-        begin, end = (int(round((each - delay_s) / IMU_S)) for each in (last_s, time_s))
+        begin, end = (round((each - delay_s) / IMU_S) for each in (last_s, time_s))
         by_vision = turned[end] - turned[begin] + noise_rad * random.standard_normal(3)
         delay = search.push(round(last_s * NS_PER_S), round(time_s * NS_PER_S), by_vision)
         delays += [] if delay is None else [delay]
