@@ -55,7 +55,6 @@ class _Disagreement:
     start_ns: int
     end_ns: int
     rate: Array  # of the cameras less the gyroscope's
-    by_vision: Array  # motion of the body with the mounting as estimated, (4, 4)
     testimony: tuple[str, Testimony] | None
 
     def continues(self, before: "_Disagreement") -> bool:
@@ -94,6 +93,7 @@ class RotationCheck:
         self._reference: Array | None = None  # bias that is subtracted from all readings
         self._start: StereoTracks | None = None
         self._disagreements: deque[_Disagreement] = deque(maxlen=_MOST_IN_A_ROW)
+        self._unexplained: deque[tuple[int, int, Array]] = deque(maxlen=_MOST_IN_A_ROW)  # motions since the last accord
         self._delays = DelaySearch(self._gyroscope)
         self._agreed: deque[bool] = deque(maxlen=_JUDGED)
         self._suspects_vision = False
@@ -185,6 +185,7 @@ class RotationCheck:
         self._gyroscope, self._delays = gyroscope, DelaySearch(gyroscope)
         self.calibration = RotationCalibration()
         self._disagreements.clear()
+        self._unexplained.clear()
         self._agreed.clear()
         self._suspects_vision = False
 
@@ -218,6 +219,7 @@ class RotationCheck:
         others = self._others(start_ns, end_ns, pair.by_gyroscope)
         if innovation.is_accepted:
             self._disagreements.clear()
+            self._unexplained.clear()
             for name, rate in others.items():
                 self._witnesses[name].add(rate)
             if self._suspects_vision:
@@ -225,11 +227,13 @@ class RotationCheck:
                 return VisionAgrees()
             return self._calibration_finding(end_ns, reference_less_bias)
         rate = innovation.value / pair.dt_s
+        mounting = se3.exp(np.concatenate((self.calibration.mean[MOUNTING], np.zeros(3))))
+        if self._unexplained and self._unexplained[-1][1] != start_ns:
+            self._unexplained.clear()
+        self._unexplained.append((start_ns, end_ns, se3.inverse(mounting) @ pair.T_start_end @ mounting))
         if self.calibration.pairs < _FEWEST_PAIRS or np.linalg.norm(rate) < _LEAST_RATE_RADPS:
             return None
-        mounting = se3.exp(np.concatenate((self.calibration.mean[MOUNTING], np.zeros(3))))
-        by_vision = se3.inverse(mounting) @ pair.T_start_end @ mounting
-        last = _Disagreement(start_ns, end_ns, rate, by_vision, self._testimony(others, rate))
+        last = _Disagreement(start_ns, end_ns, rate, self._testimony(others, rate))
         if self._disagreements and not last.continues(self._disagreements[-1]):
             self._disagreements.clear()
         self._disagreements.append(last)
@@ -290,6 +294,7 @@ class RotationCheck:
         """Stamps change from here on."""
         self._start = None
         self._disagreements.clear()
+        self._unexplained.clear()
         self._agreed.clear()
         self._delays.restart()
         return ImageDelay(delay_s, sigma_s)
@@ -300,8 +305,9 @@ class RotationCheck:
         single = next((each.testimony for each in reversed(row) if each.testimony is not None), None)
         testimony = self._testimony_of_row() or single
         if self._aside is None and testimony is not None and testimony[1] is Testimony.VISION:
-            T_start_end = np.linalg.multi_dot([each.by_vision for each in row])
-            start_ns = row[0].start_ns
+            T_start_end = np.linalg.multi_dot([T for _, _, T in self._unexplained])  # of at least the row
+            start_ns = self._unexplained[0][0]
+            self._unexplained.clear()
             self.calibration.step_bias(-last.rate)
             for witness in self._witnesses.values():
                 witness.shift(last.rate)

@@ -5,7 +5,7 @@ A gyroscope's offset is corrected in the filter here. The rest is up to the esti
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from coclo_vio.values.units import NS_PER_S
 _KEPT_S = 4.0
 _FAULTY_WITHIN_S = 10.0  # a second offset so soon is no bias: the gyroscope is set aside
 _MOUNTING_SIGMA_RAD = 0.02  # beyond that of the finding: the filter finds the rest
-_SNAPSHOTS = 4
+_SNAPSHOTS = 8
 _LEAST_BIAS_SIGMA_RADPS = 0.002
 
 
@@ -153,6 +153,7 @@ class RotationMonitor:
             since[:3, 3] = now[:3, :3].T @ latest.nav.velocity_world * ((latest.stamp_ns - found.end_ns) / NS_PER_S)
             pose = self._pose_at(found.start_ns) @ found.T_start_end @ since
             resumed = before, pose
+            self._states = deque(_moved(state, pose @ se3.inverse(now)) for state in self._states)
             degrees = float(np.degrees(np.linalg.norm(so3.log(pose[:3, :3] @ now[:3, :3].T))))
         sigma = max(found.sigma, _LEAST_BIAS_SIGMA_RADPS)
         self._filter.revise_gyroscope(found.bias, sigma, resumed)
@@ -193,6 +194,13 @@ class RotationMonitor:
         dt_s, T = (stamp_ns - near.stamp_ns) / NS_PER_S, near.nav.T_world_body
         rotation = T[:3, :3] @ so3.exp(near.nav.angular_velocity_body * dt_s)
         return se3.transform(rotation, T[:3, 3] + near.nav.velocity_world * dt_s)
+
+
+def _moved(state: StateEstimate, T: Array) -> StateEstimate:
+    """The state with its pose and velocity moved by ``T`` (4, 4) in the world."""
+    nav = state.nav
+    velocity = T[:3, :3] @ nav.velocity_world
+    return replace(state, nav=replace(nav, T_world_body=T @ nav.T_world_body, velocity_world=velocity))
 
 
 def _delay(stamp_ns: int, found: ImageDelay) -> Revision:
