@@ -4,7 +4,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coclo_vio.datasets.rosbag.storage.arrived_messages import ArrivedMessages
@@ -23,6 +23,7 @@ from coclo_vio.live.wire import Sink, Source, WireMessage, raw_message
 from coclo_vio.live.wire_events import WireEvents
 from coclo_vio.runs import pipeline
 from coclo_vio.runs.modes.mode import Mode
+from coclo_vio.runs.paced_play import for_use_online
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.calibration import SensorCalibrations
@@ -65,6 +66,7 @@ def run_live(
     """Run until the time is over, the source ends or ``stops`` says so; the files of the run are complete then.
 
     A message that cannot be read, and a measurement that the estimator refuses, are counted and reported as events.
+    Frames of ``combined`` are processed beside the filter unless ``bridge.vision`` says otherwise.
 
     Args:
         source: of messages.
@@ -75,6 +77,7 @@ def run_live(
     Raises:
         CocloError: what the mode needs has not come in time, or a file of the run cannot be written.
     """
+    settings = replace(settings, config=for_use_online(settings.config))
     live = settings.config.live
     events = WireEvents(live.event_s)
     intake = Intake(

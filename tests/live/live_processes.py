@@ -54,3 +54,13 @@ def run_both(publisher: Sequence[str], live: Sequence[str], folder: Path) -> tup
         receiver.kill()
     assert receiver.returncode == 0, said
     return json.loads(played.stdout)["sent"], read_live_record(folder)
+
+
+def children_of(pid: int) -> list[int]:
+    """The processes that a process has started and that go on (Linux)."""
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]
+
+
+def is_alive(pid: int) -> bool:
+    """Whether there is such a process."""
+    return Path(f"/proc/{pid}").exists()

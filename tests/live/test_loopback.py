@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from live_processes import environment, free_port, run_both
+from live_processes import children_of, environment, free_port, is_alive, run_both
 
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.live.live_record import read_live_record
@@ -20,6 +20,7 @@ from coclo_vio.live.recorded_messages import recorded_messages, restamped
 from coclo_vio.runs.live_config import LiveConfig, ZenohConfig
 from coclo_vio.runs.run_folder import read_estimates, read_record
 
+_AT_ONCE = ["--set", "live.first_messages_s=0.3"]
 _ENDED = ["--set", "live.idle_s=2", "--set", "live.first_messages_s=0.5"]
 _PLAYED = ["--seconds", "4", "--wait", "40"]
 
@@ -51,6 +52,31 @@ def test_zenoh_accounts_for_every_message_and_gets_estimates_back(short_recordin
     assert counts["/joint_states"] == record.topics["/joint_states"].received
 
 
+@pytest.mark.slow
+def test_images_are_processed_beside_the_filter_and_come_back_as_a_trajectory(short_recording, tmp_path):
+    pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
+    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "out"
+    arguments = ["-s", "zenoh", "--endpoint", endpoint, "-m", "combined", "-r", "daisy", "-o", str(folder), *_AT_ONCE]
+    with _live(arguments) as process, _played(short_recording, "--listen", endpoint, "--rate", "0.4"):
+        _wait_for(lambda: _rows(folder / "combined_vins_keyframes.csv") > 3)
+        vision = children_of(process.pid)
+        os.kill(process.pid, signal.SIGTERM)
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 143, said
+    assert vision
+    assert not any(is_alive(pid) for pid in vision)
+    assert "vision: beside" in (folder / "config.yaml").read_text(encoding="utf-8")
+    run = read_record(folder)
+    counts = run.estimators["combined_coclo"].counts
+    assert counts["frames"] > 5, counts
+    assert counts["smoother_keyframes"] >= 3
+    assert counts["feedback_accepted"] >= 1
+    published = read_live_record(folder).published
+    for name in ("combined_coclo", "combined_vins"):
+        assert published[f"/{name}/odometry"] == run.estimators[name].estimates > 3
+    assert read_live_record(folder).estimates["combined_coclo"].p95_ms < 500.0
+
+
 def test_dds_accounts_for_every_message(short_recording, tmp_path):
     pytest.importorskip("cyclonedds", reason="cyclonedds is an extra (live-dds)")
     domain = str(free_port() % 100 + 100)
@@ -73,9 +99,9 @@ def test_low_states_of_unitree_are_read_as_joints_and_imu(short_recording, tmp_p
 
 
 @contextmanager
-def _live(arguments):
+def _started(module, *arguments):
     process = subprocess.Popen(
-        [sys.executable, "-m", "coclo_vio", "live", *arguments],
+        [sys.executable, "-m", module, *map(str, arguments)],
         env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -85,6 +111,14 @@ def _live(arguments):
         yield process
     finally:
         process.kill()
+
+
+def _live(arguments):
+    return _started("coclo_vio", "live", *arguments)
+
+
+def _played(recording, *arguments):
+    return _started("coclo_vio.live.publish_recording", recording, "--wait", 40, *arguments)
 
 
 def test_a_fuzzed_message_on_the_wire_ends_nothing(short_recording, tmp_path):
@@ -153,9 +187,7 @@ def test_an_interrupt_finishes_the_files(short_recording, tmp_path):
     growing.write_bytes(data[: len(data) * 3 // 4])
     arguments = ["-s", "file", "--endpoint", str(growing), "-m", "coclo", "-r", "daisy", "-o", str(folder)]
     with _live(arguments) as process:
-        end = time.monotonic() + 90.0
-        while time.monotonic() < end and not _has_estimates(folder):
-            time.sleep(0.1)
+        _wait_for(lambda: _rows(folder / "coclo.tum"))
         os.kill(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=60)
     assert process.returncode == 130, said
@@ -164,6 +196,12 @@ def test_an_interrupt_finishes_the_files(short_recording, tmp_path):
     assert "run folder" in said
 
 
-def _has_estimates(folder):
-    path = folder / "coclo.tum"
-    return path.exists() and path.stat().st_size > 0
+def _rows(path):
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def _wait_for(condition, within_s=90.0):
+    end_s = time.monotonic() + within_s
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert condition()
