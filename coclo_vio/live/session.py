@@ -4,7 +4,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from coclo_vio.datasets.rosbag.storage.arrived_messages import ArrivedMessages
@@ -23,6 +23,7 @@ from coclo_vio.live.wire import Sink, Source, WireMessage, raw_message
 from coclo_vio.live.wire_events import WireEvents
 from coclo_vio.runs import pipeline
 from coclo_vio.runs.modes.mode import Mode
+from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.paced_play import for_use_online
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import RunRecord
@@ -34,7 +35,6 @@ from coclo_vio.values.outputs import Estimate, Output
 _LOOK_AROUND_S = 0.05
 _POLL_S = 0.1
 _RETRY_S = 0.5
-Watch = Callable[[Output], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class LiveSettings:
         given: calibrations that go before those of the wire.
         seconds: how long to run from the first sample on, None: until it is stopped.
         stops: whether to stop; asked many times a second.
-        watch: called with each output.
+        observers: who is shown what the mode reads and gives.
     """
 
     mode: Mode
@@ -57,7 +57,7 @@ class LiveSettings:
     given: SensorCalibrations
     seconds: float | None = None
     stops: Callable[[], bool] = lambda: False
-    watch: Watch = lambda output: None
+    observers: Observers = field(default_factory=Observers)
 
 
 def run_live(
@@ -171,7 +171,7 @@ class _Session:
             if isinstance(output, Estimate):
                 latency.estimated(output)
             outgoing.take(output)
-            settings.watch(output)
+            settings.observers.take(settings.mode.name, output)
 
         def write_counts(stamp_ns: int) -> None:
             if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator.counts):
@@ -179,7 +179,7 @@ class _Session:
                     self._recording.flush()
                 files.write_live(self._counted(prepared, outgoing, latency, begun_s))
 
-        estimator = UnendingEstimator(prepared.estimator, self._events)
+        estimator = UnendingEstimator(prepared.estimator, self._events, lambda: stream.arrival_ns)
         summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, write_counts)
         self._source.close()
         counted = self._counted(prepared, outgoing, latency, begun_s)
