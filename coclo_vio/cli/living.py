@@ -62,9 +62,11 @@ def live(
         run_settings = LiveSettings(chosen, resolved, output, given, seconds, stop.event.is_set)
         record, counted = run_live(wire.source, wire.sinks, wire.types, run_settings)
     _print(record, counted, output)
+    first = record.estimators[chosen.trajectory_names[0]]
+    if first.failure:
+        raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {first.failure}")
     if stop.number is not None:
         raise typer.Exit(128 + stop.number)
-    first = record.estimators[chosen.trajectory_names[0]]
     if not first.estimates:
         raise DatasetError(f"{mode} gave no estimate for the {first.measurements} samples of {wire.source.name}")
 

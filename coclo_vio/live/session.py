@@ -173,18 +173,19 @@ class _Session:
             outgoing.take(output)
             settings.observers.take(settings.mode.name, output)
 
-        def write_counts(stamp_ns: int) -> None:
+        def advance(stamp_ns: int) -> None:
             if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator.counts):
                 if self._recording is not None:
                     self._recording.flush()
                 files.write_live(self._counted(prepared, outgoing, latency, begun_s))
+            files.advance()
 
         estimator = UnendingEstimator(prepared.estimator, self._events, lambda: stream.arrival_ns)
-        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, write_counts)
+        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, advance, tally=files.tally)
         self._source.close()
         counted = self._counted(prepared, outgoing, latency, begun_s)
         files.write_live(counted)
-        return files.finish(summary), counted
+        return files.finish(summary, is_stopped=settings.stops()), counted
 
     def _counted(self, prepared: Prepared, outgoing: Outgoing, latency: EstimateLatency, begun_s: float) -> LiveRecord:
         return LiveRecord(

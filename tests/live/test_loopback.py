@@ -185,14 +185,16 @@ def test_an_interrupt_finishes_the_files(short_recording, tmp_path):
     growing, folder = tmp_path / "growing.mcap", tmp_path / "out"
     data = short_recording.read_bytes()
     growing.write_bytes(data[: len(data) * 3 // 4])
-    arguments = ["-s", "file", "--endpoint", str(growing), "-m", "coclo", "-r", "daisy", "-o", str(folder)]
+    arguments = ["-s", "file", "--endpoint", str(growing), "-m", "coclo", "-r", "daisy", "-o", str(folder), *_AT_ONCE]
     with _live(arguments) as process:
         _wait_for(lambda: _rows(folder / "coclo.tum"))
         os.kill(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=60)
     assert process.returncode == 130, said
     estimates = read_estimates(folder, "coclo")
-    assert read_record(folder).estimators["coclo"].estimates == len(estimates.trajectory) > 0
+    record = read_record(folder)
+    assert record.estimators["coclo"].estimates == len(estimates.trajectory) > 0
+    assert record.status == record.estimators["coclo"].status == "interrupted"
     assert "run folder" in said
 
 
