@@ -174,7 +174,7 @@ class _Session:
             settings.observers.take(settings.mode.name, output)
 
         def advance(stamp_ns: int) -> None:
-            if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator.counts):
+            if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator):
                 if self._recording is not None:
                     self._recording.flush()
                 files.write_live(self._counted(prepared, outgoing, latency, begun_s))
