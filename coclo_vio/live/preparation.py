@@ -97,9 +97,20 @@ def given_calibrations(path: Path | None, config: RunConfig) -> tuple[SensorCali
 
 
 def prepared_of_messages(
-    arrived: ArrivedMessages, mode: Mode, config: RunConfig, given: SensorCalibrations
+    arrived: ArrivedMessages,
+    mode: Mode,
+    config: RunConfig,
+    given: SensorCalibrations,
+    pictures_every: int | None = None,
 ) -> Prepared:
     """An estimator for what has arrived.
+
+    Args:
+        arrived: the messages.
+        mode: to run.
+        config: of the run.
+        given: calibrations that go before those of the messages.
+        pictures_every: the estimator draws every n-th frame; none if None.
 
     Raises:
         CocloError: something that the mode needs is missing.
@@ -118,7 +129,7 @@ def prepared_of_messages(
         given.imu or calibration.imu("imu"),
         given.camera_imu or calibration.imu("camera_imu"),
     )
-    estimator, resolved, sensors = _estimator(mode, config, known, roles.sensors)
+    estimator, resolved, sensors = _estimator(mode, config, known, roles.sensors, pictures_every)
     clock = BagClock(
         messages, uses_header=rosbag.clock == "header", drops_backward=True, keeps_backward=True, tally=tally
     )
@@ -130,7 +141,12 @@ def prepared_of_messages(
 
 
 def prepared_of_measurements(
-    found: frozenset[type], origin: str, mode: Mode, config: RunConfig, given: SensorCalibrations
+    found: frozenset[type],
+    origin: str,
+    mode: Mode,
+    config: RunConfig,
+    given: SensorCalibrations,
+    pictures_every: int | None = None,
 ) -> Prepared:
     """An estimator for a source that gives measurements.
 
@@ -140,13 +156,14 @@ def prepared_of_measurements(
         mode: to run.
         config: of the run.
         given: calibrations.
+        pictures_every: the estimator draws every n-th frame; none if None.
 
     Raises:
         CocloError: something that the mode needs is missing.
     """
     if mode.has_legs and JointSample not in found:
         raise DatasetError(f"{origin} has given no joint sample that is read; check the names of its columns")
-    estimator, resolved, sensors = _estimator(mode, config, given, found | LEG_SENSORS)
+    estimator, resolved, sensors = _estimator(mode, config, given, found | LEG_SENSORS, pictures_every)
     robot = config.robot if mode.has_legs else None
     tally = ReadTally(origin, config.dataset.gap_s)
     if robot is not None:
@@ -182,7 +199,7 @@ def _legs(robot: RobotDescription | None) -> tuple[str, ...]:
 
 
 def _estimator(
-    mode: Mode, config: RunConfig, known: SensorCalibrations, found: frozenset[type]
+    mode: Mode, config: RunConfig, known: SensorCalibrations, found: frozenset[type], pictures_every: int | None
 ) -> tuple[GuardedEstimator, RunConfig, frozenset[type]]:
     """The estimator, the configuration with the IMU of the wire where that counts, and the sensors that are read."""
     resolved = config.on_recording(known.imu)
@@ -190,7 +207,12 @@ def _estimator(
     sensors = found if known.camera_imu is not None else found - {CameraImuSample}
     calibration = SensorCalibrations(known.stereo, imu, known.camera_imu)
     estimator = make_estimator(
-        mode.name, robot=resolved.robot, calibration=calibration, config=resolved, sensors=sensors
+        mode.name,
+        robot=resolved.robot,
+        calibration=calibration,
+        config=resolved,
+        sensors=sensors,
+        pictures_every=pictures_every,
     )
     body_imu = imu if resolved.robot is None else resolved.robot.imu
     equipment = Equipment(None, body_imu, known.camera_imu, known.stereo, sensors, "the wire")

@@ -25,6 +25,7 @@ from coclo_vio.runs import pipeline
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.paced_play import for_use_online
+from coclo_vio.runs.recording_view import seen
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.calibration import SensorCalibrations
@@ -112,7 +113,8 @@ class _Session:
         Raises:
             CocloError: it has not come in time.
         """
-        live, mode, config, given = self._live, self._settings.mode, self._settings.config, self._settings.given
+        live, settings = self._live, self._settings
+        rest = settings.mode, settings.config, settings.given, settings.observers.drawn_every
         arrived = ArrivedMessages(self._source.name, self._source.typed)
         gathered: list[WireMessage | Measurement] = []
         begun_s = time.monotonic()
@@ -132,8 +134,8 @@ class _Session:
                 kinds = frozenset(type(one) for one in gathered if not isinstance(one, WireMessage))
                 try:
                     if kinds:
-                        return prepared_of_measurements(kinds, self._source.name, mode, config, given), gathered
-                    return prepared_of_messages(arrived, mode, config, given), gathered
+                        return prepared_of_measurements(kinds, self._source.name, *rest), gathered
+                    return prepared_of_messages(arrived, *rest), gathered
                 except CocloError as error:
                     problem = error
             if is_last:
@@ -154,7 +156,7 @@ class _Session:
         stack: ExitStack,
     ) -> tuple[RunRecord, LiveRecord]:
         """Push everything and hand on what comes out."""
-        settings, live = self._settings, self._live
+        settings, live, observers = self._settings, self._live, self._settings.observers
         files = stack.enter_context(RunFiles(settings.folder, settings.mode, prepared, self._source.name))
         if live.records:
             self._recording = LiveRecording(settings.folder, types, self._source)
@@ -167,11 +169,12 @@ class _Session:
         begun_s = time.monotonic()
 
         def take(output: Output) -> None:
-            files.take(output)
+            if observers.keep(output):
+                files.take(output)
             if isinstance(output, Estimate):
                 latency.estimated(output)
             outgoing.take(output)
-            settings.observers.take(settings.mode.name, output)
+            observers.take(settings.mode.name, output)
 
         def advance(stamp_ns: int) -> None:
             if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator):
@@ -181,7 +184,9 @@ class _Session:
             files.advance()
 
         estimator = UnendingEstimator(prepared.estimator, self._events, lambda: stream.arrival_ns)
-        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, advance, tally=files.tally)
+        measurements = stream.measurements(self._items(first))
+        shown = measurements if observers.view is None else seen(measurements, observers.view)
+        summary = pipeline.run(estimator, shown, take, advance, tally=files.tally)
         self._source.close()
         counted = self._counted(prepared, outgoing, latency, begun_s)
         files.write_live(counted)

@@ -39,14 +39,17 @@ def test_a_file_that_is_complete_is_run_to_its_end(coclo: Coclo, short_recording
     np.testing.assert_allclose(live.positions[of_live], run.positions[of_run], atol=2e-3)
 
 
-def test_messages_that_are_left_out_before_the_start_are_counted(
+def test_messages_that_are_left_out_before_the_start_are_counted_and_a_run_can_be_seen(
     coclo: Coclo, short_recording: Path, tmp_path: Path
 ) -> None:
     answer = coclo(
         "live", "-s", "file", "--endpoint", short_recording, "-m", "coclo", "-r", "daisy", "-o", "out",
         "--set", "live.first_messages_s=1", "--set", "live.most_messages=100",
+        "--view", "foxglove", "--view-file", "live.mcap",
     )  # fmt: skip
     assert answer.status == 0, answer.err
+    assert "view: live.mcap" in answer.out.splitlines()
+    assert (tmp_path / "live.mcap").stat().st_size > 50_000, "the robot and its joints"
     topics = read_live_record(tmp_path / "out").topics
     assert topics["/joint_states"].dropped > 300
     taken = json.loads((tmp_path / "out" / "run.json").read_text())["estimators"]["coclo"]["measurements"]
@@ -92,6 +95,8 @@ def _lines(path: Path) -> int:
         (("-s", "file", "-m", "coclo", "-r", "daisy"), 2, "--endpoint"),
         (("-s", "file", "--endpoint", "walk.bag", "-m", "coclo", "-r", "daisy"), 2, ".mcap, .csv or .jsonl"),
         (("-s", "unitree", "-m", "coclo"), 2, "--robot"),
+        (("-s", "file", "--endpoint", "a.mcap", "-m", "vins", "--view", "rviz"), 2, "foxglove, rerun"),
+        (("-s", "file", "--endpoint", "a.mcap", "-m", "vins", "--view-port", "8765"), 2, "add --view foxglove"),
         (("-s", "zenoh", "-m", "no_such_mode"), 2, "no_such_mode"),
         (("-s", "file", "--endpoint", "none.mcap", "-m", "vins", "--set", "live.wait_s=0.3"), 1, "live.wait_s"),
     ],
