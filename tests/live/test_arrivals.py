@@ -98,3 +98,16 @@ def test_a_clock_that_steps_on_the_wire_is_followed(messages, clean, tmp_path, s
         last = np.array((tmp_path / "coclo.tum").read_text(encoding="utf-8").splitlines()[-1].split(), dtype=float)
         assert last[0] == pytest.approx(clean.stamps_ns[-1] / NS_PER_S + step_s, abs=1e-6)
         np.testing.assert_allclose(last[1:4], clean.positions[-1], atol=2e-3)
+
+
+@pytest.mark.parametrize("stall_s", [1.2, 2.5])
+def test_what_a_network_held_back_is_used_as_if_it_had_not(messages, clean, tmp_path, stall_s):
+    """For a while nothing comes, then everything at once, and then as before."""
+    begin_ns = messages[0].monotonic_ns + 2 * NS_PER_S
+    end_ns = begin_ns + round(stall_s * NS_PER_S)
+    held = [replace(m, monotonic_ns=end_ns) if begin_ns < m.monotonic_ns < end_ns else m for m in messages]
+    record, _ = run_played(held, tmp_path)
+    run = record.estimators["coclo"]
+    assert [event.kind for event in run.events if event.kind in ("clock_step", "stamp_refused")] == []
+    assert run.estimates == len(clean)
+    np.testing.assert_allclose(read_estimates(tmp_path, "coclo").trajectory.positions, clean.positions, atol=1e-9)
