@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from coclo_vio.live.live_record import LiveRecord
-from coclo_vio.live.open_wire import types_of
+from coclo_vio.live.open_wire import configured_for, types_of
 from coclo_vio.live.recorded_messages import RecordedMessage, recorded_messages, restamped
 from coclo_vio.live.session import LiveSettings, run_live
 from coclo_vio.live.wire import Receiver, WireMessage
@@ -68,10 +68,20 @@ def run_played(
     mode: str = "coclo",
     *,
     settings: Sequence[str] = (),
+    source: str = "file",
     observers: Observers | None = None,
 ) -> tuple[RunRecord, LiveRecord]:
-    """Run a mode on messages; nothing is dropped, and nothing is recorded but the run folder."""
+    """Run a mode on messages; nothing is dropped, and no bag of them is written.
+
+    Args:
+        messages: in the order in which they come.
+        folder: of the run.
+        mode: to run.
+        settings: of the configuration.
+        source: that of ``--source`` whose messages they are.
+        observers: of the run.
+    """
     kept = ("live.most_messages=100000", "live.most_images=1000", "live.records=false", "bridge.vision=in_turn")
-    config = resolve("daisy", settings=[*kept, *settings])
+    config = configured_for(source, resolve("daisy", settings=[*kept, *settings]))
     live = LiveSettings(mode_of(mode), config, folder, SensorCalibrations(), observers=observers or Observers())
     return run_live(PlayedSource(messages), (), TYPES, live)
