@@ -19,6 +19,9 @@ from coclo_vio.cli.options import (
     ResumeOption,
     RobotOption,
     SetOption,
+    ViewFileOption,
+    ViewOption,
+    ViewPortOption,
     existing,
     with_partial,
 )
@@ -32,7 +35,7 @@ from coclo_vio.cli.printing import (
 )
 from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give, say
-from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
+from coclo_vio.cli.view_command import opened_view
 from coclo_vio.datasets.sample import DURATION_S, LENGTH_M, sample_path
 from coclo_vio.evaluation.figure_style import NO_FIGURES, can_draw
 from coclo_vio.runs import run_folder

@@ -12,23 +12,26 @@ from coclo_vio.api.recording import Recording, open_recording
 from coclo_vio.api.run import Run, load_ground_truth, load_run
 from coclo_vio.api.run import run as run_recording
 from coclo_vio.api.trajectory_evaluation import evaluate as evaluate_trajectory
-from coclo_vio.cli.mode_help import DEFAULTS_PLACE, MODES_PLACE
 from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
+    ModeOption,
     OutOption,
     OverwriteOption,
     PartialOption,
     ResumeOption,
     RobotOption,
     SetOption,
+    ViewFileOption,
+    ViewOption,
+    ViewPortOption,
     existing,
     with_partial,
 )
 from coclo_vio.cli.printing import print_failures, print_ranking, print_run, print_table, progress_bar
 from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give, give_json
-from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
+from coclo_vio.cli.view_command import opened_view
 from coclo_vio.datasets.rosbag.writing.new_bag import check_bag_path
 from coclo_vio.evaluation.evaluation_record import ComparisonRecord
 from coclo_vio.runs.comparison_report import evaluation_report, report_title
@@ -44,10 +47,7 @@ if TYPE_CHECKING:
 
 def run(
     dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
-    mode: Annotated[
-        str | None,
-        typer.Option("--mode", "-m", help=f"One of: {MODES_PLACE}. Default: {DEFAULTS_PLACE}, by what there is."),
-    ] = None,
+    mode: ModeOption = None,
     robot: RobotOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,

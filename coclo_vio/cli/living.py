@@ -11,8 +11,18 @@ from typing import Annotated
 import typer
 
 from coclo_vio.cli.mode_help import MODES_PLACE
-from coclo_vio.cli.options import ConfigOption, OutOption, OverwriteOption, RobotOption, SetOption
+from coclo_vio.cli.options import (
+    ConfigOption,
+    OutOption,
+    OverwriteOption,
+    RobotOption,
+    SetOption,
+    ViewFileOption,
+    ViewOption,
+    ViewPortOption,
+)
 from coclo_vio.cli.terminal import give
+from coclo_vio.cli.view_command import opened_view
 from coclo_vio.live.latency_histogram import LatencyRecord
 from coclo_vio.live.live_record import LiveRecord
 from coclo_vio.live.open_wire import configured_for, open_wire
@@ -21,6 +31,7 @@ from coclo_vio.live.session import LiveSettings, run_live
 from coclo_vio.live.warm_up import warm_up
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import mode_of
+from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.errors import DatasetError
@@ -44,6 +55,9 @@ def live(
     seconds: Annotated[
         float | None, typer.Option("--seconds", min=0.0, help="End after this time; otherwise at Ctrl-C.")
     ] = None,
+    view: ViewOption = None,
+    view_file: ViewFileOption = None,
+    view_port: ViewPortOption = None,
 ) -> None:
     """Run one mode on messages as they come: zenoh, DDS, Unitree or a growing file.
 
@@ -56,15 +70,18 @@ def live(
     given, resolved = given_calibrations(calibration, resolved)
     if chosen.has_legs:
         warm_up(resolved)
-    wire = open_wire(source, endpoint, domain, resolved)
-    give(f"waiting for {wire.source.name}")
-    with _stopped_by_signals() as stop:
-        run_settings = LiveSettings(chosen, resolved, output, given, seconds, stop.event.is_set)
+    with opened_view(view, resolved.robot, view_file, view_port) as shown, _stopped_by_signals() as stop:
+        wire = open_wire(source, endpoint, domain, resolved)
+        give(f"waiting for {wire.source.name}")
+        observers = Observers(view=shown)
+        run_settings = LiveSettings(chosen, resolved, output, given, seconds, stop.event.is_set, observers)
         record, counted = run_live(wire.source, wire.sinks, wire.types, run_settings)
     _print(record, counted, output)
+    first = record.estimators[chosen.trajectory_names[0]]
+    if first.failure:
+        raise DatasetError(f"the run stopped early, its estimates up to there are in {output}: {first.failure}")
     if stop.number is not None:
         raise typer.Exit(128 + stop.number)
-    first = record.estimators[chosen.trajectory_names[0]]
     if not first.estimates:
         raise DatasetError(f"{mode} gave no estimate for the {first.measurements} samples of {wire.source.name}")
 

@@ -6,9 +6,14 @@ from typing import Annotated
 
 import typer
 
+from coclo_vio.cli.mode_help import DEFAULTS_PLACE, MODES_PLACE
 from coclo_vio.runs.run_folder import Existing
 from coclo_vio.values.errors import ConfigError
 
+ModeOption = Annotated[
+    str | None,
+    typer.Option("--mode", "-m", help=f"One of: {MODES_PLACE}. Default: {DEFAULTS_PLACE}, by what there is."),
+]
 RobotOption = Annotated[str | None, typer.Option("--robot", "-r", help="Known robot, or the path of its YAML.")]
 ConfigOption = Annotated[Path | None, typer.Option("--config", "-c", help="YAML configuration.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", help="One value, such as filter.profile=paper.")]
@@ -24,6 +29,15 @@ OverwriteOption = Annotated[
 ]
 ResumeOption = Annotated[
     bool, typer.Option("--resume", help="Go on with a run in the folder that was killed or stopped.")
+]
+ViewOption = Annotated[
+    str | None, typer.Option("--view", help="Show it while it runs: foxglove or rerun (extra view).")
+]
+ViewFileOption = Annotated[
+    Path | None, typer.Option("--view-file", help="What the view writes: .mcap of foxglove, .rrd of rerun.")
+]
+ViewPortOption = Annotated[
+    int | None, typer.Option("--view-port", help="Where the view serves; without file and port the usual one.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 

@@ -13,22 +13,25 @@ from rich.table import Table
 from coclo_vio.api.play import Play
 from coclo_vio.api.play import play as play_recording
 from coclo_vio.api.recording import Recording, open_recording
-from coclo_vio.cli.mode_help import DEFAULTS_PLACE, MODES_PLACE
 from coclo_vio.cli.options import (
     ConfigOption,
     JsonOption,
+    ModeOption,
     OutOption,
     OverwriteOption,
     PartialOption,
     RobotOption,
     SetOption,
+    ViewFileOption,
+    ViewOption,
+    ViewPortOption,
     existing,
     with_partial,
 )
 from coclo_vio.cli.printing import print_failures, print_run, print_table, progress_bar
 from coclo_vio.cli.stopping import done_so_far, stoppable
 from coclo_vio.cli.terminal import give_json, out, say
-from coclo_vio.cli.view_command import ViewFileOption, ViewOption, ViewPortOption, opened_view
+from coclo_vio.cli.view_command import opened_view
 from coclo_vio.runs.comparison_report import report_title
 from coclo_vio.runs.latency import LatencyRecord, Spread
 from coclo_vio.runs.paced_feed import MAX_LAG_S
@@ -39,10 +42,7 @@ from coclo_vio.values.errors import DatasetError
 
 def play(
     dataset: Annotated[Path, typer.Argument(help="Recording: folder or file.")],
-    mode: Annotated[
-        str | None,
-        typer.Option("--mode", "-m", help=f"One of: {MODES_PLACE}. Default: {DEFAULTS_PLACE}, by what there is."),
-    ] = None,
+    mode: ModeOption = None,
     rate: Annotated[float, typer.Option("--rate", help="Seconds of recording per second.")] = 1.0,
     seconds: Annotated[float | None, typer.Option("--seconds", help="Play so much of the recording, s.")] = None,
     max_lag_s: Annotated[

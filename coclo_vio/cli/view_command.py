@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The options of views, and the command that shows a run afterwards: ``view``."""
+"""The view of a command that runs something, and the command that shows a run afterwards: ``view``."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,24 +11,23 @@ import typer
 from coclo_vio.api.recording import Recording
 from coclo_vio.api.viewing import open_view, view_run
 from coclo_vio.cli.terminal import give, say
+from coclo_vio.robot.description import RobotDescription
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.views.opening import file_suffix, usual_port
 from coclo_vio.views.view import View
 
-ViewOption = Annotated[
-    str | None, typer.Option("--view", help="Show it while it runs: foxglove or rerun (extra view).")
-]
-ViewFileOption = Annotated[
-    Path | None, typer.Option("--view-file", help="What the view writes: .mcap of foxglove, .rrd of rerun.")
-]
-ViewPortOption = Annotated[
-    int | None, typer.Option("--view-port", help="Where the view serves; without file and port the usual one.")
-]
-
 
 @contextmanager
-def opened_view(kind: str | None, recording: Recording, file: Path | None, port: int | None) -> Iterator[View | None]:
-    """The view of the options for one recording, closed in the end; None without ``--view``.
+def opened_view(
+    kind: str | None, of: Recording | RobotDescription | None, file: Path | None, port: int | None
+) -> Iterator[View | None]:
+    """The view of the options, closed in the end; None without ``--view``.
+
+    Args:
+        kind: of ``--view``.
+        of: the recording that is shown, or on a wire the robot; None: neither.
+        file: of ``--view-file``.
+        port: of ``--view-port``.
 
     Raises:
         ConfigError: a file or port without a view, or as ``open_view``.
@@ -38,7 +37,7 @@ def opened_view(kind: str | None, recording: Recording, file: Path | None, port:
             raise ConfigError("--view-file and --view-port belong to a view; add --view foxglove or --view rerun")
         yield None
         return
-    view = open_view(kind, recording, file=file, port=port)
+    view = open_view(kind, of, file=file, port=port)
     if file is None or port is not None:
         say(f"view: {kind} serves at 127.0.0.1:{usual_port(kind) if port is None else port} while this runs")
     try:

@@ -32,8 +32,8 @@ class BridgeConfig(StageConfig):
         Literal["auto", "in_turn", "beside"],
         Field(
             description="in_turn: outputs depend on the measurements alone; beside: frames are processed by another "
-            "process and results taken as they come, so that joint samples never wait; auto: beside in play, else "
-            "in_turn"
+            "process and results taken as they come, so that joint samples never wait; auto: beside in play and "
+            "live, else in_turn"
         ),
     ] = "auto"
     vision_timeout_s: Annotated[

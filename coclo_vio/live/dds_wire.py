@@ -191,13 +191,14 @@ class DdsWire:
 
     def _take(self, topic: str, msgtype: str, reader: Any) -> None:
         samples = _taken(reader)
-        arrived_ns = time.time_ns()
+        arrived_ns, monotonic_ns = time.time_ns(), time.monotonic_ns()
         receiver = self._receiver
         for data, info in samples:
             if not info.valid_data or receiver is None:
                 continue
             sender = int(info.publication_handle).to_bytes(8, "little")
-            receiver.take(WireMessage(topic, msgtype, data, arrived_ns, int(info.source_timestamp), None, sender))
+            sent_ns = int(info.source_timestamp)
+            receiver.take(WireMessage(topic, msgtype, data, arrived_ns, sent_ns, None, sender, monotonic_ns))
 
 
 def _quality(*, is_reliable: bool, is_transient_local: bool, depth: int) -> Any:

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measurements in order from messages as they come: converted, corrected, sorted within milliseconds, decoded."""
+"""Measurements from messages as they come: converted, corrected, decoded; the guard puts them in order."""
 
 import time
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
-from coclo_vio.datasets.joint_velocity import JointVelocityEstimator
-from coclo_vio.datasets.rosbag.conversion import Item, item_key
+from coclo_vio.datasets.rosbag.conversion import Item
 from coclo_vio.datasets.rosbag.stereo_pairing import RawPair
-from coclo_vio.datasets.rosbag.timing import ReorderWindow
 from coclo_vio.datasets.sample_corrections import SampleCorrections
 from coclo_vio.live.estimate_latency import EstimateLatency
 from coclo_vio.live.intake import Intake
@@ -17,59 +13,52 @@ from coclo_vio.live.preparation import Prepared
 from coclo_vio.live.wire import WireMessage, raw_message
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import DatasetError, shortened
-from coclo_vio.values.measurements import JointSample, Measurement
-from coclo_vio.values.units import NS_PER_S
-
-_Arrived = tuple[int, Item]
+from coclo_vio.values.measurements import Measurement
 
 
 class MeasurementStream:
-    """Turns what comes into measurements; what cannot be turned is refused with its topic and the reason."""
+    """Turns what comes into measurements; what cannot be turned is refused with its topic and the reason.
+
+    Attributes:
+        arrival_ns: when the measurement that was given last came, by a clock that never steps; None if that is unknown.
+    """
 
     def __init__(self, prepared: Prepared, config: RunConfig, intake: Intake, latency: EstimateLatency) -> None:
         """Prepare the conversion.
 
         Args:
             prepared: the converter.
-            config: corrections of the samples, span of sorting.
+            config: corrections of the samples.
             intake: counts what is refused.
             latency: gets the arrival of each sample.
         """
         self._prepared, self._intake, self._latency = prepared, intake, latency
         self._unstamped = config.live.unstamped
-        self._window: ReorderWindow[_Arrived] = ReorderWindow(round(config.live.reorder_s * NS_PER_S))
-        self._sorts = config.live.reorder_s > 0
+        self.arrival_ns: int | None = None
         self._corrections = SampleCorrections(config.dataset.corrections, prepared.config.robot)
-        lacks = prepared.lacks_velocity
-        if config.dataset.corrections.joints.velocity == "from_position" and prepared.config.robot is not None:
-            lacks = np.ones(len(prepared.config.robot.joint_names), dtype=np.bool_)
-        self._lacks_velocity = lacks
-        self._velocity = JointVelocityEstimator(config.dataset.joint_velocity)
         self._refused = dict(prepared.tally.dropped)
 
     def measurements(self, items: Iterable[WireMessage | Measurement | None]) -> Iterator[Measurement]:
-        """The measurements, each once those before it have come or the span of sorting is over.
+        """The measurements, in the order in which they came.
 
         Args:
             items: messages and measurements as they come; None where nothing comes for a while.
         """
         for item in items:
-            due = self._window.advance(time.time_ns()) if item is None else self._pushed(item)
-            yield from self._ready(due)
-        yield from self._ready(self._window.finish())
+            if isinstance(item, WireMessage):
+                yield from self._given(self._converted(item), item.arrived_ns, item.monotonic_ns)
+            elif item is not None:
+                yield from self._given((item,), time.time_ns(), None)
 
-    def _pushed(self, item: WireMessage | Measurement) -> Iterator[_Arrived]:
-        if isinstance(item, WireMessage):
-            arrived_ns = item.arrived_ns
-            found = self._converted(item)
-        else:
-            arrived_ns = time.time_ns()
-            found = iter([item])
-        for sample in found:
-            if self._sorts:
-                yield from self._window.push(arrived_ns, item_key(sample), (arrived_ns, sample))
-            else:
-                yield arrived_ns, sample
+    def _given(self, found: Iterable[Item], arrived_ns: int, monotonic_ns: int | None) -> Iterator[Measurement]:
+        """The measurements of one arrival."""
+        self.arrival_ns = monotonic_ns
+        for item in found:
+            sample = self._decoded(item)
+            if sample is not None:
+                self._prepared.tally.count(type(sample), sample.stamp_ns)
+                self._latency.arrived(sample.stamp_ns, arrived_ns)
+                yield sample
 
     def _converted(self, message: WireMessage) -> Iterator[Item]:
         messages, converter = self._prepared.messages, self._prepared.converter
@@ -93,18 +82,6 @@ class MeasurementStream:
             for _ in range(count - self._refused.get(name, 0)):
                 self._intake.refuse(topic if of_topic.startswith(topic) else of_topic, reason)
         self._refused = dict(dropped)
-
-    def _ready(self, due: Iterable[_Arrived]) -> Iterator[Measurement]:
-        for arrived_ns, item in due:
-            sample = self._decoded(item)
-            if sample is None:
-                continue
-            if isinstance(sample, JointSample) and self._lacks_velocity is not None:
-                estimated = self._velocity.push(sample.stamp_ns, sample.position)
-                sample = sample.with_velocity(np.where(self._lacks_velocity, estimated, sample.velocity))
-            self._prepared.tally.count(type(sample), sample.stamp_ns)
-            self._latency.arrived(sample.stamp_ns, arrived_ns)
-            yield sample
 
     def _decoded(self, item: Item) -> Measurement | None:
         if not isinstance(item, RawPair):

@@ -9,6 +9,7 @@ from coclo_vio.live.ros_outputs import RosOutputs
 from coclo_vio.live.topic_counts import TopicRecord
 from coclo_vio.live.wire import Sink
 from coclo_vio.live.wire_events import WireEvents
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.outputs import Estimate, Event, Output
 
@@ -48,20 +49,21 @@ class Outgoing:
                 self._recent.append(output)
 
     def diagnose(
-        self, stamp_ns: int, topics: Callable[[], Mapping[str, TopicRecord]], counts: Mapping[str, int]
+        self, stamp_ns: int, topics: Callable[[], Mapping[str, TopicRecord]], estimator: GuardedEstimator
     ) -> bool:
         """Publish diagnostics where they are due; returns whether they were.
 
         Args:
             stamp_ns: the time of the estimator, where there is no estimate yet.
             topics: what came.
-            counts: of the estimator.
+            estimator: has counts, and knows what became of all samples.
         """
         now_s = time.monotonic()
         if now_s < self._due_s:
             return False
         self._due_s = now_s + self._every_s
-        self._send(*self._outputs.diagnostics(self._latest_ns or stamp_ns, topics(), counts, self._recent))
+        at_ns, status = self._latest_ns or stamp_ns, estimator.status
+        self._send(*self._outputs.diagnostics(at_ns, topics(), estimator.counts, status, self._recent))
         self._recent.clear()
         return True
 

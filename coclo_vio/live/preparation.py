@@ -3,10 +3,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from coclo_vio.api.online import make_estimator
 from coclo_vio.api.recording import open_recording
+from coclo_vio.datasets.joint_velocity import JointVelocityEstimator
 from coclo_vio.datasets.read_report import ReadTally
 from coclo_vio.datasets.rosbag.bag_calibration import BagCalibration
 from coclo_vio.datasets.rosbag.bag_preview import preview_of
@@ -18,6 +22,7 @@ from coclo_vio.datasets.rosbag.storage.arrived_messages import ArrivedMessages
 from coclo_vio.datasets.rosbag.timing import BagClock
 from coclo_vio.datasets.rosbag.topic_roles import TopicRoles, choose_roles
 from coclo_vio.live.wire import READ_TYPES, Wants
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.runs.equipment import Equipment
 from coclo_vio.runs.modes.mode import Mode
@@ -25,8 +30,7 @@ from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.arrays import BoolArray
 from coclo_vio.values.calibration import SensorCalibrations
 from coclo_vio.values.errors import ConfigError, DatasetError, listing
-from coclo_vio.values.measurements import LEG_SENSORS, CameraImuSample, ImuSample, JointSample, StereoFrame
-from coclo_vio.values.outputs import Estimator
+from coclo_vio.values.measurements import LEG_SENSORS, CameraImuSample, ImuSample, JointSample, Measurement, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,24 +38,22 @@ class Prepared:
     """An estimator, and what turns the messages of a wire into its measurements.
 
     Attributes:
-        estimator: a fresh one.
+        estimator: a fresh one behind the guard.
         config: that of the run, with the IMU's calibration of the wire where that counts.
         sensors: what it reads.
         leg_names: of the robot whose legs it follows.
         messages: decodes messages; None of a source that gives measurements.
         converter: makes measurements of messages; None of a source that gives measurements.
-        lacks_velocity: joints whose velocities are estimated, (joints,); None where there are none.
         tally: counts what is left out.
         roles: the topics that are read, by role.
     """
 
-    estimator: Estimator
+    estimator: GuardedEstimator
     config: RunConfig
     sensors: frozenset[type]
     leg_names: tuple[str, ...]
     messages: MappedMessages | None
     converter: MessageConverter | None
-    lacks_velocity: BoolArray | None
     tally: ReadTally
     roles: Mapping[str, tuple[str, ...]]
 
@@ -95,9 +97,20 @@ def given_calibrations(path: Path | None, config: RunConfig) -> tuple[SensorCali
 
 
 def prepared_of_messages(
-    arrived: ArrivedMessages, mode: Mode, config: RunConfig, given: SensorCalibrations
+    arrived: ArrivedMessages,
+    mode: Mode,
+    config: RunConfig,
+    given: SensorCalibrations,
+    pictures_every: int | None = None,
 ) -> Prepared:
     """An estimator for what has arrived.
+
+    Args:
+        arrived: the messages.
+        mode: to run.
+        config: of the run.
+        given: calibrations that go before those of the messages.
+        pictures_every: the estimator draws every n-th frame; none if None.
 
     Raises:
         CocloError: something that the mode needs is missing.
@@ -116,19 +129,24 @@ def prepared_of_messages(
         given.imu or calibration.imu("imu"),
         given.camera_imu or calibration.imu("camera_imu"),
     )
-    estimator, resolved, sensors = _estimator(mode, config, known, roles.sensors)
+    estimator, resolved, sensors = _estimator(mode, config, known, roles.sensors, pictures_every)
     clock = BagClock(
         messages, uses_header=rosbag.clock == "header", drops_backward=True, keeps_backward=True, tally=tally
     )
     converter = MessageConverter(messages, roles, robot, rosbag, clock, tally, sensors=sensors, drops_broken=True)
-    joints = roles.joints
-    lacks = None if joints is None or joints.has_velocity.all() else ~joints.has_velocity
+    if roles.joints is not None:
+        _fill_velocities(estimator, resolved, ~roles.joints.has_velocity)
     chosen = {choice.role: choice.topics for choice in roles.choices if choice.topics}
-    return Prepared(estimator, resolved, sensors, _legs(robot), messages, converter, lacks, tally, chosen)
+    return Prepared(estimator, resolved, sensors, _legs(robot), messages, converter, tally, chosen)
 
 
 def prepared_of_measurements(
-    found: frozenset[type], origin: str, mode: Mode, config: RunConfig, given: SensorCalibrations
+    found: frozenset[type],
+    origin: str,
+    mode: Mode,
+    config: RunConfig,
+    given: SensorCalibrations,
+    pictures_every: int | None = None,
 ) -> Prepared:
     """An estimator for a source that gives measurements.
 
@@ -138,16 +156,42 @@ def prepared_of_measurements(
         mode: to run.
         config: of the run.
         given: calibrations.
+        pictures_every: the estimator draws every n-th frame; none if None.
 
     Raises:
         CocloError: something that the mode needs is missing.
     """
     if mode.has_legs and JointSample not in found:
         raise DatasetError(f"{origin} has given no joint sample that is read; check the names of its columns")
-    estimator, resolved, sensors = _estimator(mode, config, given, found | LEG_SENSORS)
+    estimator, resolved, sensors = _estimator(mode, config, given, found | LEG_SENSORS, pictures_every)
     robot = config.robot if mode.has_legs else None
     tally = ReadTally(origin, config.dataset.gap_s)
-    return Prepared(estimator, resolved, sensors, _legs(robot), None, None, None, tally, {"log": (origin,)})
+    if robot is not None:
+        _fill_velocities(estimator, resolved, np.zeros(len(robot.joint_names), dtype=np.bool_))
+    return Prepared(estimator, resolved, sensors, _legs(robot), None, None, tally, {"log": (origin,)})
+
+
+def _fill_velocities(estimator: GuardedEstimator, config: RunConfig, is_absent: BoolArray) -> None:
+    """Have velocities of joints estimated once the guard has put the samples in order.
+
+    Args:
+        estimator: that gets them.
+        config: whether all are estimated, and how.
+        is_absent: joints whose velocities do not come, (joints,).
+    """
+    if config.dataset.corrections.joints.velocity == "from_position":
+        is_absent = np.ones_like(is_absent)
+    if is_absent.any():
+        estimator.prepare_with(
+            partial(_with_velocity, JointVelocityEstimator(config.dataset.joint_velocity), is_absent)
+        )
+
+
+def _with_velocity(by: JointVelocityEstimator, is_absent: BoolArray, sample: Measurement) -> Measurement:
+    if not isinstance(sample, JointSample):
+        return sample
+    estimated = by.push(sample.stamp_ns, sample.position)
+    return sample.with_velocity(np.where(is_absent, estimated, sample.velocity))
 
 
 def _legs(robot: RobotDescription | None) -> tuple[str, ...]:
@@ -155,15 +199,20 @@ def _legs(robot: RobotDescription | None) -> tuple[str, ...]:
 
 
 def _estimator(
-    mode: Mode, config: RunConfig, known: SensorCalibrations, found: frozenset[type]
-) -> tuple[Estimator, RunConfig, frozenset[type]]:
+    mode: Mode, config: RunConfig, known: SensorCalibrations, found: frozenset[type], pictures_every: int | None
+) -> tuple[GuardedEstimator, RunConfig, frozenset[type]]:
     """The estimator, the configuration with the IMU of the wire where that counts, and the sensors that are read."""
     resolved = config.on_recording(known.imu)
     imu = known.imu if resolved.robot is None else None
     sensors = found if known.camera_imu is not None else found - {CameraImuSample}
     calibration = SensorCalibrations(known.stereo, imu, known.camera_imu)
     estimator = make_estimator(
-        mode.name, robot=resolved.robot, calibration=calibration, config=resolved, sensors=sensors
+        mode.name,
+        robot=resolved.robot,
+        calibration=calibration,
+        config=resolved,
+        sensors=sensors,
+        pictures_every=pictures_every,
     )
     body_imu = imu if resolved.robot is None else resolved.robot.imu
     equipment = Equipment(None, body_imu, known.camera_imu, known.stereo, sensors, "the wire")

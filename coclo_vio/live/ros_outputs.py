@@ -5,7 +5,8 @@
 ``/<trajectory>/odometry``   Odometry         pose of the body in ``odom``, twist in ``base_link``, both with covariance
 ``/tf``                      TFMessage        ``odom`` to ``base_link``, of a mode's first trajectory; a further one has
                                               ``<trajectory>/odom`` and ``<trajectory>/base_link``
-``/diagnostics``             DiagnosticArray  counts of each topic that is read, counts of the estimator, events
+``/diagnostics``             DiagnosticArray  counts of each topic that is read, what became of the samples, counts of
+                                              the estimator, events
 ============================ ================ ======================================================================
 """
 
@@ -22,7 +23,7 @@ from coclo_vio.live.wire import TF_MESSAGE
 from coclo_vio.runs.live_config import LiveConfig
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.outputs import Estimate, Event
+from coclo_vio.values.outputs import Estimate, Event, Status, StreamStatus
 from coclo_vio.values.units import NS_PER_S
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -78,10 +79,24 @@ class RosOutputs:
         yield OutgoingMessage("/tf", TF_MESSAGE, state.stamp_ns, self._types.serialized(self._make.tf([transform])))
 
     def diagnostics(
-        self, stamp_ns: int, topics: Mapping[str, TopicRecord], counts: Mapping[str, int], events: Sequence[Event]
+        self,
+        stamp_ns: int,
+        topics: Mapping[str, TopicRecord],
+        counts: Mapping[str, int],
+        samples: Status,
+        events: Sequence[Event],
     ) -> OutgoingMessage:
-        """What came, what the estimator counted, and what happened since the message before."""
-        statuses = [_topic_status(self._node, topic, record) for topic, record in topics.items()]
+        """What came, what became of it, what the estimator counted, and what happened since the message before.
+
+        Args:
+            stamp_ns: of the message.
+            topics: what came, by topic.
+            counts: of the estimator.
+            samples: what became of those of each sensor in front of the estimator.
+            events: since the message before.
+        """
+        statuses = [_stream_status(self._node, stream) for stream in samples.streams]
+        statuses += [_topic_status(self._node, topic, record) for topic, record in topics.items()]
         values = {name: str(count) for name, count in counts.items()}
         level = 1 if events else 0
         sentence = events[-1].detail if events else "runs"
@@ -112,6 +127,13 @@ def body_twist_covariance(state: StateEstimate) -> Array:
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = J @ state.covariance @ J.T
     return covariance
+
+
+def _stream_status(node: str, stream: StreamStatus) -> tuple[int, str, str, dict[str, str]]:
+    values = {"arrived": stream.arrived, "used": stream.used, "late": stream.late, "held": stream.held}
+    values |= {f"refused: {reason}": count for reason, count in stream.refused.items()}
+    level = 1 if stream.refused else 0
+    return level, f"{node}: samples of {stream.name}", str(stream), {name: str(count) for name, count in values.items()}
 
 
 def _topic_status(node: str, topic: str, record: TopicRecord) -> tuple[int, str, str, dict[str, str]]:

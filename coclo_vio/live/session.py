@@ -4,7 +4,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from coclo_vio.datasets.rosbag.storage.arrived_messages import ArrivedMessages
@@ -23,6 +23,9 @@ from coclo_vio.live.wire import Sink, Source, WireMessage, raw_message
 from coclo_vio.live.wire_events import WireEvents
 from coclo_vio.runs import pipeline
 from coclo_vio.runs.modes.mode import Mode
+from coclo_vio.runs.observers import Observers
+from coclo_vio.runs.paced_play import for_use_online
+from coclo_vio.runs.recording_view import seen
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.values.calibration import SensorCalibrations
@@ -33,7 +36,6 @@ from coclo_vio.values.outputs import Estimate, Output
 _LOOK_AROUND_S = 0.05
 _POLL_S = 0.1
 _RETRY_S = 0.5
-Watch = Callable[[Output], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ class LiveSettings:
         given: calibrations that go before those of the wire.
         seconds: how long to run from the first sample on, None: until it is stopped.
         stops: whether to stop; asked many times a second.
-        watch: called with each output.
+        observers: who is shown what the mode reads and gives.
     """
 
     mode: Mode
@@ -56,7 +58,7 @@ class LiveSettings:
     given: SensorCalibrations
     seconds: float | None = None
     stops: Callable[[], bool] = lambda: False
-    watch: Watch = lambda output: None
+    observers: Observers = field(default_factory=Observers)
 
 
 def run_live(
@@ -65,6 +67,7 @@ def run_live(
     """Run until the time is over, the source ends or ``stops`` says so; the files of the run are complete then.
 
     A message that cannot be read, and a measurement that the estimator refuses, are counted and reported as events.
+    Frames of ``combined`` are processed beside the filter unless ``bridge.vision`` says otherwise.
 
     Args:
         source: of messages.
@@ -75,6 +78,7 @@ def run_live(
     Raises:
         CocloError: what the mode needs has not come in time, or a file of the run cannot be written.
     """
+    settings = replace(settings, config=for_use_online(settings.config))
     live = settings.config.live
     events = WireEvents(live.event_s)
     intake = Intake(
@@ -109,7 +113,8 @@ class _Session:
         Raises:
             CocloError: it has not come in time.
         """
-        live, mode, config, given = self._live, self._settings.mode, self._settings.config, self._settings.given
+        live, settings = self._live, self._settings
+        rest = settings.mode, settings.config, settings.given, settings.observers.drawn_every
         arrived = ArrivedMessages(self._source.name, self._source.typed)
         gathered: list[WireMessage | Measurement] = []
         begun_s = time.monotonic()
@@ -129,8 +134,8 @@ class _Session:
                 kinds = frozenset(type(one) for one in gathered if not isinstance(one, WireMessage))
                 try:
                     if kinds:
-                        return prepared_of_measurements(kinds, self._source.name, mode, config, given), gathered
-                    return prepared_of_messages(arrived, mode, config, given), gathered
+                        return prepared_of_measurements(kinds, self._source.name, *rest), gathered
+                    return prepared_of_messages(arrived, *rest), gathered
                 except CocloError as error:
                     problem = error
             if is_last:
@@ -151,7 +156,7 @@ class _Session:
         stack: ExitStack,
     ) -> tuple[RunRecord, LiveRecord]:
         """Push everything and hand on what comes out."""
-        settings, live = self._settings, self._live
+        settings, live, observers = self._settings, self._live, self._settings.observers
         files = stack.enter_context(RunFiles(settings.folder, settings.mode, prepared, self._source.name))
         if live.records:
             self._recording = LiveRecording(settings.folder, types, self._source)
@@ -164,24 +169,28 @@ class _Session:
         begun_s = time.monotonic()
 
         def take(output: Output) -> None:
-            files.take(output)
+            if observers.keep(output):
+                files.take(output)
             if isinstance(output, Estimate):
                 latency.estimated(output)
             outgoing.take(output)
-            settings.watch(output)
+            observers.take(settings.mode.name, output)
 
-        def write_counts(stamp_ns: int) -> None:
-            if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator.counts):
+        def advance(stamp_ns: int) -> None:
+            if outgoing.diagnose(stamp_ns, self._intake.records, prepared.estimator):
                 if self._recording is not None:
                     self._recording.flush()
                 files.write_live(self._counted(prepared, outgoing, latency, begun_s))
+            files.advance()
 
-        estimator = UnendingEstimator(prepared.estimator, self._events)
-        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, write_counts)
+        estimator = UnendingEstimator(prepared.estimator, self._events, lambda: stream.arrival_ns)
+        measurements = stream.measurements(self._items(first))
+        shown = measurements if observers.view is None else seen(measurements, observers.view)
+        summary = pipeline.run(estimator, shown, take, advance, tally=files.tally)
         self._source.close()
         counted = self._counted(prepared, outgoing, latency, begun_s)
         files.write_live(counted)
-        return files.finish(summary), counted
+        return files.finish(summary, is_stopped=settings.stops()), counted
 
     def _counted(self, prepared: Prepared, outgoing: Outgoing, latency: EstimateLatency, begun_s: float) -> LiveRecord:
         return LiveRecord(

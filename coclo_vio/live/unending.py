@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 
 from coclo_vio.live.wire_events import WireEvents
-from coclo_vio.runs.pipeline import Spanning
+from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.values.errors import CocloError, shortened
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimator, Output
+from coclo_vio.values.outputs import Output
 
 _REFUSALS = (CocloError, ArithmeticError, ValueError, IndexError, np.linalg.LinAlgError)
 
@@ -17,19 +17,27 @@ _REFUSALS = (CocloError, ArithmeticError, ValueError, IndexError, np.linalg.LinA
 class UnendingEstimator:
     """Passes measurements on to another estimator; what it raises becomes an event, and the next one is passed on."""
 
-    def __init__(self, estimator: Estimator, events: WireEvents) -> None:
-        """Take the estimator and the events of the wire."""
-        self._estimator, self._events = estimator, events
+    def __init__(
+        self, estimator: GuardedEstimator, events: WireEvents, arrival_ns: Callable[[], int | None] = lambda: None
+    ) -> None:
+        """Take the estimator and the events of the wire.
+
+        Args:
+            estimator: behind the guard.
+            events: of the wire; gets what the estimator raises.
+            arrival_ns: when the measurement that is pushed came, by a clock that never steps; None if that is unknown.
+        """
+        self._estimator, self._events, self._arrival_ns = estimator, events, arrival_ns
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Earliest and latest stamp of the samples that the estimator used; None where it does not say."""
-        return self._estimator.span_ns if isinstance(self._estimator, Spanning) else None
+        """Earliest and latest stamp of the samples that the estimator used; None before any."""
+        return self._estimator.span_ns
 
     def push(self, measurement: Measurement) -> Iterator[Output]:
         """The outputs of one measurement, then the events that are due."""
         name = type(measurement).__name__
-        yield from self._guarded(lambda: self._estimator.push(measurement), name)
+        yield from self._guarded(lambda: self._estimator.push(measurement, self._arrival_ns()), name)
         yield from self._events.due(measurement.stamp_ns)
 
     def finish(self) -> Iterator[Output]:

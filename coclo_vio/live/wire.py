@@ -29,6 +29,8 @@ class WireMessage:
         sent_ns: when it was sent, by the sender's clock, ns since 1970; None where the wire does not say so.
         sequence: its number among those of its sender; None where the wire does not say so.
         sender: which of several publishers of the topic.
+        monotonic_ns: when it came, by a clock of this computer that never steps; None of a source that does not know
+            when its messages came, such as a file.
     """
 
     topic: str
@@ -38,6 +40,7 @@ class WireMessage:
     sent_ns: int | None = None
     sequence: int | None = None
     sender: bytes = b""
+    monotonic_ns: int | None = None
 
 
 def raw_message(message: WireMessage, unstamped: str) -> RawMessage:

@@ -154,7 +154,7 @@ class ZenohWire:
 
     def _receive(self, sample: Any) -> None:
         """A message came, in a thread of zenoh's."""
-        arrived_ns = time.time_ns()
+        arrived_ns, monotonic_ns = time.time_ns(), time.monotonic_ns()
         receiver, topic = self._receiver, topic_of_key(str(sample.key_expr))
         if receiver is None or topic is None:
             return
@@ -174,6 +174,7 @@ class ZenohWire:
                 attached.sent_ns if has_any else None,
                 attached.sequence if has_any else None,
                 attached.sender,
+                monotonic_ns,
             )
         )
 

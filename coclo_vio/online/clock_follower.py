@@ -151,13 +151,19 @@ class ClockFollower:
             now_ns = stamp_ns if stream.newest_ns is None else stream.newest_ns
         if stamp_ns > now_ns + self._future_ns:
             return "future"
-        if stamp_ns < now_ns - self._past_ns:
+        if stamp_ns < now_ns - self._past_ns and not self._was_held_back(stream, stamp_ns):
             return "past"
         if stream.is_repeated(stamp_ns):
             return "repeated"
         if stream.used_ns is not None and stamp_ns <= stream.used_ns:
             return "late"
         return None
+
+    def _was_held_back(self, stream: StreamState, stamp_ns: int) -> bool:
+        """Whether a sample that came late goes on where its stream and all others ended: the network had stopped."""
+        if self.now_ns is None or stream.newest_ns is None or stamp_ns < self.now_ns - self._past_ns:
+            return False
+        return 0 < stamp_ns - stream.newest_ns <= _longest_step_ns(stream)
 
     def _accept(self, arrival: Arrival) -> Accepted:
         stream, stamp_ns = arrival.stream, arrival.raw_ns + arrival.stream.shift_ns
@@ -209,8 +215,7 @@ class ClockFollower:
         if reason in _BEHIND:
             period_ns = arrival.stream.period_ns or _AGREE_NS
             return 0 < step_ns <= 3 * period_ns
-        slowest_ns = max(_AGREE_NS, 3 * (arrival.stream.period_ns or 0))
-        return abs(step_ns) <= slowest_ns
+        return abs(step_ns) <= _longest_step_ns(arrival.stream)
 
     def _is_decided(self, stream: StreamState, reason: str) -> bool:
         """Whether samples in doubt are enough for a step of the clock, and the other streams have been heard."""
@@ -300,6 +305,11 @@ class ClockFollower:
         if first.arrival_ns is not None and stream.newest_arrival_ns is not None:
             elapsed_ns = first.arrival_ns - stream.newest_arrival_ns
         return newest_ns + max(stream.period_ns or 1, elapsed_ns)
+
+
+def _longest_step_ns(stream: StreamState) -> int:
+    """How far apart two samples of a stream are at most that follow one another."""
+    return max(_AGREE_NS, 3 * (stream.period_ns or 0))
 
 
 def _number(arrival: Arrival) -> int:

@@ -43,6 +43,7 @@ class GuardedEstimator:
             is_levelled: whether it has roll and pitch from gravity.
         """
         self._make = make
+        self._prepare: Callable[[Measurement], Measurement] | None = None
         self._estimator = make()
         self._config = config or OnlineConfig()
         self._follower = ClockFollower(self._config)
@@ -119,6 +120,14 @@ class GuardedEstimator:
         """Wait for what the estimator does in another thread, so that its state can be kept."""
         if isinstance(self._estimator, Settling):
             self._estimator.settle()
+
+    def prepare_with(self, prepare: Callable[[Measurement], Measurement]) -> None:
+        """Change each sample before the estimator gets it, in the order in which it does.
+
+        Args:
+            prepare: gives the sample that the estimator gets, such as one with velocities that its driver lacks.
+        """
+        self._prepare = prepare
 
     def reset(self, pose: Array | None = None, covariance: Array | None = None) -> None:
         """Start anew: velocity, contacts, footholds, keyframes and landmarks are forgotten.
@@ -223,6 +232,8 @@ class GuardedEstimator:
                 continue
             if stamp_ns != measurement.stamp_ns:
                 measurement = replace(measurement, stamp_ns=stamp_ns)
+            if self._prepare is not None:
+                measurement = self._prepare(measurement)
             yield from self._estimator.push(measurement)
 
     def _refuse(self, refused: Refused) -> None:

@@ -42,9 +42,6 @@ class LiveConfig(StageConfig):
     idle_s: Annotated[
         float, Field(ge=0, description="the run ends where no message came for this long, s; 0: it never does")
     ] = 0.0
-    reorder_s: Annotated[
-        float, Field(ge=0, le=5, description="samples are sorted by stamp within this span of arrival times, s")
-    ] = 0.01
     unstamped: Annotated[
         Literal["sent", "arrived"],
         Field(description="time of messages without a header: when they were sent, by the sender's clock, or arrived"),

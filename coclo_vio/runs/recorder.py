@@ -67,11 +67,19 @@ class OutputRecorder:
         Raises:
             OSError: it cannot be written.
         """
-        for writer in self._states.values():
-            writer.flush()
+        self.flush()
         sizes = {name: writer.sizes for name, writer in self._states.items()}
         calibrations = self._calibrations
         return RecorderState(sizes, self._keyframes.state, calibrations.size, calibrations.last, self._pictures.written)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        for writer in self._states.values():
+            writer.flush()
 
     def take(self, output: Output) -> None:
         """Write one output.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``run.json`` of a run that goes on: written at its start, every second, and when it ends in whatever way."""
+"""``run.json`` of a run that goes on: written at its start, about every second, and when it ends in whatever way."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -11,6 +11,7 @@ from coclo_vio.runs import run_folder
 from coclo_vio.runs.run_record import Interval, RunRecord, Status, TrajectoryRecord, union
 
 _EVERY_S = 1.0
+_PAUSES = 20.0  # times as long as a writing took until the next one: a record of many events takes 5 % of the time
 Progressed = tuple[Interval | None, dict[str, TrajectoryRecord]]
 """The interval of what a mode has read so far, and the records of its trajectories."""
 
@@ -36,6 +37,7 @@ class RunJournal:
         """
         self.folder = folder
         self.record = record
+        self._took_s = 0.0
         known = {} if earlier is None else {key: getattr(earlier, key) for key in ("estimators", "recording_ns")}
         self._write(record.model_copy(update={**known, "status": "running", "failure": None}))
 
@@ -58,13 +60,15 @@ class RunJournal:
         self._write(self.record.model_copy(update=update))
 
     def tick(self, progressed: Callable[[], Progressed]) -> None:
-        """The same where the last writing was a second ago.
+        """The same where the last writing was a second ago, or longer where it takes long.
 
         Raises:
             OSError: it cannot be written.
         """
-        if time.monotonic() - self._written_s >= _EVERY_S:
+        began_s = time.monotonic()
+        if began_s - self._written_s >= _EVERY_S * max(1.0, _PAUSES * self._took_s):
             self.update(progressed())
+            self._took_s = time.monotonic() - began_s
 
     def end(self, record: RunRecord, *, is_stopped: bool = False) -> RunRecord:
         """Write the last record: ``interrupted`` if it was, ``failed`` if all modes did, otherwise ``finished``.

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from live_processes import environment, free_port, run_both
+from live_processes import children_of, environment, free_port, is_alive, run_beside
 
 from coclo_vio.datasets.rosbag.storage.bag_file import BagFile
 from coclo_vio.live.live_record import read_live_record
@@ -20,8 +20,17 @@ from coclo_vio.live.recorded_messages import recorded_messages, restamped
 from coclo_vio.runs.live_config import LiveConfig, ZenohConfig
 from coclo_vio.runs.run_folder import read_estimates, read_record
 
-_ENDED = ["--set", "live.idle_s=2", "--set", "live.first_messages_s=0.5"]
-_PLAYED = ["--seconds", "4", "--wait", "40"]
+_AT_ONCE = ["--set", "live.first_messages_s=0.3"]
+_ENDED = ["--set", "live.idle_s=1", *_AT_ONCE]
+_PLAYED = ["--seconds", "4", "--rate", "2", "--wait", "40"]
+
+
+@pytest.fixture
+def dds_domain(monkeypatch):
+    """A domain on the loopback that hardly anybody uses."""
+    pytest.importorskip("cyclonedds", reason="cyclonedds is an extra (live-dds)")
+    monkeypatch.setenv("CYCLONEDDS_URI", environment()["CYCLONEDDS_URI"])
+    return free_port() % 100 + 100
 
 
 def _check(sent, record, topics):
@@ -38,44 +47,65 @@ def _check(sent, record, topics):
 def test_zenoh_accounts_for_every_message_and_gets_estimates_back(short_recording, tmp_path):
     pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    live = ["-s", "zenoh", "--endpoint", endpoint, "-m", "coclo", "-r", "daisy", *_ENDED]
-    sent, record = run_both([str(short_recording), "--listen", endpoint, *_PLAYED], live, tmp_path / "out")
+    publisher = [str(short_recording), "--listen", endpoint, *_PLAYED]
+    sent, record = run_beside(publisher, "zenoh", tmp_path / "out", endpoint=endpoint)
     _check(sent, record, ("/joint_states", "/imu", "/camera/imu"))
     estimates = len(read_estimates(tmp_path / "out", "coclo").trajectory)
     assert estimates > 300
     assert record.published["/coclo/odometry"] == record.published["/tf"] == estimates
-    assert record.estimates["coclo"].p50_ms < 500.0
+    assert record.estimates["coclo"].count == estimates
+    assert 0.0 < record.estimates["coclo"].p50_ms < 10_000.0  # how long depends on who else uses the machine
     bag = BagFile(tmp_path / "out" / "recording" / "recording.mcap", allow_partial=False)
     counts = Counter(message.topic for message in bag.messages(bag.topics.keys()))
     assert counts["/coclo/odometry"] == estimates
     assert counts["/joint_states"] == record.topics["/joint_states"].received
 
 
-def test_dds_accounts_for_every_message(short_recording, tmp_path):
-    pytest.importorskip("cyclonedds", reason="cyclonedds is an extra (live-dds)")
-    domain = str(free_port() % 100 + 100)
-    live = ["-s", "dds", "--domain", domain, "-m", "coclo", "-r", "daisy", *_ENDED]
-    publisher = [str(short_recording), "--wire", "dds", "--domain", domain, *_PLAYED]
-    sent, record = run_both(publisher, live, tmp_path / "out")
+@pytest.mark.slow
+def test_images_are_processed_beside_the_filter_and_come_back_as_a_trajectory(short_recording, tmp_path):
+    pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
+    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "out"
+    arguments = ["-s", "zenoh", "--endpoint", endpoint, "-m", "combined", "-r", "daisy", "-o", str(folder), *_AT_ONCE]
+    with _live(arguments) as process, _played(short_recording, "--listen", endpoint, "--rate", "0.4"):
+        _wait_for(lambda: _rows(folder / "combined_vins_keyframes.csv") > 3)
+        vision = children_of(process.pid)
+        os.kill(process.pid, signal.SIGTERM)
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 143, said
+    assert vision
+    assert not any(is_alive(pid) for pid in vision)
+    assert "vision: beside" in (folder / "config.yaml").read_text(encoding="utf-8")
+    run = read_record(folder)
+    counts = run.estimators["combined_coclo"].counts
+    assert counts["frames"] > 5, counts
+    assert counts["smoother_keyframes"] >= 3
+    assert counts["feedback_accepted"] >= 1
+    published = read_live_record(folder).published
+    for name in ("combined_coclo", "combined_vins"):
+        assert published[f"/{name}/odometry"] == run.estimators[name].estimates > 3
+    assert read_live_record(folder).estimates["combined_coclo"].p95_ms < 1500.0
+
+
+def test_dds_accounts_for_every_message(short_recording, tmp_path, dds_domain):
+    publisher = [str(short_recording), "--wire", "dds", "--domain", str(dds_domain), *_PLAYED]
+    sent, record = run_beside(publisher, "dds", tmp_path / "out", domain=dds_domain)
     _check(sent, record, ("/joint_states", "/imu", "/camera/imu"))
     assert len(read_estimates(tmp_path / "out", "coclo").trajectory) > 300
 
 
-def test_low_states_of_unitree_are_read_as_joints_and_imu(short_recording, tmp_path):
-    pytest.importorskip("cyclonedds", reason="cyclonedds is an extra (live-dds)")
-    domain = str(free_port() % 100 + 100)
-    live = ["-s", "unitree", "--domain", domain, "-m", "coclo", "-r", "daisy", *_ENDED]
-    publisher = [str(short_recording), "--wire", "unitree", "--robot", "daisy", "--domain", domain, *_PLAYED]
-    sent, record = run_both(publisher, live, tmp_path / "out")
+@pytest.mark.slow
+def test_low_states_of_unitree_are_read_as_joints_and_imu(short_recording, tmp_path, dds_domain):
+    publisher = [str(short_recording), "--wire", "unitree", "--robot", "daisy", "--domain", str(dds_domain), *_PLAYED]
+    sent, record = run_beside(publisher, "unitree", tmp_path / "out", domain=dds_domain)
     _check(sent, record, ("/lowstate",))
     assert record.roles["joints"] == ("/lowstate as joints",)
-    assert len(read_estimates(tmp_path / "out", "coclo").trajectory) > 300
+    assert len(read_estimates(tmp_path / "out", "coclo").trajectory) > 200, "its time is that of sending, twice as fast"
 
 
 @contextmanager
-def _live(arguments):
+def _started(module, *arguments):
     process = subprocess.Popen(
-        [sys.executable, "-m", "coclo_vio", "live", *arguments],
+        [sys.executable, "-m", module, *map(str, arguments)],
         env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -85,6 +115,14 @@ def _live(arguments):
         yield process
     finally:
         process.kill()
+
+
+def _live(arguments):
+    return _started("coclo_vio", "live", *arguments)
+
+
+def _played(recording, *arguments):
+    return _started("coclo_vio.live.publish_recording", recording, "--wait", 40, *arguments)
 
 
 def test_a_fuzzed_message_on_the_wire_ends_nothing(short_recording, tmp_path):
@@ -151,19 +189,25 @@ def test_an_interrupt_finishes_the_files(short_recording, tmp_path):
     growing, folder = tmp_path / "growing.mcap", tmp_path / "out"
     data = short_recording.read_bytes()
     growing.write_bytes(data[: len(data) * 3 // 4])
-    arguments = ["-s", "file", "--endpoint", str(growing), "-m", "coclo", "-r", "daisy", "-o", str(folder)]
+    arguments = ["-s", "file", "--endpoint", str(growing), "-m", "coclo", "-r", "daisy", "-o", str(folder), *_AT_ONCE]
     with _live(arguments) as process:
-        end = time.monotonic() + 90.0
-        while time.monotonic() < end and not _has_estimates(folder):
-            time.sleep(0.1)
+        _wait_for(lambda: _rows(folder / "coclo.tum"))
         os.kill(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=60)
     assert process.returncode == 130, said
     estimates = read_estimates(folder, "coclo")
-    assert read_record(folder).estimators["coclo"].estimates == len(estimates.trajectory) > 0
+    record = read_record(folder)
+    assert record.estimators["coclo"].estimates == len(estimates.trajectory) > 0
+    assert record.status == record.estimators["coclo"].status == "interrupted"
     assert "run folder" in said
 
 
-def _has_estimates(folder):
-    path = folder / "coclo.tum"
-    return path.exists() and path.stat().st_size > 0
+def _rows(path):
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def _wait_for(condition, within_s=90.0):
+    end_s = time.monotonic() + within_s
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert condition()

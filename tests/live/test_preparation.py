@@ -3,21 +3,24 @@
 
 import numpy as np
 import pytest
+from played_source import came, run_played
 
 import coclo_vio as cv
 from coclo_vio.datasets.rosbag.storage.arrived_messages import ArrivedMessages
 from coclo_vio.datasets.rosbag.storage.message_set import RawMessage
+from coclo_vio.datasets.sequencer import order_key
 from coclo_vio.live.estimate_latency import EstimateLatency
 from coclo_vio.live.intake import Intake
 from coclo_vio.live.measurement_stream import MeasurementStream
 from coclo_vio.live.open_wire import types_of
 from coclo_vio.live.preparation import given_calibrations, prepared_of_messages, wants_of
-from coclo_vio.live.recorded_messages import recorded_messages
+from coclo_vio.live.recorded_messages import low_states, recorded_messages
 from coclo_vio.live.wire import WireMessage
 from coclo_vio.live.wire_events import WireEvents
 from coclo_vio.runs.live_config import LiveConfig
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.run_config import resolve
+from coclo_vio.runs.run_folder import read_estimates
 from coclo_vio.values.calibration import SensorCalibrations
 from coclo_vio.values.errors import ConfigError, DatasetError
 
@@ -52,6 +55,7 @@ def test_a_wire_gives_the_measurements_of_the_bag(messages, short_recording):
     found = list(stream.measurements(came))
     recording = cv.open(short_recording, robot="daisy")
     expected = list(recording.measurements(prepared.sensors))
+    found.sort(key=order_key)  # as the guard does
     assert [(type(one), one.stamp_ns) for one in found] == [(type(one), one.stamp_ns) for one in expected]
     for kind, field in ((cv.JointSample, "position"), (cv.ImuSample, "specific_force"), (cv.StereoFrame, "left")):
         of_wire, of_bag = ([getattr(one, field) for one in some if isinstance(one, kind)] for some in (found, expected))
@@ -105,3 +109,15 @@ def test_held_messages_are_bounded(messages):
     assert sum(len(m.data) for m in by_topic["/camera/infra1/image_rect_raw/compressed"]) <= 300_000
     assert [m.received_ns for m in held] == sorted(m.received_ns for m in held)
     assert arrived.released() == []
+
+
+def test_a_run_on_low_states_of_unitree_is_that_on_the_samples_in_them(short_recording, tmp_path):
+    found = [came(message, message.at_ns) for message in low_states(short_recording, "daisy", _TYPES)]
+    record, counted = run_played(found, tmp_path, source="unitree")
+    assert counted.roles["joints"] == ("/lowstate as joints",)
+    assert counted.topics["/lowstate"].received == len(found) == 600
+    assert record.estimators["coclo"].measurements == 2 * 600, "joints and IMU"
+    estimates = read_estimates(tmp_path, "coclo").trajectory
+    truth = cv.open(short_recording, robot="daisy").ground_truth().trajectory
+    walked = np.linalg.norm(truth.positions[-1, :2] - truth.positions[0, :2])
+    assert np.linalg.norm(estimates.positions[-1, :2] - estimates.positions[0, :2]) == pytest.approx(walked, rel=0.1)

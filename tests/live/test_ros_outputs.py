@@ -12,7 +12,7 @@ from coclo_vio.live.topic_counts import TopicCounts
 from coclo_vio.live.wire import WireMessage
 from coclo_vio.runs.live_config import LiveConfig
 from coclo_vio.values.estimates import NavState, StateEstimate
-from coclo_vio.values.outputs import Estimate, Event
+from coclo_vio.values.outputs import Estimate, Event, Status, StreamStatus
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -82,10 +82,16 @@ def test_diagnostics_name_topics_losses_and_events():
     for number in (1, 2, 5):
         counts.add(WireMessage("/imu", "sensor_msgs/msg/Imu", b"", 20, 10, number, b"a"))
     events = [Event(7, "wire_message_refused", "/imu: a message: cannot be decoded")]
-    sent = _outputs().diagnostics(10**18, {"/imu": counts.record()}, {"gaps": 2}, events)
+    samples = Status(
+        7, (StreamStatus("imu", 3, 3), StreamStatus("joints", 9, 6, late=1, held=1, refused={"future": 2}))
+    )
+    sent = _outputs().diagnostics(10**18, {"/imu": counts.record()}, {"gaps": 2}, samples, events)
     message = _STORE.deserialize_cdr(sent.data, sent.msgtype)
-    estimator, topic = message.status
-    assert (estimator.level, topic.level) == (1, 1)
+    estimator, imu, joints, topic = message.status
+    assert (estimator.level, imu.level, joints.level, topic.level) == (1, 0, 1, 1)
+    assert (imu.name, imu.message) == ("coclo_vio: samples of imu", "imu: used 3 of 3")
+    assert joints.message == "joints: used 6 of 9, 1 late, 1 held, 2 refused (future)"
+    assert ("refused: future", "2") in [(value.key, value.value) for value in joints.values]
     assert "cannot be decoded" in estimator.message
     assert ("gaps", "2") in [(value.key, value.value) for value in estimator.values]
     assert topic.name == "coclo_vio: /imu"

@@ -173,6 +173,33 @@ def test_a_pause_is_no_step() -> None:
         assert got(guard) == [(type(each), each.stamp_ns) for each in samples]
 
 
+@pytest.mark.parametrize("stall_s", [1.5, 4.0])
+def test_samples_that_were_held_back_are_no_step(stall_s: float) -> None:
+    """The network stops, then everything comes at once: what counts is that stamps go on where they ended."""
+    samples = three_streams(8.0)
+    end_ns = round((2.0 + stall_s) * S)
+    times = [each.stamp_ns - T0 for each in samples]
+    guard, outputs = run(samples, [end_ns if 2 * S < time_ns < end_ns else time_ns for time_ns in times])
+    assert not events(outputs)
+    assert sorted(got(guard), key=lambda one: one[1]) == [(type(each), each.stamp_ns) for each in samples]
+    assert all(stream.used == stream.arrived for stream in guard.status.streams)
+
+
+def test_a_stream_that_falls_behind_the_others_is_still_in_doubt() -> None:
+    """Its stamps go on where they ended, but the others' are two seconds ahead."""
+    samples = three_streams(6.0)
+    times = [each.stamp_ns - T0 for each in samples]
+    late = [
+        time_ns + 2 * S * (isinstance(each, JointSample) and time_ns > 2 * S)
+        for each, time_ns in zip(samples, times, strict=True)
+    ]
+    order = sorted(range(len(samples)), key=late.__getitem__)
+    guard, outputs = run([samples[i] for i in order], [late[i] for i in order])
+    (step,) = (event for event in events(outputs) if event.kind == "clock_step")
+    assert "the clock of joints stepped back by" in step.detail
+    assert of(guard, "imu").used == of(guard, "imu").arrived
+
+
 def test_repeated_samples_give_one_event_at_a_time() -> None:
     guard, outputs = run([each for sample in three_streams(4.0) for each in (sample, sample)])
     assert of(guard, "joints").refused == {"repeated": 800}

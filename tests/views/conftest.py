@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from view_rows import view_rows
 
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
@@ -18,21 +19,7 @@ START_NS = 1_700_000_000 * NS_PER_S + 7
 @pytest.fixture(scope="session")
 def rows() -> Callable[[Path], dict[str, list[tuple[int, dict[str, object]]]]]:
     """Reads a file of either view back: by topic or entity, the stamp (ns) and the components of each row in order."""
-    chunk = pytest.importorskip("rerun.chunk")
-
-    def read(path: Path) -> dict[str, list[tuple[int, dict[str, object]]]]:
-        is_mcap = path.suffix == ".mcap"
-        timeline = "message_log_time" if is_mcap else "time"
-        found: dict[str, list[tuple[int, dict[str, object]]]] = {}
-        for one in (chunk.McapReader if is_mcap else chunk.RrdReader)(str(path)).stream().to_chunks():
-            if timeline not in one.timeline_names:
-                continue
-            table = one.to_record_batch()
-            stamps = table.column(timeline).cast("int64").to_pylist()
-            found.setdefault(one.entity_path, []).extend(zip(stamps, table.to_pylist(), strict=True))
-        return {name: sorted(each, key=lambda row: row[0]) for name, each in found.items()}
-
-    return read
+    return view_rows
 
 
 @pytest.fixture

@@ -83,7 +83,7 @@ class StereoPairer:
                 self._pairs += 1
                 yield RawPair(self._left.popleft(), self._right.popleft())
             else:
-                self._drop(self._left if apart_ns < 0 else self._right, abs(apart_ns))
+                self._drop(self._without_partner(apart_ns), abs(apart_ns))
 
     def finish(self) -> None:
         """Count the images that are still without a partner at the end; note how far apart the stamps are."""
@@ -99,6 +99,12 @@ class StereoPairer:
             f"{apart_ms:.4g} ms apart (median), more than the {allowed_ms:.4g} ms of dataset.rosbag.pair_tolerance_s; "
             "increase it if both cameras expose at one time"
         )
+
+    def _without_partner(self, apart_ns: int) -> deque[RawImage]:
+        """The side whose first image has no partner: the earlier one, unless its partner came after the other one."""
+        earlier, later = (self._left, self._right) if apart_ns < 0 else (self._right, self._left)
+        has_partner = any(abs(image.match_ns - earlier[0].match_ns) <= self._tolerance_ns for image in later)
+        return later if has_partner else earlier
 
     def _drop(self, side: deque[RawImage], apart_ns: int | None = None) -> None:
         image = side.popleft()
