@@ -6,6 +6,7 @@ it, which needs no ``if __name__ == "__main__"``. It is in a session of its own,
 reaches the program alone, which ends it. Where the program dies, the connection breaks, and the process ends by itself.
 """
 
+import signal
 import subprocess
 import sys
 import weakref
@@ -91,7 +92,13 @@ def _end(process: "subprocess.Popen[bytes]", connection: Connection, within_s: f
 
 
 def run_child(descriptor: int) -> None:
-    """What the process does: receive a function, call it, end when it returns or the other side is gone."""
+    """What the process does: receive a function, call it, end when it returns or the other side is gone.
+
+    A request to stop that is sent to all processes of a service is the program's to answer: it takes what is in process
+    here, and ends this process then.
+    """
+    for request in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(request, signal.SIG_IGN)
     connection = Connection(descriptor)
     with suppress(EOFError, ConnectionError):
         function, arguments = connection.recv()

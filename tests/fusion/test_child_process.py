@@ -2,6 +2,7 @@
 """Processes that run one function: they answer, end with their object, and end by themselves where nobody is left."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -45,6 +46,20 @@ def test_it_answers_until_it_is_ended() -> None:
     child.end()
     assert child.status == 0
     assert not is_there(child.pid)
+
+
+@pytest.mark.parametrize("request_to_stop", [signal.SIGTERM, signal.SIGINT])
+def test_a_request_to_stop_that_goes_to_all_processes_leaves_it_to_the_program(request_to_stop: int) -> None:
+    child = ChildProcess(echo, "got ")
+    child.connection.send("this")
+    assert child.has_message(20.0)
+    child.connection.recv()
+    os.kill(child.pid, request_to_stop)
+    child.connection.send("that")
+    assert child.has_message(20.0)
+    assert child.connection.recv() == ("got that", child.pid)
+    child.end(20.0)
+    assert child.status == 0
 
 
 def test_one_that_does_not_look_at_its_connection_is_killed() -> None:
