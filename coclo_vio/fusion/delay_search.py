@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Finds a delay of the images that is too large for ``rotation_calibration``, which is linear in it: up to a second.
+"""Finds a delay of the images that is too large for ``rotation_calibration``, which is linear in it: 25 ms to a second.
 
 Rates of the body by pairs of frames are compared with those of the gyroscope earlier and later by each lag of a grid,
 their mean difference (a bias) removed. A gait repeats itself, so a lag counts only where it explains the rates much
@@ -16,10 +16,10 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
 RANGE_S = 1.0  # of lags, to either side
-_STEP_S = 0.02
+_STEP_S = 0.01
 _LAGS_S = np.linspace(-RANGE_S, RANGE_S, 2 * round(RANGE_S / _STEP_S) + 1)
 _FEWEST, _MOST = 10, 40  # pairs of frames that are compared
-_LEAST_LAG_S = 0.06  # less is found by the calibration
+_LEAST_LAG_S = 0.025  # less is found by the calibration, which is linear in the delay
 _NEAR_S = 0.15  # lags about the best one that explain nearly as much
 _LEAST_RATE_RADPS = 0.005  # mean absolute rate, less than which shows nothing
 _SHARE_OF_NONE, _SHARE_OF_RATES, _SHARE_OF_OTHERS = 0.4, 0.4, 0.5  # that the differences at the best lag may be of

@@ -37,7 +37,8 @@ from coclo_vio.values.units import NS_PER_S
 _SHORTEST_S, _LONGEST_S = 0.3, 1.0  # of an interval
 _SHORTEST_AGAIN_S = 0.1  # the same after an interval in which sensors disagree
 _UNDECIDED_S = 1.0  # for how long a disagreement waits for a witness
-_SEARCH_SIGMA_S = 0.01  # of a delay that was found by search
+_RESTAMPED_WITHIN_S = 1.0  # after a delay was found
+_SEARCH_SIGMA_S = 0.005  # of a delay that was found by search
 _SIGMAS = 5.0  # beyond which an error of calibration is found
 _LEAST_MOUNTING_RAD, _LEAST_DELAY_S = 0.012, 0.012  # less is within a prior, or the low-pass of an IMU
 _LEAST_AGAIN_RAD = 0.035  # beyond a mounting that has been found
@@ -92,6 +93,7 @@ class RotationCheck:
         self._witnesses = {"legs": Witness(), "camera_gyroscope": Witness()}
         self._reference: Array | None = None  # bias that is subtracted from all readings
         self._start: StereoTracks | None = None
+        self._settled_ns = 0  # before that, stamps of frames may be those before a correction
         self._disagreements: deque[_Disagreement] = deque(maxlen=_MOST_IN_A_ROW)
         self._unexplained: deque[tuple[int, int, Array]] = deque(maxlen=_MOST_IN_A_ROW)  # motions since the last accord
         self._delays = DelaySearch(self._gyroscope)
@@ -139,6 +141,8 @@ class RotationCheck:
         if self._reference is None:
             self._reference = np.array(bias)
         start, stamp_ns = self._start, tracks.stamp_ns
+        if stamp_ns < self._settled_ns:
+            return None
         dt_s = 0.0 if start is None else (stamp_ns - start.stamp_ns) / NS_PER_S
         if 0.0 < dt_s < (_SHORTEST_AGAIN_S if self._disagreements else _SHORTEST_S):
             return None
@@ -163,7 +167,7 @@ class RotationCheck:
         if delay_s is None:
             return None
         self.calibration = RotationCalibration()  # none of its pairs was of one time
-        return self._delay(delay_s, _SEARCH_SIGMA_S)
+        return self._delay(end_ns, delay_s, _SEARCH_SIGMA_S)
 
     def set_gyroscope_aside(self) -> None:
         """From now on compare the cameras with their own gyroscope, if there is one, and watch the body's."""
@@ -278,7 +282,7 @@ class RotationCheck:
         sigma_s = float(np.sqrt(known.covariance[DELAY, DELAY]))
         if abs(delay_s) > max(_SIGMAS * sigma_s, _LEAST_DELAY_S):
             known.remove_delay(delay_s)
-            return self._delay(delay_s, sigma_s)
+            return self._delay(end_ns, delay_s, sigma_s)
         reported, least = self._reported_mounting, _LEAST_MOUNTING_RAD
         if reported is not None:
             mounting, least = mounting - reported, _LEAST_AGAIN_RAD
@@ -290,9 +294,9 @@ class RotationCheck:
             return self._offset(off, end_ns, end_ns, np.eye(4), None)
         return None
 
-    def _delay(self, delay_s: float, sigma_s: float) -> ImageDelay:
-        """Stamps change from here on."""
-        self._start = None
+    def _delay(self, stamp_ns: int, delay_s: float, sigma_s: float) -> ImageDelay:
+        """Stamps change from here on, but for frames that are being processed."""
+        self._start, self._settled_ns = None, stamp_ns + round(_RESTAMPED_WITHIN_S * NS_PER_S)
         self._disagreements.clear()
         self._unexplained.clear()
         self._agreed.clear()

@@ -61,7 +61,7 @@ def test_a_delay_is_found_to_the_step_of_the_grid_whatever_the_bias(delay_s: flo
     np.testing.assert_allclose(delays, delay_s, atol=0.021)
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.02, -0.03])
+@pytest.mark.parametrize("delay_s", [0.0, 0.015, -0.02])
 def test_nothing_is_found_where_stamps_agree_or_nearly_so(delay_s: float) -> None:
     assert found(wandering, delay_s) == []
 
