@@ -28,12 +28,12 @@ from coclo_vio.live.live_record import LiveRecord
 from coclo_vio.live.open_wire import configured_for, open_wire
 from coclo_vio.live.preparation import given_calibrations
 from coclo_vio.live.session import LiveSettings, run_live
-from coclo_vio.live.warm_up import warm_up
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.run_config import resolve
 from coclo_vio.runs.run_record import RunRecord
+from coclo_vio.runs.warm_up import warm_up
 from coclo_vio.values.errors import DatasetError
 
 

@@ -24,8 +24,9 @@ from coclo_vio.fusion.overload import ImageOverload
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.vision_chain import TrackedFrame, VisionChain
 from coclo_vio.fusion.vision_process import VisionProcess
+from coclo_vio.fusion.vision_warm_up import warm_up
 from coclo_vio.fusion.visual_odometry import stereo_stages
-from coclo_vio.values.calibration import StereoCalibration
+from coclo_vio.values.calibration import RectifiedStereo, StereoCalibration
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.keyframes import FrameResult
 from coclo_vio.values.measurements import (
@@ -39,7 +40,7 @@ from coclo_vio.values.measurements import (
 )
 from coclo_vio.values.outputs import Event, Output
 
-_MOST_RESTARTS = 1
+_AGAIN_WITHIN_S = 60.0  # a process that fails again so soon is not started a second time
 _AT_THE_END_S = 0.05  # how long one look for a result may wait, once no measurement comes any more
 
 _Image = StereoFrame | StereoTracks
@@ -91,7 +92,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         self._frame_ns: int | None = None
         self._now_ns = 0
         self._failure: str | None = None  # of the process, until an event says so
-        self._restarts = 0
+        self._restarted_s: float | None = None
         self._is_stopped = False  # vision failed too often
 
     @property
@@ -222,16 +223,17 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         self._in_process = self._submit_pair(pair, latest, frame, keyframe.in_world_of_now())
 
     def _start_anew(self, failure: str) -> Iterator[Event]:
-        """The process has failed: another one begins a window, unless one has been started already."""
+        """The process has failed: another one begins a window, unless one has been started just before."""
         self._first = self._in_process = self._waiting = self._keyframe = None
         self._pieces.clear()
         self._counted["vision_failures"] += 1
-        if self._restarts >= _MOST_RESTARTS:
+        now_s = time.monotonic()
+        if self._restarted_s is not None and now_s - self._restarted_s < _AGAIN_WITHIN_S:
             self._is_stopped = True
             detail = f"the process of vision {failure} again; leg odometry goes on alone: start the estimator anew"
             yield Event(self._now_ns, "vision_stopped", detail)
             return
-        self._restarts += 1
+        self._restarted_s = now_s
         self._frames.start()
         detail = f"the process of vision {failure}; it is started anew, and leg odometry goes on alone until then"
         yield Event(self._now_ns, "vision_restarted", detail)
@@ -275,9 +277,13 @@ def _stages(
     has_frames: bool,
     pictures_every: int | None,
 ) -> VisionStages:
-    """Fresh stages, made in the process."""
+    """Fresh stages, made in the process once others like them have been tried."""
     from coclo_vio.backend.window.smoother import SlidingWindowSmoother  # noqa: PLC0415 -- loads GTSAM
 
-    frontend, rig = stereo_stages(stereo, config, has_frames=has_frames)
-    window = SlidingWindowSmoother(rig, smoother, gives_snapshots=pictures_every is not None)
-    return VisionStages(VisionChain(frontend, pictures_every), window)
+    def make() -> tuple[VisionStages, RectifiedStereo]:
+        frontend, rig = stereo_stages(stereo, config, has_frames=has_frames)
+        window = SlidingWindowSmoother(rig, smoother, gives_snapshots=pictures_every is not None)
+        return VisionStages(VisionChain(frontend, pictures_every), window), rig
+
+    warm_up(*make(), stereo.left.width_px, stereo.left.height_px, has_frames=has_frames)
+    return make()[0]

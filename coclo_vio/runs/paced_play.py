@@ -12,6 +12,7 @@ from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_folder import Existing
 from coclo_vio.runs.run_record import RunRecord
 from coclo_vio.runs.running import Ending, run_modes
+from coclo_vio.runs.warm_up import warm_up
 from coclo_vio.values.errors import ConfigError
 
 LATENCY_JSON = "latency.json"
@@ -48,6 +49,7 @@ def play_mode(
     if ending is not None and ending.existing is Existing.RESUME:
         raise ConfigError(f"the play in {folder} cannot be resumed, as time has gone on; play it anew with --overwrite")
     config = for_use_online(config)
+    warm_up(config)
     record = run_modes(path, [mode], config, folder, observers=observers, ending=ending, feed=feed)
     latency = feed.record(mode, config)
     with run_folder.writing(folder):

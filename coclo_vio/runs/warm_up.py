@@ -6,11 +6,14 @@ from contextlib import suppress
 
 import numpy as np
 
-from coclo_vio.api.online import make_estimator
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.robot.model import RobotModel
+from coclo_vio.runs.equipment import Equipment
+from coclo_vio.runs.guarding import guarded
+from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.errors import CocloError
-from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample
+from coclo_vio.values.measurements import LEG_SENSORS, FootForceSample, ImuSample, JointSample
 from coclo_vio.values.units import NS_PER_S
 
 _STEPS = 60
@@ -23,7 +26,8 @@ def warm_up(config: RunConfig) -> None:
     if robot is None:
         return
     with suppress(CocloError):
-        estimator = make_estimator("coclo", robot=robot, config=config)
+        equipment = Equipment(RobotModel(robot), robot.imu, None, None, LEG_SENSORS, "a robot at rest")
+        estimator = guarded(mode_of("coclo"), equipment, config)
         for sample in _at_rest(robot):
             deque(estimator.push(sample), maxlen=0)
 
