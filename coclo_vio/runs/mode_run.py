@@ -19,7 +19,7 @@ from coclo_vio.runs.run_source import RunSource
 from coclo_vio.runs.stop_request import StopRequest
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.object_fields import CheckpointUnsupported
+from coclo_vio.values.object_fields import CheckpointPostponed, CheckpointUnsupported
 from coclo_vio.values.outputs import Estimator, Output
 from coclo_vio.values.units import NS_PER_S
 
@@ -170,6 +170,8 @@ class ModeRun:
         }
         try:
             self._checkpoints.save(Position(self._tally.measurements, last_ns, self._taken_checksum), others)
+        except CheckpointPostponed as error:
+            _log.info("%s: no checkpoint now, the one before stays (%s)", self._ready.mode.name, error)
         except CheckpointUnsupported as error:
             self._may_save = False
             _log.info("%s: no checkpoints, --resume begins this mode anew (%s)", self._ready.mode.name, error)
