@@ -164,7 +164,6 @@ class _Session:
         begun_s = time.monotonic()
 
         def take(output: Output) -> None:
-            files.take(output)
             if isinstance(output, Estimate):
                 latency.estimated(output)
             outgoing.take(output)
@@ -177,7 +176,8 @@ class _Session:
                 files.write_live(self._counted(prepared, outgoing, latency, begun_s))
 
         estimator = UnendingEstimator(prepared.estimator, self._events)
-        summary = pipeline.run(estimator, stream.measurements(self._items(first)), take, write_counts)
+        measurements = stream.measurements(self._items(first))
+        summary = pipeline.run(estimator, measurements, take, write_counts, keep=files.take)
         self._source.close()
         counted = self._counted(prepared, outgoing, latency, begun_s)
         files.write_live(counted)

@@ -112,6 +112,7 @@ class ModeRun:
                         self._advance,
                         tally=self._tally,
                         stop=self._is_to_stop,
+                        keep=self._keep,
                     )
             except BaseException:
                 with suppress(OSError):
@@ -148,20 +149,27 @@ class ModeRun:
         """After a measurement: the journal, a checkpoint where one is due, the progress."""
         self._taken_checksum = self._checksum
         interval_ns = round(self._ready.checkpoint_s * NS_PER_S)
+        now_ns = self._now_ns(stamp_ns)
         if self._next_ns is None:
-            self._next_ns = stamp_ns + interval_ns
-        elif self._may_save and stamp_ns >= self._next_ns:
-            self._next_ns += interval_ns * (1 + (stamp_ns - self._next_ns) // interval_ns)
-            self._save(stamp_ns)
+            self._next_ns = now_ns + interval_ns
+        elif self._may_save and now_ns >= self._next_ns:
+            self._next_ns += interval_ns * (1 + (now_ns - self._next_ns) // interval_ns)
+            self._save(now_ns)
         self._journal.tick(self._progressed)
         self._observers.advance(self._ready.mode.name, stamp_ns)
+
+    def _now_ns(self, stamp_ns: int) -> int:
+        """A measurement's stamp, or where a clock stepped the newest that the estimator got, by one that never does."""
+        estimator = self._ready.estimator
+        span_ns = estimator.span_ns if isinstance(estimator, pipeline.Spanning) else None
+        return stamp_ns if span_ns is None or abs(stamp_ns - span_ns[1]) <= NS_PER_S else span_ns[1]
 
     def _save(self, stamp_ns: int) -> None:
         """Write a checkpoint of now."""
         if not self._may_save:
             return
-        summary = self._tally.summary({})
-        last_ns = stamp_ns if summary.recording_ns is None else summary.recording_ns[1]
+        recording_ns = self._tally.summary({}).recording_ns
+        last_ns = self._now_ns(stamp_ns if recording_ns is None else recording_ns[1])
         others = {
             "tally": self._tally,
             "recorder": self._recorder.state(),
@@ -176,9 +184,11 @@ class ModeRun:
             self._may_save = False
             _log.info("%s: no checkpoints, --resume begins this mode anew (%s)", self._ready.mode.name, error)
 
-    def _take(self, output: Output) -> None:
+    def _keep(self, output: Output) -> None:
         if self._observers.keep(output):
             self._recorder.take(output)
+
+    def _take(self, output: Output) -> None:
         self._observers.take(self._ready.mode.name, output)
 
     def _progressed(self) -> Progressed:
