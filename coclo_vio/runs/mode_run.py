@@ -75,6 +75,7 @@ class ModeRun:
         self._checkpoints = Checkpoints(journal.folder, ready.mode.name, ready.estimator)
         self._may_save = ready.checkpoint_s > 0.0
         self._next_ns: int | None = None
+        self._now_ns = 0  # of the newest measurement
         self._checksum = self._taken_checksum = 0  # of what was read, and of what the estimator has taken
         self._skip: Position | None = None
         state = RecorderState()
@@ -85,6 +86,7 @@ class ModeRun:
             self._tally, state, self._resumed_ns = others["tally"], others["recorder"], others["resumed_ns"]
             self._next_ns, self._taken_checksum = others["next_ns"], self._skip.checksum
             self._resumed_ns += (self._skip.stamp_ns,)
+            self._now_ns = self._skip.stamp_ns
         elif not resumes:
             self._checkpoints.forget()
         self._recorder = OutputRecorder(journal.folder, ready.mode, ready.leg_names, state)
@@ -142,34 +144,32 @@ class ModeRun:
         if stop is None or not stop():
             return False
         if self._tally.measurements and self._next_ns is not None:
-            self._save(self._next_ns)
+            self._save()
         return True
 
     def _advance(self, stamp_ns: int) -> None:
         """After a measurement: the journal, a checkpoint where one is due, the progress."""
         self._taken_checksum = self._checksum
         interval_ns = round(self._ready.checkpoint_s * NS_PER_S)
-        now_ns = self._now_ns(stamp_ns)
+        now_ns = self._now_ns = self._never_stepped(stamp_ns)
         if self._next_ns is None:
             self._next_ns = now_ns + interval_ns
         elif self._may_save and now_ns >= self._next_ns:
             self._next_ns += interval_ns * (1 + (now_ns - self._next_ns) // interval_ns)
-            self._save(now_ns)
+            self._save()
         self._journal.tick(self._progressed)
         self._observers.advance(self._ready.mode.name, stamp_ns)
 
-    def _now_ns(self, stamp_ns: int) -> int:
+    def _never_stepped(self, stamp_ns: int) -> int:
         """A measurement's stamp, or where a clock stepped the newest that the estimator got, by one that never does."""
         estimator = self._ready.estimator
         span_ns = estimator.span_ns if isinstance(estimator, pipeline.Spanning) else None
         return stamp_ns if span_ns is None or abs(stamp_ns - span_ns[1]) <= NS_PER_S else span_ns[1]
 
-    def _save(self, stamp_ns: int) -> None:
+    def _save(self) -> None:
         """Write a checkpoint of now."""
         if not self._may_save:
             return
-        recording_ns = self._tally.summary({}).recording_ns
-        last_ns = self._now_ns(stamp_ns if recording_ns is None else recording_ns[1])
         others = {
             "tally": self._tally,
             "recorder": self._recorder.state(),
@@ -177,7 +177,7 @@ class ModeRun:
             "next_ns": self._next_ns,
         }
         try:
-            self._checkpoints.save(Position(self._tally.measurements, last_ns, self._taken_checksum), others)
+            self._checkpoints.save(Position(self._tally.measurements, self._now_ns, self._taken_checksum), others)
         except CheckpointPostponed as error:
             _log.info("%s: no checkpoint now, the one before stays (%s)", self._ready.mode.name, error)
         except CheckpointUnsupported as error:
