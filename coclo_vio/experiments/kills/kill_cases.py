@@ -27,9 +27,11 @@ from coclo_vio.values.measurements import ALL_SENSORS, EncodedStereoFrame, Measu
 from coclo_vio.values.trajectory import GroundTruth, write_tum
 from coclo_vio.values.units import NS_PER_S
 
-CUT_S = 12.0  # standing for 2 s, then walking
+CUT_S = 12.0
+"""How much of the sample modes with cameras run over: standing for 2 s, then walking."""
 _TABLE_SEED, _TABLE_SEEDS = 11, 2
-_WALK = BodyMotionConfig(rest_s=1.0, walk_s=12.0, stop_s=1.0)
+WALK = BodyMotionConfig(rest_s=1.0, walk_s=12.0, stop_s=1.0)
+"""Of the recordings of the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +150,7 @@ def write_walks(folder: Path) -> Path:
         if (truth_folder(path) / "config.yaml").exists():
             continue
         folder.mkdir(parents=True, exist_ok=True)
-        trial = generate(AnalyticTrialConfig(body=_WALK), RobotModel(robot), seed=seed)
+        trial = generate(AnalyticTrialConfig(body=WALK), RobotModel(robot), seed=seed)
         truth = GroundTruth(trial.truth, True, "truth")
         write_euroc_folder(path, RecordingContents(robot, trial.measurements, truth, imu=robot.imu))
         truth_folder(path).mkdir(exist_ok=True)

@@ -58,11 +58,16 @@ def left_of(folder: Path, whole: Path, mode: str, read_ns: int) -> WhatIsLeft:
             lefts[name] = "too short" if _is_too_short(whole, name, run.estimates, config) else "failed"
         else:
             missing_ns = lost.get(name)
-            is_early = missing_ns is not None and missing_ns <= _MOMENT_NS
+            is_early = missing_ns is not None and missing_ns <= _MOMENT_NS and not _has_lines(folder / f"{name}.tum")
             lefts[name] = "no estimate yet" if is_early else "failed"
     order: tuple[Left, ...] = ("failed", "no estimate yet", "too short", "evaluated")
     worst: Left = next((each for each in order if each in lefts.values()), "failed")
     return WhatIsLeft(worst, "; ".join(failures.values()), lost_s)
+
+
+def _has_lines(path: Path) -> bool:
+    """Whether a file is there and has a whole line."""
+    return path.is_file() and b"\n" in path.read_bytes()
 
 
 def _lost_ns(last_ns: int | None, whole: Path, name: str, read_ns: int) -> int | None:
