@@ -17,7 +17,7 @@ from coclo_vio.runs.recording_view import seen
 from coclo_vio.runs.run_journal import Progressed, RunJournal
 from coclo_vio.runs.run_source import RunSource
 from coclo_vio.runs.stop_request import StopRequest
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, interrupt_in
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.object_fields import CheckpointPostponed, CheckpointUnsupported
 from coclo_vio.values.outputs import Estimator, Output
@@ -116,10 +116,13 @@ class ModeRun:
                         stop=self._is_to_stop,
                         keep=self._keep,
                     )
-            except BaseException:
+            except BaseException as error:
                 with suppress(OSError):
                     self._journal.update(self._progressed())
-                raise
+                interrupt = interrupt_in(error)
+                if interrupt is None or interrupt is error:
+                    raise
+                raise interrupt from error
         records = self._recorder.records(summary, ready.sensors, resumed_ns=self._resumed_ns)
         self._journal.update((summary.recording_ns, records))
         if not summary.is_stopped:

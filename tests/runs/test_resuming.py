@@ -76,6 +76,20 @@ def test_a_killed_run_goes_on_and_equals_one_that_was_not(
     assert {path.name for path in left.iterdir()} == {path.name for path in (tmp_path / "whole").iterdir()}
 
 
+def test_an_interrupt_in_compiled_code_is_one_of_the_run(
+    leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba makes a SystemError of it."""
+
+    def interrupted(*given: object) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    with pytest.raises(KeyboardInterrupt):
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path, observers=Observers(progress=interrupted))
+    record = RunRecord.read(tmp_path / "run.json")
+    assert (record.status, record.estimators["naive"].status) == ("interrupted", "interrupted")
+
+
 class Working:
     """An estimator with work in another thread until it is waited for."""
 
