@@ -22,7 +22,7 @@ from coclo_vio.experiments.kills.ended_table import compared_tables, jobs_of, le
 from coclo_vio.experiments.kills.kill_cases import Case, all_cases
 from coclo_vio.experiments.kills.kill_record import Kill, KillsRecord
 from coclo_vio.experiments.kills.kill_text import HEAD, amiss_lines, rows, summary_sentence
-from coclo_vio.experiments.kills.what_is_left import Comparison, WhatIsLeft, compared, left_of
+from coclo_vio.experiments.kills.what_is_left import Comparison, compared, left_of
 from coclo_vio.experiments.results.measuring import RESULTS
 from coclo_vio.experiments.results.pages import render
 from coclo_vio.experiments.results.provenance import Provenance, Provenances
@@ -31,6 +31,7 @@ from coclo_vio.values.errors import CocloError, DatasetError
 
 _SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 _FILE = "kills.json"
+_MOST_TRIALS = 10
 _LEG_MODES, _VISUAL_MODES, _TABLE_MODES = "coclo,naive,inekf", "combined,vins,tight", "naive,naive_weighted,coclo"
 
 
@@ -69,18 +70,17 @@ class Killer:
     def kill(self, case: Case, sent: signal.Signals, share: float) -> Kill:
         """End a command when it has done ``share`` of its work, look at what is left, and resume it.
 
+        Where it has come to its end before the signal, it is begun anew and ended earlier.
+
         Raises:
-            DatasetError: the whole command failed.
+            DatasetError: the whole command failed, or it comes to its end again and again.
         """
         whole, folder = self.whole(case), self.output / "killed"
-        shutil.rmtree(folder, ignore_errors=True)
-        process = EndedProcess(case.arguments(folder), self.output / "killed.stamp")
+        status, share, read_ns = self._ended(case, sent, share, whole, folder)
         if case.command == "table":
-            status = process.end_after(share * self.took_s[case.name], sent)
             left, before = left_of_table(folder), jobs_of(folder)
         else:
-            status, left = self._end_run(process, sent, share, whole, folder)
-            before = {}
+            left, before = left_of(folder, whole, _mode_at(whole, share), read_ns), {}
         resumed_status = finished(case.resuming(folder), self.output / "resumed.stamp")
         try:
             after = compared_tables(whole, folder, before) if case.command == "table" else compared(whole, folder)
@@ -102,16 +102,34 @@ class Killer:
             has_same_events=after.has_same_events,
         )
 
-    def _end_run(
-        self, process: EndedProcess, sent: signal.Signals, share: float, whole: Path, folder: Path
-    ) -> tuple[int, WhatIsLeft]:
-        """End a run by the share of its modes and of the recording; its status and what is left."""
-        record = run_folder.read_record(whole)
-        start_ns, end_ns = record.recording_ns or (0, 0)
-        modes = list(record.by_mode())
-        number, part = divmod(share * len(modes), 1.0)
-        status, read_ns = process.end_at(int(number), start_ns + round(part * (end_ns - start_ns)), sent)
-        return status, left_of(folder, whole, modes[min(int(number), len(modes) - 1)], read_ns)
+    def _ended(
+        self, case: Case, sent: signal.Signals, share: float, whole: Path, folder: Path
+    ) -> tuple[int, float, int]:
+        """A command that is ended: its status, the share of its work, and the newest stamp it had read."""
+        for _ in range(_MOST_TRIALS):
+            shutil.rmtree(folder, ignore_errors=True)
+            process = EndedProcess(case.arguments(folder), self.output / "killed.stamp")
+            status, read_ns = None, 0
+            if case.command == "table":
+                count = len(jobs_of(whole))
+                number, part = divmod(share * count, 1.0)
+                job_s = part * self.took_s[case.name] / count
+                status = process.end_after(int(number), job_s, folder / "jobs", sent)
+            else:
+                record = run_folder.read_record(whole)
+                start_ns, end_ns = record.recording_ns or (0, 0)
+                number, part = divmod(share * len(record.by_mode()), 1.0)
+                status, read_ns = process.end_at(int(number), start_ns + round(part * (end_ns - start_ns)), sent)
+            if status is not None:
+                return status, share, read_ns
+            share *= 0.8
+        raise DatasetError(f"{case.command} {case.modes} comes to its end before it can be ended")
+
+
+def _mode_at(whole: Path, share: float) -> str:
+    """The mode that runs when a share of the work is done."""
+    modes = list(run_folder.read_record(whole).by_mode())
+    return modes[min(int(share * len(modes)), len(modes) - 1)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -16,6 +16,7 @@ from coclo_vio.runs.mode_run import ModeRun
 EXPECTED = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}
 """The status of a process by the signal that ended it."""
 _START_S, _END_S, _POLL_S = 300.0, 3600.0, 0.002
+_BEGIN_S = 0.5  # from the folder of the jobs to the first of them
 _STAMP = struct.Struct("<q")
 _CHILD = (
     "from coclo_vio.experiments.kills.ended_process import show_position; show_position(); "
@@ -36,11 +37,11 @@ class EndedProcess:
         with stamp_file.with_suffix(".log").open("wb") as log:
             self._process = subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
 
-    def end_at(self, modes: int, stamp_ns: int, sent: signal.Signals) -> tuple[int, int]:
+    def end_at(self, modes: int, stamp_ns: int, sent: signal.Signals) -> tuple[int | None, int]:
         """End it when it has finished so many modes and read up to a stamp.
 
         Returns:
-            Its status, and the stamp it had read; 0 where it ended before.
+            Its status, None where it had come to its end before; and the stamp it had read.
         """
         until_s = time.monotonic() + _START_S
         read_ns = 0
@@ -49,14 +50,23 @@ class EndedProcess:
             if finished > modes or (finished == modes and read_ns >= stamp_ns):
                 break
             time.sleep(_POLL_S)
-        self._process.send_signal(sent)
-        return self.status(), read_ns
+        return self._ended(sent), read_ns
 
-    def end_after(self, seconds: float, sent: signal.Signals) -> int:
-        """End it after so long; its status."""
-        until_s = time.monotonic() + seconds
+    def end_after(self, jobs: int, seconds: float, folder: Path, sent: signal.Signals) -> int | None:
+        """End it so long after a folder has so many files; its status, None where it had come to its end before."""
+        until_s = time.monotonic() + _START_S
+        while self._process.poll() is None and time.monotonic() < until_s:
+            if folder.is_dir() and len(list(folder.glob("*.json"))) >= jobs:
+                break
+            time.sleep(_POLL_S)
+        until_s = time.monotonic() + _BEGIN_S + seconds
         while self._process.poll() is None and time.monotonic() < until_s:
             time.sleep(_POLL_S)
+        return self._ended(sent)
+
+    def _ended(self, sent: signal.Signals) -> int | None:
+        if self._process.poll() is not None:
+            return None
         self._process.send_signal(sent)
         return self.status()
 
