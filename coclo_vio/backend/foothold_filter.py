@@ -14,16 +14,22 @@ in GTSAM 4.3:
 * Its errors are right/local, where Hartley's right-invariant ones are world-fixed: the matrix of the innovation depends
   on the estimated place of the foot in the body. IMU biases are parameters, no states; a new bias means a new object.
 * A foot that is not reported leaves its stance; at touchdown its block becomes a wide prior.
+* Which feet are in stance is state too, and only a touchdown, which forgets the foothold, can set it. So a checkpoint
+  has the last state without any stance, which can be set, and the calls since (``filter_calls``): the same again.
 """
+
+from typing import Any
 
 import gtsam
 import numpy as np
 
 from coclo_vio.backend.config import FootholdNoiseConfig
+from coclo_vio.backend.filter_calls import FilterCalls
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.errors import SmootherError
 from coclo_vio.values.estimates import NavState
+from coclo_vio.values.object_fields import CheckpointPostponed
 from coclo_vio.values.units import GRAVITY_MPS2
 
 _FIXED = 1e-6  # sigma of what is zero by definition at the start: yaw (rad) and position (m)
@@ -67,9 +73,13 @@ class FootholdFilter:
         covariance[:3, :3] = turn.T @ np.diag([tilt_rad**2, tilt_rad**2, _FIXED**2]) @ turn
         covariance[3:6, 3:6] = np.eye(3) * _FIXED**2
         covariance[6:9, 6:9] = np.eye(3) * velocity_mps**2
-        start = gtsam.NavState(gtsam.Rot3(turn), T_world_imu[:3, 3], np.zeros(3))
-        self._is_stance: BoolArray = np.zeros(legs, dtype=np.bool_)
-        self._filter = self._gtsam_filter(start, np.zeros((3, legs)), covariance)
+        blocks = np.zeros((3, 2 + legs))
+        blocks[:, 0] = T_world_imu[:3, 3]
+        self._calls = FilterCalls(legs)
+        self._is_stance: BoolArray
+        self._filter: gtsam.LeggedInvariantEKF
+        self._known: tuple[Array, Array, Array]
+        self._begin(turn, blocks, covariance)
 
     @property
     def is_stance(self) -> BoolArray:
@@ -84,6 +94,7 @@ class FootholdFilter:
 
     def predict(self, dt_s: float, angular_velocity: Array, specific_force: Array) -> None:
         """Move on by ``dt_s`` > 0 with the mean readings of that time, rad/s and m/s^2, imu frame, (3,)."""
+        self._calls.add_prediction(dt_s, angular_velocity, specific_force)
         self._filter.predict(angular_velocity, specific_force, dt_s)
 
     def correct(self, position_body: Array, is_stance: BoolArray) -> None:
@@ -110,6 +121,10 @@ class FootholdFilter:
                 "FootholdNoiseConfig, or take the mode coclo"
             ) from error
         self._is_stance = is_stance
+        if contacts:
+            self._calls.add_correction(position_body, is_stance)
+        else:
+            self._know(*self._state())
 
     def set_gyroscope_bias(self, gyroscope_bias: Array) -> None:
         """Set another bias, rad/s, imu frame, (3,); state and covariance stay, all feet touch down anew."""
@@ -118,12 +133,9 @@ class FootholdFilter:
 
     def inflate(self, variance: Array) -> None:
         """Add ``variance`` (9,) to the errors [rotation, position, velocity]; all feet touch down anew."""
-        pose, covariance = self._filter.estimate(), self._filter.covariance()
-        blocks = pose.xMatrix()
+        turn, blocks, covariance = self._state()
         covariance[np.arange(9), np.arange(9)] += variance
-        self._is_stance = np.zeros_like(self._is_stance)
-        state = gtsam.NavState(pose.rotation(), blocks[:, 0], blocks[:, 1])
-        self._filter = self._gtsam_filter(state, blocks[:, 2:], covariance)
+        self._begin(turn, blocks, covariance)
 
     def state_at(self, angular_velocity: Array) -> tuple[NavState, Array]:
         """The state of the body and the covariance (9, 9) of ``StateEstimate``, at the gyroscope's reading (3,)."""
@@ -140,8 +152,44 @@ class FootholdFilter:
         covariance = jacobian @ self._filter.covariance()[:9, :9] @ jacobian.T
         return nav, 0.5 * (covariance + covariance.T)
 
-    def _gtsam_filter(self, state: gtsam.NavState, footholds: Array, covariance: Array) -> gtsam.LeggedInvariantEKF:
+    def checkpoint_fields(self) -> dict[str, Any]:
+        """The last state without a stance, the calls since, and what never changes.
+
+        Raises:
+            CheckpointPostponed: there were too many calls since then.
+        """
+        if not self._calls.is_complete:
+            raise CheckpointPostponed("too long without a moment in which no foot was in stance")
+        kept = {name: value for name, value in self.__dict__.items() if name not in ("_filter", "_calls")}
+        return {**kept, "calls": self._calls.numbers()}
+
+    def restore_fields(self, fields: dict[str, Any]) -> None:
+        """Set that state, and call the same again."""
+        calls = fields.pop("calls")
+        self.__dict__.update(fields)
+        self._calls = FilterCalls(len(self._leg_names))
+        self._begin(*self._known)
+        self._calls.repeat(calls, self)
+
+    def _state(self) -> tuple[Array, Array, Array]:
+        """Rotation (3, 3), position, velocity and footholds (3, 2 + legs), and covariance of GTSAM's state."""
+        pose = self._filter.estimate()
+        return pose.rotation().matrix(), pose.xMatrix(), self._filter.covariance()
+
+    def _know(self, rotation: Array, blocks: Array, covariance: Array) -> None:
+        """The state is this one, and no foot is in stance."""
+        self._known = rotation, blocks, covariance
+        self._calls.begin()
+
+    def _begin(self, rotation: Array, blocks: Array, covariance: Array) -> None:
+        """Filter on from a state of which no foot is in stance."""
+        self._is_stance = np.zeros(len(self._leg_names), dtype=np.bool_)
+        self._filter = self._gtsam_filter(rotation, blocks, covariance)
+        self._know(rotation, blocks, covariance)
+
+    def _gtsam_filter(self, rotation: Array, blocks: Array, covariance: Array) -> gtsam.LeggedInvariantEKF:
         config = self._config
+        state = gtsam.NavState(gtsam.Rot3(rotation), blocks[:, 0], blocks[:, 1])
         imu = gtsam.PreintegrationParams.MakeSharedU(GRAVITY_MPS2)
         imu.setGyroscopeCovariance(np.eye(3) * config.gyroscope_noise_density**2)
         imu.setAccelerometerCovariance(np.eye(3) * config.accelerometer_noise_density**2)
@@ -154,4 +202,4 @@ class FootholdFilter:
         params.contactCovariance = np.eye(3) * config.foot_position_noise_m**2
         params.imuBias = gtsam.imuBias.ConstantBias(np.zeros(3), self._bias)
         params.useFullContactInitialization = False
-        return gtsam.LeggedInvariantEKF(state, footholds, covariance, params, list(self._leg_names))
+        return gtsam.LeggedInvariantEKF(state, blocks[:, 2:], covariance, params, list(self._leg_names))

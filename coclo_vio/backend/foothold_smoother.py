@@ -21,6 +21,7 @@ from coclo_vio.backend.inekf import InvariantLegOdometry
 from coclo_vio.robot.standstill import ImuMeans
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.errors import SmootherError
+from coclo_vio.values.object_fields import CheckpointUnsupported
 from coclo_vio.values.units import GRAVITY_MPS2
 
 LAG_S = 0.3  # longer than a stance of a trot
@@ -54,8 +55,17 @@ class FootholdSmoother(FootholdFilter):
             self._since_s = 0.0
             super().correct(position_body, is_stance)
 
-    def _gtsam_filter(self, state: gtsam.NavState, footholds: Array, covariance: Array) -> Any:
+    def checkpoint_fields(self) -> dict[str, Any]:
+        """Its window cannot be kept.
+
+        Raises:
+            CheckpointUnsupported: always.
+        """
+        raise CheckpointUnsupported("GTSAM's LeggedFixedLagSmoother cannot be kept")
+
+    def _gtsam_filter(self, rotation: Array, blocks: Array, covariance: Array) -> Any:
         config = self._config
+        state = gtsam.NavState(gtsam.Rot3(rotation), blocks[:, 0], blocks[:, 1])
         imu = gtsam.PreintegrationParams.MakeSharedU(GRAVITY_MPS2)
         imu.setGyroscopeCovariance(np.eye(3) * config.gyroscope_noise_density**2)
         imu.setAccelerometerCovariance(np.eye(3) * config.accelerometer_noise_density**2)
@@ -68,7 +78,7 @@ class FootholdSmoother(FootholdFilter):
         params.contactCovariance = np.eye(3) * config.foot_position_noise_m**2
         params.imuBias = gtsam.imuBias.ConstantBias(np.zeros(3), self._bias)
         params.useFullContactInitialization = False
-        return _Smoother(state, footholds, covariance, params, self._leg_names)
+        return _Smoother(state, blocks[:, 2:], covariance, params, self._leg_names)
 
 
 class SmoothedLegOdometry(InvariantLegOdometry):

@@ -106,16 +106,17 @@ def table(
         finished = len(store.kept(plan))
         yield f"{finished} of {total} jobs are finished, in {output}; finished jobs are kept: the same command goes on"
 
-    with stoppable(done_so_far), _progress(total, total - left) as report:
-        build.run_work(work, workers or os.cpu_count() or 1, scheduler, report)
-    lost = build.missing(plan, store)
-    if lost:
-        raise DatasetError(
-            f"{len(lost)} jobs have left nothing in {store.folder}, such as {lost[0].name}: do all workers see that "
-            "folder? Run again, the finished jobs are kept"
-        )
-    given = {"set": parse_settings(settings or ()), "file": read_yaml(config) if config else {}}
-    made, notes = build.write_table(plan, store, _command(plan, settings or [], config), given)
+    with stoppable(done_so_far):
+        with _progress(total, total - left) as report:
+            build.run_work(work, workers or os.cpu_count() or 1, scheduler, report)
+        lost = build.missing(plan, store)
+        if lost:
+            raise DatasetError(
+                f"{len(lost)} jobs have left nothing in {store.folder}, such as {lost[0].name}: do all workers see "
+                "that folder? Run again, the finished jobs are kept"
+            )
+        given = {"set": parse_settings(settings or ()), "file": read_yaml(config) if config else {}}
+        made, notes = build.write_table(plan, store, _command(plan, settings or [], config), given)
     _show(made, notes, output, as_json=as_json)
 
 

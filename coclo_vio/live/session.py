@@ -169,8 +169,6 @@ class _Session:
         begun_s = time.monotonic()
 
         def take(output: Output) -> None:
-            if observers.keep(output):
-                files.take(output)
             if isinstance(output, Estimate):
                 latency.estimated(output)
             outgoing.take(output)
@@ -183,10 +181,14 @@ class _Session:
                 files.write_live(self._counted(prepared, outgoing, latency, begun_s))
             files.advance()
 
+        def keep(output: Output) -> None:
+            if observers.keep(output):
+                files.take(output)
+
         estimator = UnendingEstimator(prepared.estimator, self._events, lambda: stream.arrival_ns)
         measurements = stream.measurements(self._items(first))
         shown = measurements if observers.view is None else seen(measurements, observers.view)
-        summary = pipeline.run(estimator, shown, take, advance, tally=files.tally)
+        summary = pipeline.run(estimator, shown, take, advance, tally=files.tally, keep=keep)
         self._source.close()
         counted = self._counted(prepared, outgoing, latency, begun_s)
         files.write_live(counted)

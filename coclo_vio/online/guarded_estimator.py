@@ -21,7 +21,16 @@ from coclo_vio.online.world_anchor import checked_pose
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.outputs import Estimator, Event, Interruptible, Learning, Output, Settling, Status
+from coclo_vio.values.outputs import (
+    ClockStepEvent,
+    Estimator,
+    Event,
+    Interruptible,
+    Learning,
+    Output,
+    Settling,
+    Status,
+)
 from coclo_vio.values.units import NS_PER_S
 
 
@@ -75,7 +84,7 @@ class GuardedEstimator:
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Earliest and latest stamp of the samples that the estimator got, by their own clocks; None before any."""
+        """Earliest and latest stamp of the samples that the estimator got, by its clock; None before any."""
         return self._span_ns
 
     @property
@@ -223,9 +232,9 @@ class GuardedEstimator:
 
     def _used(self, samples: Iterator[Accepted]) -> Iterator[Output]:
         for sample in samples:
-            measurement, stamp_ns, raw_ns = sample.arrival.measurement, sample.stamp_ns, sample.arrival.raw_ns
-            first_ns, last_ns = self._span_ns or (raw_ns, raw_ns)
-            self._span_ns = min(first_ns, raw_ns), max(last_ns, raw_ns)
+            measurement, stamp_ns = sample.arrival.measurement, sample.stamp_ns
+            first_ns, last_ns = self._span_ns or (stamp_ns, stamp_ns)
+            self._span_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
             yield from self._watch.take(measurement, stamp_ns)
             if self._watch.is_stuck(measurement):
                 self._counted["constant_reading"] += 1
@@ -261,7 +270,10 @@ class GuardedEstimator:
             f"the clock of {whose} stepped {direction} by {abs(step.step_ns) / NS_PER_S:.6g} s at {step.from_ns} ns, "
             f"recognised by {step.samples} samples: {consequence}"
         )
-        yield Event(step.at_ns, "clock_step", detail)
+        if step.is_of_all:
+            yield ClockStepEvent(step.at_ns, "clock_step", detail, step.at_ns, step.step_ns)
+        else:
+            yield Event(step.at_ns, "clock_step", detail)
 
     def _status_due(self, now_ns: int) -> Iterator[Output]:
         every_ns = round(self._config.status_every_s * NS_PER_S)

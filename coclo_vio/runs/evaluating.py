@@ -11,6 +11,7 @@ from coclo_vio.evaluation.evaluation import Evaluation
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.runs.run_record import Interval, TrajectoryRecord
+from coclo_vio.runs.stepped_clock import on_clock_of, step_note
 from coclo_vio.values.config import merged, parse_settings, read_yaml
 from coclo_vio.values.errors import CocloError, DatasetError
 from coclo_vio.values.measurements import CameraImuSample, ImuSample
@@ -64,15 +65,18 @@ def evaluate_run(
             continue
         try:
             found = run_folder.read_estimates(folder, name)
+            of_run_ns = run.recording_ns or record.recording_ns
+            estimate, recording_ns = on_clock_of(truth.trajectory, found.trajectory, of_run_ns, run.clock_steps)
             evaluation = evaluate(
-                found.trajectory,
+                estimate,
                 truth,
                 config,
-                recording_ns=run.recording_ns or record.recording_ns,
+                recording_ns=recording_ns,
                 realtime_factor=run.realtime_factor,
                 is_gravity_aligned=any(sensor in _GRAVITY_SENSORS for sensor in run.sensors),
             )
-            notes = (*found.notes, *_stopped(run, record.recording_ns))
+            stepped = step_note(truth.trajectory, run.clock_steps, record.recording_ns)
+            notes = (*found.notes, *filter(None, [stepped]), *_stopped(run, record.recording_ns))
             evaluations[name] = replace(evaluation, notes=(*notes, *evaluation.notes))
         except CocloError as error:
             failures[name] = run.failure or str(error)

@@ -17,9 +17,9 @@ from coclo_vio.runs.recording_view import seen
 from coclo_vio.runs.run_journal import Progressed, RunJournal
 from coclo_vio.runs.run_source import RunSource
 from coclo_vio.runs.stop_request import StopRequest
-from coclo_vio.values.errors import DatasetError
+from coclo_vio.values.errors import DatasetError, interrupt_in
 from coclo_vio.values.measurements import Measurement
-from coclo_vio.values.object_fields import CheckpointUnsupported
+from coclo_vio.values.object_fields import CheckpointPostponed, CheckpointUnsupported
 from coclo_vio.values.outputs import Estimator, Output
 from coclo_vio.values.units import NS_PER_S
 
@@ -75,6 +75,7 @@ class ModeRun:
         self._checkpoints = Checkpoints(journal.folder, ready.mode.name, ready.estimator)
         self._may_save = ready.checkpoint_s > 0.0
         self._next_ns: int | None = None
+        self._now_ns = 0  # of the newest measurement
         self._checksum = self._taken_checksum = 0  # of what was read, and of what the estimator has taken
         self._skip: Position | None = None
         state = RecorderState()
@@ -85,6 +86,7 @@ class ModeRun:
             self._tally, state, self._resumed_ns = others["tally"], others["recorder"], others["resumed_ns"]
             self._next_ns, self._taken_checksum = others["next_ns"], self._skip.checksum
             self._resumed_ns += (self._skip.stamp_ns,)
+            self._now_ns = self._skip.stamp_ns
         elif not resumes:
             self._checkpoints.forget()
         self._recorder = OutputRecorder(journal.folder, ready.mode, ready.leg_names, state)
@@ -112,11 +114,15 @@ class ModeRun:
                         self._advance,
                         tally=self._tally,
                         stop=self._is_to_stop,
+                        keep=self._keep,
                     )
-            except BaseException:
+            except BaseException as error:
                 with suppress(OSError):
                     self._journal.update(self._progressed())
-                raise
+                interrupt = interrupt_in(error)
+                if interrupt is None or interrupt is error:
+                    raise
+                raise interrupt from error
         records = self._recorder.records(summary, ready.sensors, resumed_ns=self._resumed_ns)
         self._journal.update((summary.recording_ns, records))
         if not summary.is_stopped:
@@ -141,27 +147,32 @@ class ModeRun:
         if stop is None or not stop():
             return False
         if self._tally.measurements and self._next_ns is not None:
-            self._save(self._next_ns)
+            self._save()
         return True
 
     def _advance(self, stamp_ns: int) -> None:
         """After a measurement: the journal, a checkpoint where one is due, the progress."""
         self._taken_checksum = self._checksum
         interval_ns = round(self._ready.checkpoint_s * NS_PER_S)
+        now_ns = self._now_ns = self._never_stepped(stamp_ns)
         if self._next_ns is None:
-            self._next_ns = stamp_ns + interval_ns
-        elif self._may_save and stamp_ns >= self._next_ns:
-            self._next_ns += interval_ns * (1 + (stamp_ns - self._next_ns) // interval_ns)
-            self._save(stamp_ns)
+            self._next_ns = now_ns + interval_ns
+        elif self._may_save and now_ns >= self._next_ns:
+            self._next_ns += interval_ns * (1 + (now_ns - self._next_ns) // interval_ns)
+            self._save()
         self._journal.tick(self._progressed)
         self._observers.advance(self._ready.mode.name, stamp_ns)
 
-    def _save(self, stamp_ns: int) -> None:
+    def _never_stepped(self, stamp_ns: int) -> int:
+        """A measurement's stamp, or where a clock stepped the newest that the estimator got, by one that never does."""
+        estimator = self._ready.estimator
+        span_ns = estimator.span_ns if isinstance(estimator, pipeline.Spanning) else None
+        return stamp_ns if span_ns is None or abs(stamp_ns - span_ns[1]) <= NS_PER_S else span_ns[1]
+
+    def _save(self) -> None:
         """Write a checkpoint of now."""
         if not self._may_save:
             return
-        summary = self._tally.summary({})
-        last_ns = stamp_ns if summary.recording_ns is None else summary.recording_ns[1]
         others = {
             "tally": self._tally,
             "recorder": self._recorder.state(),
@@ -169,14 +180,18 @@ class ModeRun:
             "next_ns": self._next_ns,
         }
         try:
-            self._checkpoints.save(Position(self._tally.measurements, last_ns, self._taken_checksum), others)
+            self._checkpoints.save(Position(self._tally.measurements, self._now_ns, self._taken_checksum), others)
+        except CheckpointPostponed as error:
+            _log.info("%s: no checkpoint now, the one before stays (%s)", self._ready.mode.name, error)
         except CheckpointUnsupported as error:
             self._may_save = False
             _log.info("%s: no checkpoints, --resume begins this mode anew (%s)", self._ready.mode.name, error)
 
-    def _take(self, output: Output) -> None:
+    def _keep(self, output: Output) -> None:
         if self._observers.keep(output):
             self._recorder.take(output)
+
+    def _take(self, output: Output) -> None:
         self._observers.take(self._ready.mode.name, output)
 
     def _progressed(self) -> Progressed:

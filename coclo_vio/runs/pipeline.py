@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol, runtime_checkable
 
+from coclo_vio.runs.first_clock import FirstClock
 from coclo_vio.values.errors import CocloError
 from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import Estimate, Estimator, Event, Output
@@ -54,7 +55,7 @@ class Spanning(Protocol):
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Earliest and latest stamp of the samples used; None before any."""
+        """Earliest and latest stamp of the samples used, by a clock that never steps; None before any."""
 
 
 def run(
@@ -65,6 +66,7 @@ def run(
     *,
     tally: "Tally | None" = None,
     stop: Callable[[], bool] | None = None,
+    keep: Callable[[Output], None] | None = None,
 ) -> RunSummary:
     """Push every measurement and hand each output on; an error ends the run, what came before it stays.
 
@@ -75,6 +77,7 @@ def run(
         progress: called with the stamp (ns) of each measurement.
         tally: counts on from here; from nothing if None.
         stop: asked before each measurement whether to stop; what the estimator holds back comes out all the same.
+        keep: called with each output before ``take``, by the clock that the run began with (``first_clock``).
     """
     tally = tally or Tally()
     failure, is_stopped = None, False
@@ -84,19 +87,24 @@ def run(
                 is_stopped = True
                 break
             tally.count(measurement.stamp_ns)
-            tally.take(partial(estimator.push, measurement), take)
+            tally.take(partial(estimator.push, measurement), take, keep)
             if progress is not None:
                 progress(measurement.stamp_ns)
-        tally.take(estimator.finish, take)
+        tally.take(estimator.finish, take, keep)
     except CocloError as error:
         failure = str(error)
     return tally.summary_of(estimator, failure, is_stopped=is_stopped)
 
 
 class Tally:
-    """Counts what goes in and comes out, and keeps the events."""
+    """Counts what goes in and comes out, and keeps the events, all by the clock that the run began with.
+
+    Attributes:
+        clock: undoes the steps of the clock of all streams.
+    """
 
     def __init__(self) -> None:
+        self.clock = FirstClock()
         self._compute_s = 0.0
         self._measurements = 0
         self._first_ns: int | None = None
@@ -116,16 +124,24 @@ class Tally:
         """How many went in."""
         return self._measurements
 
-    def take(self, call: Callable[[], Iterable[Output]], hand_on: Callable[[Output], None]) -> None:
-        """A call of the estimator, and the outputs that it gives."""
+    def take(
+        self,
+        call: Callable[[], Iterable[Output]],
+        hand_on: Callable[[Output], None],
+        keep: Callable[[Output], None] | None = None,
+    ) -> None:
+        """A call of the estimator, and the outputs that it gives; ``keep`` gets them by the first clock."""
         for output in self._timed(call):
-            match output:
+            undone = self.clock.undone(output)
+            match undone:
                 case Estimate():
-                    self._estimates[output.name] += 1
-                    stamp_ns = output.state.stamp_ns
+                    self._estimates[undone.name] += 1
+                    stamp_ns = undone.state.stamp_ns
                     self._until_ns = stamp_ns if self._until_ns is None else max(self._until_ns, stamp_ns)
                 case Event():
-                    self._events.append(output)
+                    self._events.append(undone)
+            if keep is not None:
+                keep(undone)
             hand_on(output)
 
     def _timed(self, call: Callable[[], Iterable[Output]]) -> Iterator[Output]:

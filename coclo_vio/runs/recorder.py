@@ -11,7 +11,14 @@ from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.runs.modes.mode import Mode
 from coclo_vio.runs.output_logs import CalibrationWriter, KeyframeLogState, KeyframeWriter, PictureWriter
 from coclo_vio.runs.pipeline import RunSummary
-from coclo_vio.runs.run_record import CalibrationRecord, EventRecord, SlipRecord, Status, TrajectoryRecord
+from coclo_vio.runs.run_record import (
+    CalibrationRecord,
+    ClockStepRecord,
+    EventRecord,
+    SlipRecord,
+    Status,
+    TrajectoryRecord,
+)
 from coclo_vio.runs.state_writer import StateWriter
 from coclo_vio.values.errors import ConfigError, listing
 from coclo_vio.values.outputs import Calibration, Estimate, KeyframeHealth, Output, Picture
@@ -135,6 +142,7 @@ class OutputRecorder:
                 status="running" if is_running else ended,
                 last_ns=summary.estimated_until_ns,
                 resumed_ns=resumed_ns,
+                clock_steps=ClockStepRecord.of_events(summary.events),
             )
             for name in self._mode.trajectory_names
         }

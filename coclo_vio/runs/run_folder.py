@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from coclo_vio.runs.clock_stretches import longest_stretch
 from coclo_vio.runs.run_record import Interval, RunRecord, union
 from coclo_vio.runs.state_writer import STATE_COLUMNS, UPPER, VECTORS
 from coclo_vio.values.arrays import Array
@@ -196,7 +195,7 @@ def read_estimates(folder: Path, name: str) -> RecordedTrajectory:
     """One estimator's trajectory and states.
 
     What a run that was stopped left half written is left out: a last line that was cut short, and poses whose state
-    was not written any more. Where the clock of the sensors was set back, the longest time of one clock is read.
+    was not written any more.
 
     Raises:
         DatasetError: a file is missing or malformed.
@@ -220,13 +219,11 @@ def _read_poses(folder: Path, name: str) -> tuple[Trajectory, dict[str, Array], 
     """The poses (N,), the columns (N,) of their state file, if there is one, and notes on lines left out."""
     path, state_path = folder / f"{name}.tum", folder / f"{name}_state.csv"
     read = read_lines(path)
-    kept, set_back = longest_stretch(read.lines)
     notes = list(filter(None, [read.cut_note(path)]))
-    poses = parse_tum(read.lines[kept], path)
+    poses = parse_tum(read.lines, path)
     if not state_path.exists():
-        return poses, {}, (*notes, *filter(None, [set_back]))
+        return poses, {}, tuple(notes)
     header, rows, cut_note = _read_states(state_path)
-    rows = rows[kept]
     notes += filter(None, [cut_note])
     if len(rows) != len(poses):
         if not notes and not _is_unfinished(folder, name):
@@ -237,7 +234,7 @@ def _read_poses(folder: Path, name: str) -> tuple[Trajectory, dict[str, Array], 
         left_out = abs(len(rows) - len(poses))
         notes.append(f"{left_out} of the last estimates are left out: the run was stopped before they were whole")
         poses, rows = poses.select(np.arange(count)), rows[:count]
-    return poses, _columns(state_path, header, rows, poses), (*notes, *filter(None, [set_back]))
+    return poses, _columns(state_path, header, rows, poses), tuple(notes)
 
 
 def _is_unfinished(folder: Path, name: str) -> bool:

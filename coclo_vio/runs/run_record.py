@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from coclo_vio.datasets.read_report import ReadReport
 from coclo_vio.diagnosis.finding import Finding
-from coclo_vio.values.outputs import Calibration, Event, SlipEvent
+from coclo_vio.values.outputs import Calibration, ClockStepEvent, Event, SlipEvent
 from coclo_vio.values.record import Record
 from coclo_vio.values.units import NS_PER_S
 
@@ -61,6 +61,23 @@ class CalibrationRecord(_Part):
             stereo_scale=scale,
             stereo_scale_sigma=sigma,
         )
+
+
+class ClockStepRecord(_Part):
+    """A step of the clock of all streams, which the files of the run do not have.
+
+    Attributes:
+        at_ns: from there on, by the clock that the run began with.
+        step_ns: clock of the samples after the step less that before.
+    """
+
+    at_ns: int
+    step_ns: int
+
+    @classmethod
+    def of_events(cls, events: Iterable[Event]) -> tuple["ClockStepRecord", ...]:
+        """The steps among events, in their order."""
+        return tuple(cls(at_ns=each.at_ns, step_ns=each.step_ns) for each in events if isinstance(each, ClockStepEvent))
 
 
 class FindingRecord(_Part):
@@ -137,6 +154,8 @@ class TrajectoryRecord(_Part):
         status: whether it still runs, or how it ended.
         last_ns: stamp of its last estimate, None without any.
         resumed_ns: stamps of the measurements after which ``--resume`` went on.
+        clock_steps: steps of the clock of all streams. Stamps of the run are by the clock before the first of them; a
+            sample's own stamp is that and ``step_ns`` of every step whose ``at_ns`` it has reached.
     """
 
     mode: str
@@ -156,6 +175,7 @@ class TrajectoryRecord(_Part):
     status: Status = "finished"
     last_ns: int | None = None
     resumed_ns: tuple[int, ...] = ()
+    clock_steps: tuple[ClockStepRecord, ...] = ()
 
 
 class GroundTruthRecord(_Part):

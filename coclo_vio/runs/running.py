@@ -208,13 +208,13 @@ def _with_reader(record: RunRecord, dataset: Dataset, *, is_played: bool) -> Run
 
     Of a mode with cameras it is the time of the cameras that counts. Of a stream that a finished mode has read the span
     is that of the samples used, without stamps that were refused; of a recording that is played, that of what was
-    played.
+    played, and where a clock stepped that of the samples used, by the clock before.
     """
     try:
         report = dataset.report()
     except DatasetError:  # each mode has it as its failure
         return record
-    if is_played:
+    if is_played or any(trajectory.clock_steps for trajectory in record.estimators.values()):
         return record.model_copy(update={"reader": report})
     recording_ns = record.recording_ns
     trajectories = dict(record.estimators)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes the estimates of a trajectory into a run folder as they come, sixteen at a time."""
+"""Writes the estimates of a trajectory into a run folder as they come, sixteen or a quarter of a second at a time."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +10,7 @@ from coclo_vio.runs.line_file import LineFile
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.trajectory import tum_lines
+from coclo_vio.values.units import NS_PER_S
 
 UPPER = [(row, column) for row in range(6) for column in range(row, 6)]
 """Rows and columns of the upper triangle of a pose covariance, in the order of the state file."""
@@ -23,10 +24,11 @@ STATE_COLUMNS = (
 """Columns of the state file, but those of the legs."""
 _UPPER_ROWS, _UPPER_COLUMNS = np.triu_indices(6)
 _ROWS_AT_ONCE = 16  # a run that is killed loses fewer than these
+_LONGEST_HELD_NS = NS_PER_S // 4  # ... nor more than this, where estimates come at the rate of images
 
 
 class StateWriter:
-    """Writes ``<estimator>.tum`` and ``<estimator>_state.csv``, a line for each estimate, 16 lines at once.
+    """Writes ``<estimator>.tum`` and ``<estimator>_state.csv``, a line for each estimate, at most 16 lines at once.
 
     The state file has, per stamp (ns): velocity (m/s, world), angular velocity (rad/s, body), gyroscope and
     accelerometer bias (body), the upper triangle of the 6x6 pose covariance (right/local, rotation first), and, where
@@ -62,7 +64,7 @@ class StateWriter:
     def write(self, estimate: StateEstimate) -> None:
         """Append one estimate to both files."""
         self._held.append(estimate)
-        if len(self._held) == _ROWS_AT_ONCE:
+        if len(self._held) == _ROWS_AT_ONCE or estimate.stamp_ns - self._held[0].stamp_ns >= _LONGEST_HELD_NS:
             self.flush()
 
     def close(self) -> None:

@@ -65,3 +65,14 @@ def shortened(text: object, most: int = 200) -> str:
     """A value as text for an error message: one line of at most about ``most`` characters."""
     line = " ".join(str(text).split())
     return line if len(line) <= most else f"{line[:most]} ... ({len(line)} characters)"
+
+
+def interrupt_in(error: BaseException) -> BaseException | None:
+    """What a signal raised, where an error is that or came of it; None where it is an error of its own.
+
+    An interrupt that reaches code compiled by numba comes out of it as the cause of a ``SystemError``.
+    """
+    cause: BaseException | None = error
+    while cause is not None and isinstance(cause, Exception):
+        cause = cause.__cause__
+    return cause

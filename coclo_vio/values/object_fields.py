@@ -15,6 +15,10 @@ class CheckpointUnsupported(CocloError):  # noqa: N818 -- a condition
     """An estimator holds something that no checkpoint can keep."""
 
 
+class CheckpointPostponed(CheckpointUnsupported):
+    """An estimator is in a state that no checkpoint can keep; a later one can be kept."""
+
+
 def fields_of(thing: object) -> dict[str, Any]:
     """The values in its slots and attributes, by name."""
     values = {name: getattr(thing, name) for name in _slots(type(thing)) if hasattr(thing, name)}

@@ -59,6 +59,19 @@ class SlipEvent(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class ClockStepEvent(Event):
+    """The clock of all streams has stepped; ``stamp_ns`` is the first stamp after it.
+
+    Attributes:
+        at_ns: the same moment by the clock that the estimator began with, in nanoseconds.
+        step_ns: new clock less old one, in nanoseconds.
+    """
+
+    at_ns: int
+    step_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class KeyframeHealth:
     """The state of a sliding window at one keyframe.
 

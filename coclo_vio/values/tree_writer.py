@@ -149,7 +149,7 @@ class TreeWriter:
             try:
                 found.append([name, self.node(value)])
             except CheckpointUnsupported as error:
-                raise CheckpointUnsupported(f"{name}: {error}") from error
+                raise type(error)(f"{name}: {error}") from error
         return found
 
     def _foreign_entry(self, thing: Any, kind: type, fresh: int | None) -> Any:

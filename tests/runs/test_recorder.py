@@ -95,3 +95,17 @@ def test_an_estimate_of_an_undeclared_trajectory_is_refused(recorder: OutputReco
 def test_a_mode_that_could_not_start_is_recorded_by_its_first_trajectory() -> None:
     [(name, record)] = failed_records(mode_of("combined"), "no cameras").items()
     assert (name, record.mode, record.estimates, record.failure) == ("combined_coclo", "combined", 0, "no cameras")
+
+
+def test_estimates_that_come_seldom_are_not_held_longer_than_a_quarter_of_a_second(
+    recorder: OutputRecorder, tmp_path: Path
+) -> None:
+    """At 10 Hz sixteen of them would be 1.6 s."""
+    with recorder:
+        for number in range(8):
+            recorder.take(estimate("combined_vins", number * 100_000_000, None))
+        assert len((tmp_path / "combined_vins.tum").read_text(encoding="ascii").splitlines()) == 8
+        recorder.take(estimate("combined_vins", 800_000_000, None))
+        recorder.take(estimate("combined_vins", 900_000_000, None))
+        recorder.take(estimate("combined_vins", 999_000_000, None))
+        assert len((tmp_path / "combined_vins.tum").read_text(encoding="ascii").splitlines()) == 8

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from coclo_vio.backend import filter_calls
 from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.runs import checkpoint, run_folder
 from coclo_vio.runs.checkpoint import Checkpoints, Position
@@ -53,7 +54,8 @@ def _files(folder: Path) -> dict[str, bytes]:
         ("coclo", 490_000_000, None),
         ("coclo", 2_170_000_000, 2 * NS),
         ("coclo_paper", 1_510_000_000, 1_500_000_000),
-        ("inekf", 1_700_000_000, None),  # GTSAM's filter cannot be written: it begins anew
+        ("inekf", 1_700_000_000, 1_500_000_000),
+        ("inekf", 2_990_000_000, 2_500_000_000),
     ],
 )
 def test_a_killed_run_goes_on_and_equals_one_that_was_not(
@@ -72,6 +74,20 @@ def test_a_killed_run_goes_on_and_equals_one_that_was_not(
     assert _files(left) == _files(tmp_path / "whole")
     assert (run.events, run.counts, run.measurements) == (whole.events, whole.counts, whole.measurements)
     assert {path.name for path in left.iterdir()} == {path.name for path in (tmp_path / "whole").iterdir()}
+
+
+def test_an_interrupt_in_compiled_code_is_one_of_the_run(
+    leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba makes a SystemError of it."""
+
+    def interrupted(*given: object) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    with pytest.raises(KeyboardInterrupt):
+        run_modes(leg_log, ["naive"], CONFIG, tmp_path, observers=Observers(progress=interrupted))
+    record = RunRecord.read(tmp_path / "run.json")
+    assert (record.status, record.estimators["naive"].status) == ("interrupted", "interrupted")
 
 
 class Working:
@@ -222,3 +238,13 @@ def test_without_an_interval_there_are_no_checkpoints_and_resuming_begins_anew(l
         )
         assert not (tmp_path / "checkpoints").exists()
     assert (record.status, record.estimators["naive"].resumed_ns) == ("finished", ())
+
+
+def test_where_a_checkpoint_has_to_wait_the_one_before_stays(
+    leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(filter_calls, "MOST_BYTES", 20_000)
+    left = _killed(leg_log, tmp_path, ["inekf"], ("inekf", 2_990_000_000))
+    run = run_modes(leg_log, ["inekf"], CONFIG, left, ending=RESUME).estimators["inekf"]
+    assert run.resumed_ns == (1_000_000_000,)
+    assert _files(left) == _files(tmp_path / "whole")

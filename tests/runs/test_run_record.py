@@ -176,7 +176,7 @@ def _with_trajectory(**changes: object) -> str:
         ),
         (
             _with_trajectory(mood="good"),
-            r"there is no estimators\.vins\.mood; the keys there are: calibration, compute",
+            r"there is no estimators\.vins\.mood; the keys there are: calibration, clock_steps, comp",
         ),
         (_changed(estimators=["vins"]), "estimators = .*valid dictionary"),
         (_with_trajectory(estimates="many"), r"estimators\.vins\.estimates = 'many': Input should be a valid integer"),

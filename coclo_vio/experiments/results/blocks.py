@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from coclo_vio.experiments.grid.grid_record import GridRecord
 from coclo_vio.experiments.grid.grid_text import SHARE_HEAD, cell_head, cell_rows, share_rows
 from coclo_vio.experiments.results.fault_blocks import FAULT_BLOCKS
+from coclo_vio.experiments.results.kill_blocks import KILL_BLOCKS
 from coclo_vio.experiments.results.legged_blocks import LEGGED_BLOCKS
 from coclo_vio.experiments.results.performance_blocks import PERFORMANCE_BLOCKS
 from coclo_vio.experiments.results.result_files import ResultFiles, markdown_table
@@ -204,5 +205,6 @@ BLOCKS: Mapping[str, Callable[[ResultFiles], str]] = {
     **PERFORMANCE_BLOCKS,
     **LEGGED_BLOCKS,
     **FAULT_BLOCKS,
+    **KILL_BLOCKS,
 }
 """What pages can show, by name."""

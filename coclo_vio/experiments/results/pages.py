@@ -18,6 +18,7 @@ PAGES = (
     Path("docs") / "legged.md",
     Path("docs") / "diagnosis.md",
     Path("docs") / "faults.md",
+    Path("docs") / "interrupted_runs.md",
 )
 _PLACE = re.compile(r"<!-- results: (?P<name>[a-z0-9_]+) -->\n.*?<!-- end of results -->", re.DOTALL)
 

@@ -20,7 +20,7 @@ from coclo_vio.runs.evaluating import evaluate_run
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.runs.run_record import TrajectoryRecord
 from coclo_vio.runs.running import run_modes
-from coclo_vio.values.errors import CocloError
+from coclo_vio.values.errors import CocloError, interrupt_in
 
 NO_ESTIMATE = "the estimator gave no estimate"
 _Evaluated = tuple[Mapping[str, Evaluation], Mapping[str, str]]
@@ -53,7 +53,14 @@ def failed(job: Job, plan: TablePlan, reason: str) -> JobRecord:
 
 
 def reason_of(error: Exception, folder: Path) -> str:
-    """The message of an error in one line, without the folder of the recordings; with its class if unexpected."""
+    """The message of an error in one line, without the folder of the recordings; with its class if unexpected.
+
+    Raises:
+        BaseException: the error came of an interrupt, which is no failure of a job.
+    """
+    interrupt = interrupt_in(error)
+    if interrupt is not None:
+        raise interrupt
     text = " ".join(str(error).replace(f"{folder}/", "").split())
     return text if isinstance(error, CocloError) else f"{type(error).__name__}: {text}"
 

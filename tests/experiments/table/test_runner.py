@@ -85,6 +85,20 @@ def test_a_failed_job_is_reported_stored_and_run_again(made: Made, monkeypatch: 
     }
 
 
+def test_an_interrupt_that_compiled_code_made_an_error_of_is_no_failure_of_a_job(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = made(seeds=2)
+
+    def stopped(path: Path, *rest: object) -> object:
+        raise SystemError("CPUDispatcher returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(job, "run_modes", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_work(work_of(table), 1, None, lambda _: None)
+    assert len(missing(table.plan, table.store)) == 2
+
+
 def test_a_mode_that_lacks_a_sensor_fails_with_its_message(made: Made) -> None:
     table = made(modes=("combined",))
     run_work(work_of(table), 1, None, lambda _: None)
