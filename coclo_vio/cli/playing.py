@@ -110,7 +110,8 @@ def _print_latency(latency: LatencyRecord) -> None:
         _add_rows(table, what, spreads)
     out.print(table)
     say(
-        f"waited at most: {latency.waiting_most} measurements; images left out before the estimator: {latency.left_out}"
+        f"waited at most: {latency.waiting_most} measurements; left out before the estimator: {latency.left_out} "
+        f"images, {latency.joints_left_out} joint samples"
     )
     for name in dict.fromkeys(name for one in latency.intervals for name in one.processes):  # some end before others
         loads = [one.processes[name] for one in latency.intervals if name in one.processes]

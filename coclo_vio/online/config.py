@@ -55,6 +55,15 @@ class OnlineConfig(StageConfig):
             "as it ever did before, is reported and left out until it changes; 0: never",
         ),
     ] = 25
+    joint_interval_s: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=0.1,
+            description="joint samples and foot forces that follow sooner are left out and counted, for computers that "
+            "do not keep pace with all of them, s; 0: none is",
+        ),
+    ] = 0.0
     status_every_s: Annotated[
         float, Field(ge=0, description="a Status comes out this often, s; 0: never, it can be read at any time")
     ] = 1.0

@@ -14,13 +14,14 @@ from dataclasses import replace
 from coclo_vio.online.clock_follower import Accepted, ClockFollower, ClockStep, Decision, Refused
 from coclo_vio.online.config import OnlineConfig
 from coclo_vio.online.fault_episodes import FaultEpisodes
+from coclo_vio.online.joint_thinning import JointThinning
 from coclo_vio.online.output_frame import OutputFrame
 from coclo_vio.online.reorder_buffer import ReorderBuffer
 from coclo_vio.online.stream_watch import StreamWatch
 from coclo_vio.online.world_anchor import checked_pose
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import CocloError
-from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.measurements import JointSample, Measurement
 from coclo_vio.values.outputs import (
     ClockStepEvent,
     Estimator,
@@ -58,6 +59,7 @@ class GuardedEstimator:
         self._follower = ClockFollower(self._config)
         self._buffer = ReorderBuffer(self._config.latency, self._follower.streams)
         self._watch = StreamWatch(self._config)
+        self._thinning = JointThinning(self._config.joint_interval_s)
         self._faults, self._frame = FaultEpisodes(), OutputFrame(is_levelled=is_levelled)
         self._counted: Counter[str] = Counter()
         self._ended: Counter[str] = Counter()  # counts of estimators before a reset
@@ -238,6 +240,9 @@ class GuardedEstimator:
             yield from self._watch.take(measurement, stamp_ns)
             if self._watch.is_stuck(measurement):
                 self._counted["constant_reading"] += 1
+                continue
+            if self._thinning.leaves_out(measurement, stamp_ns):
+                self._counted["joints_thinned"] += isinstance(measurement, JointSample)
                 continue
             if stamp_ns != measurement.stamp_ns:
                 measurement = replace(measurement, stamp_ns=stamp_ns)

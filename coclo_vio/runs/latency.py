@@ -120,6 +120,7 @@ class LatencyRecord(Record):
         pushes_cpu: processor time of the same in the estimator's thread, which other programs do not prolong.
         measurements: pushed, by stream.
         left_out: images left out before they reached the estimator; what it left out itself is in ``run.json``.
+        joints_left_out: joint samples left out before they reached the estimator.
         waiting_most: largest number of measurements that waited.
         intervals: over time.
     """
@@ -135,5 +136,6 @@ class LatencyRecord(Record):
     pushes_cpu: dict[str, Spread]
     measurements: dict[str, int]
     left_out: int
+    joints_left_out: int = 0
     waiting_most: int
     intervals: tuple[IntervalRecord, ...]

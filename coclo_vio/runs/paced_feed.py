@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An estimator fed by another process at the pace of a recording's stamps, and the times that it takes.
 
-Where the estimator falls behind, images are left out before they reach it; every other measurement is pushed.
+Where the estimator falls behind, images are left out before they reach it, and joint samples where that does not
+suffice; every other measurement is pushed.
 """
 
 import gc
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from coclo_vio.fusion.child_process import ChildProcess
 from coclo_vio.fusion.combined_beside import CombinedBeside
-from coclo_vio.fusion.overload import ImageOverload
+from coclo_vio.fusion.overload import ImageOverload, JointOverload
 from coclo_vio.fusion.shared_images import SharedFrame, SharedImages
 from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.runs.latency import LatencyRecord
@@ -24,13 +25,15 @@ from coclo_vio.runs.play_times import PlayTimes
 from coclo_vio.runs.run_config import RunConfig
 from coclo_vio.values.calibration import StereoCalibration
 from coclo_vio.values.errors import DatasetError
-from coclo_vio.values.measurements import Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import JointSample, Measurement, StereoFrame, StereoTracks
 from coclo_vio.values.outputs import Estimate, Estimator, Output
 from coclo_vio.values.units import NS_PER_S
 
 MAX_LAG_S = 0.2
 """An image that has waited for longer when its turn comes is left out."""
 
+_FAR_BEHIND, _KEPT_PACE = 2.0, 0.5  # times that lag: joint samples are thinned from there, and no longer below
+_ONE_OF = (2, 4, 8)  # joint samples is used, the further behind the estimator is
 _SLOTS = 8  # images on their way from the source
 _MOST_WAITING = 4096  # measurements here; further ones wait in the source
 _LOOK_S = 0.5
@@ -163,12 +166,14 @@ class _Timed:
     def __init__(self, estimator: Estimator, times: PlayTimes, max_lag_ns: int) -> None:
         self._estimator, self._times, self._max_lag_ns = estimator, times, max_lag_ns
         self._overload = ImageOverload("the estimator does not keep pace with the measurements")
+        self._joint_overload = JointOverload("the estimator does not keep pace with the measurements")
+        self._joints_since_used: int | None = None  # while joint samples are thinned
 
     @property
     def counts(self) -> Mapping[str, int]:
         """What the estimator counted, and images left out before."""
-        left_out = self._times.left_out
-        return {**self._estimator.counts, **({"image_left_out": left_out} if left_out else {})}
+        left_out = {"image_left_out": self._times.left_out, "joints_left_out": self._times.joints_left_out}
+        return {**self._estimator.counts, **{name: count for name, count in left_out.items() if count}}
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -176,7 +181,7 @@ class _Timed:
         return self._estimator.span_ns if isinstance(self._estimator, Spanning) else None
 
     def push(self, measurement: Measurement) -> Sequence[Output]:
-        """Push a measurement, unless it is an image that is too late."""
+        """Push a measurement, unless it is an image that is too late, or a joint sample of too many."""
         began_ns, due_ns = time.monotonic_ns(), self._times.due_ns
         cpu_ns = time.thread_time_ns()
         outputs: list[Output] = []
@@ -185,12 +190,29 @@ class _Timed:
                 self._times.leave_out()
                 return self._overload.leave_out(measurement.stamp_ns)
             outputs += self._overload.take(measurement.stamp_ns)
+        elif isinstance(measurement, JointSample):
+            if self._is_thinned(began_ns - due_ns):
+                self._times.leave_out_joints()
+                return self._joint_overload.leave_out(measurement.stamp_ns)
+            outputs += self._joint_overload.take(measurement.stamp_ns)
         for output in self._estimator.push(measurement):
             if isinstance(output, Estimate):
                 self._times.estimate(output.name, output.state.stamp_ns)
             outputs.append(output)
         self._times.pushed(measurement, began_ns, time.thread_time_ns() - cpu_ns)
         return outputs
+
+    def _is_thinned(self, lag_ns: int) -> bool:
+        """Whether a joint sample is left out: one of two, or more of them the further behind the estimator is."""
+        if lag_ns < _KEPT_PACE * self._max_lag_ns:
+            self._joints_since_used = None
+        elif self._joints_since_used is None and lag_ns > _FAR_BEHIND * self._max_lag_ns:
+            self._joints_since_used = 0
+        if self._joints_since_used is None:
+            return False
+        one_of = next((each for each in _ONE_OF if lag_ns < each * _FAR_BEHIND * self._max_lag_ns), _ONE_OF[-1])
+        self._joints_since_used = (self._joints_since_used + 1) % one_of
+        return self._joints_since_used != 0
 
     def finish(self) -> Iterator[Output]:
         """What the estimator holds back."""

@@ -20,6 +20,7 @@ class PlayTimes:
     Attributes:
         due_ns: when the measurement that is pushed now was due, by the monotonic clock.
         left_out: images that did not reach the estimator.
+        joints_left_out: joint samples that did not.
     """
 
     def __init__(self, interval_s: float, rate: float, processes: Mapping[str, Callable[[], int | None]]) -> None:
@@ -40,7 +41,7 @@ class PlayTimes:
         self._settled_ns: int | None = None
         self._schedule: tuple[int, int] | None = None  # a stamp, and when it was due
         self.due_ns = 0
-        self.left_out = 0
+        self.left_out = self.joints_left_out = 0
         self._take_loads()
 
     def waiting(self, number: int) -> None:
@@ -50,6 +51,10 @@ class PlayTimes:
     def leave_out(self) -> None:
         """An image is left out."""
         self.left_out += 1
+
+    def leave_out_joints(self) -> None:
+        """A joint sample is left out."""
+        self.joints_left_out += 1
 
     def estimate(self, name: str, stamp_ns: int) -> None:
         """An estimate of this stamp comes out now."""
@@ -129,6 +134,7 @@ class PlayTimes:
             pushes_cpu={name: one.spread() for name, one in sorted(self._cpu.items())},
             measurements=dict(self._pushed),
             left_out=self.left_out,
+            joints_left_out=self.joints_left_out,
             waiting_most=max(self._most_of_all, self._most_waiting),
             intervals=tuple(self._intervals),
         )

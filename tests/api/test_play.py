@@ -62,15 +62,28 @@ def test_it_is_evaluated_like_a_run(played: tuple[cv.Play, Noting]) -> None:
     assert play.run.metrics()["combined_coclo"].ate_m < 0.05
 
 
-def test_where_the_estimator_is_behind_images_go_and_joints_stay(go1_walk: Path, tmp_path: Path) -> None:
+def test_where_the_estimator_is_behind_images_go_and_one_joint_sample_of_some_stays(
+    go1_walk: Path, tmp_path: Path
+) -> None:
     recording = cv.open(go1_walk, robot="go1", settings=["bridge.vision=in_turn"])
     feed = paced_feed(50.0, max_lag_s=0.01)
     play = cv.play(recording, "combined", rate=feed, folder=tmp_path / "out")
     assert play.latency.left_out > 5
-    assert play.run.record.estimators["combined_coclo"].counts["image_left_out"] == play.latency.left_out
-    assert [event.kind for event in play.run.events].count("images_left_out") == 1
+    run = play.run.record.estimators["combined_coclo"]
+    assert run.counts["image_left_out"] == play.latency.left_out
+    assert run.counts["joints_left_out"] == play.latency.joints_left_out > 5
+    kinds = [event.kind for event in play.run.events]
+    assert kinds.count("images_left_out") == kinds.count("joints_left_out") == 1
+    whole = cv.run(recording, "coclo").record.estimators["coclo"].estimates
+    assert run.estimates + play.latency.joints_left_out == pytest.approx(whole, abs=play.latency.joints_left_out / 10)
+
+
+def test_joint_samples_stay_where_only_images_are_behind(go1_walk: Path, tmp_path: Path) -> None:
+    recording = cv.open(go1_walk, robot="go1", settings=["bridge.vision=in_turn"])
+    play = cv.play(recording, "combined", rate=paced_feed(2.0, max_lag_s=10.0), folder=tmp_path / "out")
     whole = cv.run(recording, "coclo").record.estimators["coclo"].estimates
     assert play.run.record.estimators["combined_coclo"].estimates == whole
+    assert play.latency.joints_left_out == 0
 
 
 def test_a_rate_of_zero_is_refused(go1_walk: Path) -> None:
