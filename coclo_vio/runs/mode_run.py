@@ -71,6 +71,7 @@ class ModeRun:
             OSError: a file cannot be written.
         """
         self._ready, self._journal, self._observers, self._stop = ready, journal, observers, stop
+        self._spanning = ready.estimator if isinstance(ready.estimator, pipeline.Spanning) else None
         self._tally = pipeline.Tally()
         self._checkpoints = Checkpoints(journal.folder, ready.mode.name, ready.estimator)
         self._may_save = ready.checkpoint_s > 0.0
@@ -165,8 +166,7 @@ class ModeRun:
 
     def _never_stepped(self, stamp_ns: int) -> int:
         """A measurement's stamp, or where a clock stepped the newest that the estimator got, by one that never does."""
-        estimator = self._ready.estimator
-        span_ns = estimator.span_ns if isinstance(estimator, pipeline.Spanning) else None
+        span_ns = None if self._spanning is None else self._spanning.span_ns
         return stamp_ns if span_ns is None or abs(stamp_ns - span_ns[1]) <= NS_PER_S else span_ns[1]
 
     def _save(self) -> None:

@@ -141,11 +141,11 @@ def _received(source: ChildProcess, memory: SharedImages | None, times: PlayTime
                 if isinstance(message, Ended):
                     ended = message
                     break
-                measurement = message.measurement
-                if isinstance(measurement, SharedFrame):
-                    assert memory is not None, "the source writes where there is memory only"
-                    measurement = memory.read(measurement)
-                waiting.append((message.due_ns, measurement))
+                for measurement in message.measurements:
+                    if isinstance(measurement, SharedFrame):
+                        assert memory is not None, "the source writes where there is memory only"
+                        measurement = memory.read(measurement)  # noqa: PLW2901
+                    waiting.append((message.due_ns, measurement))
             if not waiting and ended is not None:
                 break
             if waiting:
@@ -165,6 +165,7 @@ class _Timed:
 
     def __init__(self, estimator: Estimator, times: PlayTimes, max_lag_ns: int) -> None:
         self._estimator, self._times, self._max_lag_ns = estimator, times, max_lag_ns
+        self._spanning = estimator if isinstance(estimator, Spanning) else None  # a protocol is slow to look up
         self._overload = ImageOverload("the estimator does not keep pace with the measurements")
         self._joint_overload = JointOverload("the estimator does not keep pace with the measurements")
         self._joints_since_used: int | None = None  # while joint samples are thinned
@@ -178,7 +179,7 @@ class _Timed:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """Earliest and latest stamp of the samples that the estimator used; None where it does not say."""
-        return self._estimator.span_ns if isinstance(self._estimator, Spanning) else None
+        return None if self._spanning is None else self._spanning.span_ns
 
     def push(self, measurement: Measurement) -> Sequence[Output]:
         """Push a measurement, unless it is an image that is too late, or a joint sample of too many."""

@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import groupby
 from multiprocessing.connection import Connection
+from operator import itemgetter
 from pathlib import Path
 
 from coclo_vio.datasets.dataset import open_dataset
@@ -45,10 +47,10 @@ class Pace:
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A measurement, and when it was due by the system's monotonic clock, in nanoseconds."""
+    """Measurements, and when they were due by the system's monotonic clock, in nanoseconds."""
 
     due_ns: int
-    measurement: Measurement | SharedFrame
+    measurements: tuple[Measurement | SharedFrame, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +77,8 @@ def serve_recording(
         played = limited(in_rounds(lambda: faults.measurements(dataset.measurements, sensors), pace), pace.seconds)
         with closing(read_ahead(played)) as ahead:
             connection.recv()  # the word to begin
-            for due_ns, measurement in paced(ahead, pace.rate):
-                connection.send(Due(due_ns, _shared(measurement, memory)))
+            for due_ns, measurements in paced(ahead, pace.rate):
+                connection.send(Due(due_ns, tuple(_shared(each, memory) for each in measurements)))
     except CocloError as error:
         connection.send(Ended(error))
         return
@@ -91,8 +93,18 @@ def _shared(measurement: Measurement, memory: SharedImages | None) -> Measuremen
     return memory.write(measurement)
 
 
-def paced(measurements: Iterator[Measurement], rate: float) -> Iterator[tuple[int, Measurement]]:
-    """Each measurement once it is due, and when that was by the monotonic clock, in nanoseconds.
+def paced(measurements: Iterator[Measurement], rate: float) -> Iterator[tuple[int, tuple[Measurement, ...]]]:
+    """The measurements of one time once they are due, and when that was by the monotonic clock, in nanoseconds."""
+    for due_ns, group in groupby(_scheduled(measurements, rate), itemgetter(0)):
+        due = tuple(measurement for _, measurement in group)
+        wait_ns = due_ns - time.monotonic_ns()
+        if wait_ns > 0:
+            time.sleep(wait_ns / NS_PER_S)
+        yield due_ns, due
+
+
+def _scheduled(measurements: Iterator[Measurement], rate: float) -> Iterator[tuple[int, Measurement]]:
+    """Each measurement, and when it is due by the monotonic clock, in nanoseconds.
 
     A stamp that is more than five seconds ahead does not hold up the others, and one in the past is due at once.
     """
@@ -105,9 +117,6 @@ def paced(measurements: Iterator[Measurement], rate: float) -> Iterator[tuple[in
         if abs(planned_ns - due_ns) > _LONGEST_WAIT_S * NS_PER_S:
             start_ns, begin_ns, planned_ns = measurement.stamp_ns, due_ns, due_ns
         due_ns = max(due_ns, planned_ns)
-        wait_ns = due_ns - time.monotonic_ns()
-        if wait_ns > 0:
-            time.sleep(wait_ns / NS_PER_S)
         yield due_ns, measurement
 
 
