@@ -32,7 +32,7 @@ class SlipConfig(StageConfig):
     ] = None
     interval_s: Annotated[
         float, Field(ge=0, le=0.02, description="joint samples that follow sooner are left out of the search, s")
-    ] = 0.004
+    ] = 0.01
     window_s: Annotated[float, Field(gt=0, le=0.5, description="mean velocities of feet are over this time, s")] = 0.05
     limit: Annotated[
         float, Field(gt=1, description="square of a foot's velocity over its variance from which it slips")
