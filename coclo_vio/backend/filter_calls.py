@@ -9,7 +9,7 @@ import numpy as np
 from coclo_vio.values.arrays import Array, BoolArray
 
 MOST_BYTES = 32 * 2**20
-"""Of the calls that are kept: 80 s of walking at 1 kHz, some 15 minutes at 100 Hz."""
+"""Of the calls that are kept: some two minutes of walking at 1 kHz, 20 minutes at 100 Hz."""
 _PREDICTION = 7  # numbers of one: dt_s, angular velocity, specific force
 
 

@@ -269,5 +269,5 @@ class FilterConfig(StageConfig):
     ] = 0.1
     max_frame_delay_s: Annotated[
         float, Field(ge=0, le=5, description="a camera frame that comes later after the joint samples is left out, s")
-    ] = 0.5
+    ] = 1.1
     force_timeout_s: Annotated[float, Field(gt=0, description="foot forces older than this count as missing, s")] = 0.1

@@ -53,6 +53,8 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
     Invariant: at most one frame is in process, and at most one waits.
     """
 
+    _holds_joints = False  # a frame of the past is as good
+
     def __init__(
         self,
         leg_filter: LegOdometryFilter,
@@ -156,7 +158,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
 
     def _compare(self, frame: InProcess, tracked: TrackedFrame, result: FrameResult) -> Iterator[Output]:
         if (yield from self._is_revised(tracked)):
-            self._waiting = None
+            self._waiting = self._frame_ns = None  # stamps of images may have been moved back
             return
         keyframe = result.keyframe
         if keyframe is not None:

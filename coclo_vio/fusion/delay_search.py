@@ -16,10 +16,12 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
 
 RANGE_S = 1.0  # of lags, to either side
+LEAST_LAG_S = 0.025
+"""A smaller delay is found by the calibration, which is linear in the delay."""
+
 _STEP_S = 0.01
 _LAGS_S = np.linspace(-RANGE_S, RANGE_S, 2 * round(RANGE_S / _STEP_S) + 1)
 _FEWEST, _MOST = 10, 40  # pairs of frames that are compared
-_LEAST_LAG_S = 0.025  # less is found by the calibration, which is linear in the delay
 _NEAR_S = 0.15  # lags about the best one that explain nearly as much
 _LEAST_RATE_RADPS = 0.005  # mean absolute rate, less than which shows nothing
 _SHARE_OF_NONE, _SHARE_OF_RATES, _SHARE_OF_OTHERS = 0.4, 0.4, 0.5  # that the differences at the best lag may be of
@@ -59,9 +61,9 @@ class DelaySearch:
                 self._visual.append(turn * NS_PER_S / (last_ns - first_ns))
                 self._lagged.append(rates)
                 has_more = True
-        return self._delay_s() if has_more and len(self._visual) >= _FEWEST else None
+        return self._best_lag_s() if has_more and len(self._visual) >= _FEWEST else None
 
-    def _delay_s(self) -> float | None:
+    def _best_lag_s(self) -> float | None:
         visual = np.array(self._visual)
         spread = _mean_size(visual - visual.mean(axis=0))
         if spread < _LEAST_RATE_RADPS:
@@ -72,7 +74,7 @@ class DelaySearch:
         delay_s, least = float(_LAGS_S[best]), by_lag[best]
         others = by_lag[np.abs(_LAGS_S - delay_s) > _NEAR_S].min()
         limits = _SHARE_OF_NONE * by_lag[len(_LAGS_S) // 2], _SHARE_OF_RATES * spread, _SHARE_OF_OTHERS * others
-        return delay_s if abs(delay_s) > _LEAST_LAG_S and least < min(limits) else None
+        return delay_s if abs(delay_s) > LEAST_LAG_S and least < min(limits) else None
 
 
 def _mean_size(vectors: Array) -> Array:

@@ -2,10 +2,10 @@
 """Watches a gyroscope that has been set aside, for the time at which it agrees with the cameras again."""
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
+from coclo_vio.fusion.rotation_findings import GyroscopeAgrees
 from coclo_vio.fusion.rotation_streams import GyroscopeRotation
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
@@ -13,19 +13,6 @@ from coclo_vio.values.units import NS_PER_S
 _COMPARED = 10  # intervals in a row
 _LEAST_RATE_RADPS = 0.01  # root mean square about its mean, less than which shows nothing
 _MOST_SHARE = 0.2  # of that, the differences: a mounting of 5 degrees is 0.09
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Returned:
-    """The gyroscope agrees with the cameras.
-
-    Attributes:
-        bias: its mean rate less that of the cameras, body axes, rad/s, (3,).
-        sigma: of each axis, rad/s.
-    """
-
-    bias: Array
-    sigma: float
 
 
 class GyroscopeReturn:
@@ -36,7 +23,7 @@ class GyroscopeReturn:
         self._gyroscope = gyroscope
         self._rates: deque[tuple[Array, Array]] = deque(maxlen=_COMPARED)  # by cameras, by gyroscope
 
-    def push(self, start_ns: int, end_ns: int, by_vision: Array) -> Returned | None:
+    def push(self, start_ns: int, end_ns: int, by_vision: Array) -> GyroscopeAgrees | None:
         """Take a rotation between two frames, body axes, rad, (3,); None while the two do not agree."""
         turned = self._gyroscope.between(start_ns, end_ns, np.zeros(3))
         if turned is None:
@@ -51,7 +38,7 @@ class GyroscopeReturn:
         moved, noise = _deviation(by_cameras), _deviation(off)
         if moved < _LEAST_RATE_RADPS or noise > _MOST_SHARE * moved:
             return None
-        return Returned(off.mean(axis=0), noise / np.sqrt(3.0 * _COMPARED))
+        return GyroscopeAgrees(off.mean(axis=0), noise / np.sqrt(3.0 * _COMPARED))
 
 
 def _deviation(rates: Array) -> float:

@@ -21,15 +21,17 @@ class ImageClock:
     they are stamped late the others wait for them. Nothing waits where the clocks agree.
     """
 
-    def __init__(self, offset_s: float, *, waits: bool) -> None:
+    def __init__(self, offset_s: float, *, waits: bool, holds_others: bool = True) -> None:
         """Take the offset of the clocks.
 
         Args:
             offset_s: stamp of a frame plus this is the IMU's clock, s.
             waits: whether there is anything that frames have to be in order with.
+            holds_others: whether other measurements wait for frames that are stamped late; otherwise these come with
+                stamps of the past.
         """
         self._offset_ns = round(offset_s * NS_PER_S)
-        self._has_others = waits
+        self._has_others, self._holds_others = waits, holds_others
         self._held: list[tuple[int, bool, int, Measurement]] = []
         self._numbers = count()
         self._now_ns: int | None = None
@@ -37,7 +39,7 @@ class ImageClock:
 
     @property
     def _waits(self) -> bool:
-        return self._has_others and self._offset_ns != 0
+        return self._has_others and (self._offset_ns > 0 or (self._offset_ns < 0 and self._holds_others))
 
     @property
     def _most_held(self) -> int:

@@ -95,6 +95,8 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
     Invariant: the filter remembers the window's last keyframe, and the frame that is being processed.
     """
 
+    _holds_joints = True  # for frames that are stamped late, so that outputs depend on stamps alone
+
     def __init__(
         self,
         leg_filter: LegOdometryFilter,
@@ -117,7 +119,7 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             reports_innovations: whether the innovation of each keyframe's evidence is an output.
         """
-        super().__init__(ImageClock(time_offset_s, waits=True))
+        super().__init__(ImageClock(time_offset_s, waits=True, holds_others=self._holds_joints))
         self.config = config or BridgeConfig()
         self._filter_name, self._smoother_name = names
         self._filter, self._frames = leg_filter, frames
@@ -273,6 +275,6 @@ def _gate_sentence(gate: GateResult, may_force: bool) -> str:
     squared, rows = gate.innovation_squared, gate.rows
     measured = f"the evidence of vision has a squared innovation of {squared:.0f} where {rows} is expected"
     if gate.outcome is GateOutcome.REJECTED:
-        against = "" if may_force else "; the gyroscope does not agree with vision either"
+        against = "" if may_force else "; it is not forced, as no other sensor has confirmed vision"
         return f"{measured}; it was rejected{against}"
     return f"{measured}, after rejections in a row; the filter's covariance was inflated and the evidence accepted"

@@ -29,7 +29,7 @@ class _Overload(ABC):
 
     def take(self, stamp_ns: int) -> tuple[Event, ...]:
         """A measurement of this stamp is processed; the event of an episode that is over."""
-        if not self._left_out or (stamp_ns - self._last_ns) / NS_PER_S < _OVER_AFTER_S:
+        if not self._left_out or abs(stamp_ns - self._last_ns) / NS_PER_S < _OVER_AFTER_S:
             return ()
         left_out, self._left_out = self._left_out, 0
         return (self._end(stamp_ns, left_out),)
@@ -62,7 +62,7 @@ class JointOverload(_Overload):
 
     def _beginning(self, stamp_ns: int) -> Event:
         detail = (
-            f"{self._reason}, without images too; joint samples are left out, one of two at first: set "
+            f"{self._reason}, even where images are left out; joint samples are left out, one of two at first: set "
             "online.joint_interval_s to the interval that this computer keeps pace with, such as 0.004"
         )
         return Event(stamp_ns, "joints_left_out", detail)

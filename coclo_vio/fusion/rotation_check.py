@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.fusion.delay_search import DelaySearch
+from coclo_vio.fusion.delay_search import LEAST_LAG_S, DelaySearch
 from coclo_vio.fusion.gyroscope_return import GyroscopeReturn
 from coclo_vio.fusion.rotation_calibration import BIAS, DELAY, MOUNTING, RotationCalibration, RotationPair
 from coclo_vio.fusion.rotation_findings import (
@@ -108,7 +108,7 @@ class RotationCheck:
 
     @property
     def is_for_vision(self) -> bool:
-        """Whether cameras and gyroscope agree in most of the latest turns, or another sensor agrees with vision.
+        """Whether cameras and gyroscope agree in at least half of the latest turns, or another sensor is for vision.
 
         Also where there is no gyroscope to compare with; not before there are some turns.
         """
@@ -163,31 +163,33 @@ class RotationCheck:
 
     def _delayed(self, start_ns: int, end_ns: int, pair: RotationPair) -> ImageDelay | None:
         """A delay of the images beyond what the calibration can find."""
-        delay_s = self._delays.push(start_ns, end_ns, pair.by_vision)
-        if delay_s is None:
+        behind_gyroscope_s = self._delays.push(start_ns, end_ns, pair.by_vision)
+        if behind_gyroscope_s is None or abs(behind_gyroscope_s + self.gyroscope_delay_s) < LEAST_LAG_S:
             return None
+        delay_s = behind_gyroscope_s + self.gyroscope_delay_s
         self.calibration = RotationCalibration()  # none of its pairs was of one time
+        self.calibration.remove_delay(self.gyroscope_delay_s)
         return self._delay(end_ns, delay_s, _SEARCH_SIGMA_S)
 
     def set_gyroscope_aside(self) -> None:
         """From now on compare the cameras with their own gyroscope, if there is one, and watch the body's."""
-        self._aside = GyroscopeReturn(self._body_gyroscope)
+        self._aside, self.gyroscope_delay_s = GyroscopeReturn(self._body_gyroscope), 0.0
         own = self._camera_gyroscope
         self._compare_with(GyroscopeRotation(np.eye(3)) if own is None else own)
 
     def _returned(self, start_ns: int, end_ns: int, T_start_end: Array) -> GyroscopeAgrees | None:
         """Whether a gyroscope that was set aside agrees with the cameras."""
         returned = None if self._aside is None else self._aside.push(start_ns, end_ns, so3.log(T_start_end[:3, :3]))
-        if returned is None:
-            return None
-        self._aside, self._reference = None, returned.bias
-        self._compare_with(self._body_gyroscope)
-        return GyroscopeAgrees(returned.bias, returned.sigma)
+        if returned is not None:
+            self._aside, self._reference = None, returned.bias
+            self._compare_with(self._body_gyroscope)
+        return returned
 
     def _compare_with(self, gyroscope: GyroscopeRotation) -> None:
         """Begin to compare the cameras with another gyroscope."""
         self._gyroscope, self._delays = gyroscope, DelaySearch(gyroscope)
         self.calibration = RotationCalibration()
+        self._witnesses = {name: Witness() for name in self._witnesses}  # they know the other gyroscope
         self._disagreements.clear()
         self._unexplained.clear()
         self._agreed.clear()

@@ -31,7 +31,7 @@ from coclo_vio.values.units import NS_PER_S
 _KEPT_S = 4.0
 _FAULTY_WITHIN_S = 10.0  # a second offset so soon is no bias: the gyroscope is set aside
 _MOUNTING_SIGMA_RAD = 0.02  # beyond that of the finding: the filter finds the rest
-_SNAPSHOTS = 8
+_SNAPSHOTS = 12  # as many as there can be intervals since the last accord
 _LEAST_BIAS_SIGMA_RADPS = 0.002
 
 
@@ -68,7 +68,7 @@ class RotationMonitor:
 
     @property
     def is_for_vision(self) -> bool:
-        """Whether another sensor than the legs agrees with vision, or there is none."""
+        """Whether cameras and gyroscope agree in at least half of the latest turns, or another sensor is for vision."""
         return self._check.is_for_vision
 
     def take(self, measurement: Measurement) -> bool:
@@ -120,7 +120,7 @@ class RotationMonitor:
     def _follow_delay(self) -> None:
         """The check gets the gyroscope's delay by the legs, and the filter gets that behind the images."""
         delay, known = self._filter.imu_delay, self._check.calibration
-        if delay is None:
+        if delay is None or self._is_imu_aside:
             return
         self._check.gyroscope_delay_s = delay.by_legs_s
         if known.pairs > 0:
@@ -146,7 +146,8 @@ class RotationMonitor:
         """Give the filter the new bias, and turn it by what it integrated wrongly since the offset began."""
         resumed, degrees = None, 0.0
         before = self._snapshots.get(found.start_ns)
-        if before is not None and found.end_ns > found.start_ns:
+        is_remembered = self._states[0].stamp_ns <= found.start_ns < found.end_ns
+        if before is not None and is_remembered:
             since = np.eye(4)
             since[:3, :3] = self._check.rotation_since(found.end_ns, latest.stamp_ns, found.bias)
             now = latest.nav.T_world_body
@@ -174,9 +175,8 @@ class RotationMonitor:
             )
             event = Event(stamp_ns, "imu_set_aside", detail)
         else:
-            detail = (
-                f"{measured}; the filter takes that over and is turned by {degrees:.1f} deg, and the window starts anew"
-            )
+            turned = "" if resumed is None else f" and is turned by {degrees:.1f} deg"
+            detail = f"{measured}; the filter takes that over{turned}, and the window starts anew"
             event = Event(stamp_ns, "gyroscope_offset", detail)
         return Revision(event, resumed_ns=None if resumed is None else found.start_ns, is_anew=True)
 
@@ -217,9 +217,11 @@ def _suspicion(stamp_ns: int, found: VisionSuspect) -> Event:
     if found.witness is None:
         detail = f"{differ}, and no other sensor tells which of them is wrong; nothing was changed"
         return Event(stamp_ns, "rotation_disagreement", detail)
-    detail = f"{differ}, and {_named(found.witness)} agree with the gyroscope; nothing was changed but by outlier gates"
+    detail = (
+        f"{differ}, and by {_named(found.witness)} the gyroscope is right; nothing was changed but by outlier gates"
+    )
     return Event(stamp_ns, "vision_suspect", detail)
 
 
 def _named(witness: str) -> str:
-    return {"legs": "legs", "camera_gyroscope": "the cameras' own gyroscope"}[witness]
+    return {"legs": "the legs", "camera_gyroscope": "the cameras' own gyroscope"}[witness]

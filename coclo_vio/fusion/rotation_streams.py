@@ -70,9 +70,15 @@ class GyroscopeRotation:
         return np.asarray(so3.log(rotation)), np.asarray(at[-1] - at[0])
 
     def mean_rates(self, starts_ns: IntArray, ends_ns: IntArray) -> Array | None:
-        """Mean rates over intervals, body axes, rad/s, (n, 3); None where readings do not reach over all of them."""
+        """Mean rates over intervals, body axes, rad/s, (n, 3); None where readings do not reach over all of them.
+
+        Nor do they where they pause for more than 0.1 s.
+        """
         stamps = np.array(self._stamps_ns, dtype=np.int64)
         if len(stamps) < 2 or stamps[0] > starts_ns.min() or stamps[-1] < ends_ns.max():
+            return None
+        first, last = np.searchsorted(stamps, starts_ns.min(), "right") - 1, np.searchsorted(stamps, ends_ns.max())
+        if np.diff(stamps[first : last + 1]).max(initial=0) > _LONGEST_GAP_S * NS_PER_S:
             return None
         times_s = (stamps - stamps[0]) / NS_PER_S
         rates = np.array(self._rates) @ self._rotation.T

@@ -21,7 +21,7 @@ from coclo_vio.online.stream_watch import StreamWatch
 from coclo_vio.online.world_anchor import checked_pose
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import CocloError
-from coclo_vio.values.measurements import JointSample, Measurement
+from coclo_vio.values.measurements import Measurement
 from coclo_vio.values.outputs import (
     ClockStepEvent,
     Estimator,
@@ -235,15 +235,15 @@ class GuardedEstimator:
     def _used(self, samples: Iterator[Accepted]) -> Iterator[Output]:
         for sample in samples:
             measurement, stamp_ns = sample.arrival.measurement, sample.stamp_ns
-            first_ns, last_ns = self._span_ns or (stamp_ns, stamp_ns)
-            self._span_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
             yield from self._watch.take(measurement, stamp_ns)
             if self._watch.is_stuck(measurement):
-                self._counted["constant_reading"] += 1
+                sample.arrival.stream.leave_out("constant")
                 continue
             if self._thinning.leaves_out(measurement, stamp_ns):
-                self._counted["joints_thinned"] += isinstance(measurement, JointSample)
+                sample.arrival.stream.leave_out("thinned")
                 continue
+            first_ns, last_ns = self._span_ns or (stamp_ns, stamp_ns)
+            self._span_ns = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
             if stamp_ns != measurement.stamp_ns:
                 measurement = replace(measurement, stamp_ns=stamp_ns)
             if self._prepare is not None:

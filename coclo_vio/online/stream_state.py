@@ -125,3 +125,8 @@ class StreamState:
             if len(self._periods_ns) >= _FEWEST_PERIODS:
                 self._period_ns = sorted(self._periods_ns)[len(self._periods_ns) // 2]
         self.used_ns = stamp_ns
+
+    def leave_out(self, reason: str) -> None:
+        """The last sample that was to go to the estimator does not: its stamp is right, its content is not wanted."""
+        self.used -= 1
+        self.refused[reason] += 1

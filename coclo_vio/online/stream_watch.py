@@ -53,7 +53,7 @@ class StreamWatch:
         self._looked_ns: int | None = None
 
     def take(self, measurement: Measurement, now_ns: int) -> Iterator[Event]:
-        """Take a sample; ``now_ns`` is the newest stamp by the clock of the estimator."""
+        """Take a sample; ``now_ns`` is its stamp by the clock of the estimator."""
         if not self._most_equal or not isinstance(measurement, InertialReading):
             return
         content = (measurement.angular_velocity.tobytes() + measurement.specific_force.tobytes()).hex()

@@ -173,7 +173,7 @@ class _Timed:
     @property
     def counts(self) -> Mapping[str, int]:
         """What the estimator counted, and images left out before."""
-        left_out = {"image_left_out": self._times.left_out, "joints_left_out": self._times.joints_left_out}
+        left_out = {"image_left_out": self._times.images_left_out, "joints_left_out": self._times.joints_left_out}
         return {**self._estimator.counts, **{name: count for name, count in left_out.items() if count}}
 
     @property

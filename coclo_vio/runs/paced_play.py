@@ -5,6 +5,7 @@ from pathlib import Path
 
 from coclo_vio.runs import run_folder
 from coclo_vio.runs.latency import LatencyRecord
+from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.runs.observers import Observers
 from coclo_vio.runs.paced_feed import MAX_LAG_S, PacedFeed
 from coclo_vio.runs.paced_source import Pace
@@ -49,7 +50,8 @@ def play_mode(
     if ending is not None and ending.existing is Existing.RESUME:
         raise ConfigError(f"the play in {folder} cannot be resumed, as time has gone on; play it anew with --overwrite")
     config = for_use_online(config)
-    warm_up(config)
+    if mode_of(mode).has_legs:
+        warm_up(config)
     record = run_modes(path, [mode], config, folder, observers=observers, ending=ending, feed=feed)
     latency = feed.record(mode, config)
     with run_folder.writing(folder):

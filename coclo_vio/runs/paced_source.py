@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, islice
 from multiprocessing.connection import Connection
 from operator import itemgetter
 from pathlib import Path
@@ -25,6 +25,7 @@ from coclo_vio.values.units import NS_PER_S
 
 _SOON_S = 0.3  # from the beginning to the first measurement
 _LONGEST_WAIT_S = 5.0  # a stamp further ahead is taken as a clock that was set
+_MOST_AT_ONCE = 6  # measurements in a message: fewer than images in the memory
 _FULL_FOR_S = 0.001  # how long to wait for a free slot at a time
 
 
@@ -78,29 +79,35 @@ def serve_recording(
         with closing(read_ahead(played)) as ahead:
             connection.recv()  # the word to begin
             for due_ns, measurements in paced(ahead, pace.rate):
-                connection.send(Due(due_ns, tuple(_shared(each, memory) for each in measurements)))
+                connection.send(Due(due_ns, tuple(_shared(each, memory, connection) for each in measurements)))
     except CocloError as error:
         connection.send(Ended(error))
         return
     connection.send(Ended())
 
 
-def _shared(measurement: Measurement, memory: SharedImages | None) -> Measurement | SharedFrame:
+def _shared(measurement: Measurement, memory: SharedImages | None, connection: Connection) -> Measurement | SharedFrame:
+    """The measurement, its images in the memory, once there is room.
+
+    Raises:
+        EOFError: the other side is gone.
+    """
     if memory is None or not isinstance(measurement, StereoFrame) or not memory.fits(measurement):
         return measurement
     while memory.is_full:
-        time.sleep(_FULL_FOR_S)
+        if connection.poll(_FULL_FOR_S):  # nothing is sent here any more: it is closed
+            raise EOFError
     return memory.write(measurement)
 
 
 def paced(measurements: Iterator[Measurement], rate: float) -> Iterator[tuple[int, tuple[Measurement, ...]]]:
-    """The measurements of one time once they are due, and when that was by the monotonic clock, in nanoseconds."""
+    """The measurements of one time once they are due, a few at once, and when that was by the monotonic clock, ns."""
     for due_ns, group in groupby(_scheduled(measurements, rate), itemgetter(0)):
-        due = tuple(measurement for _, measurement in group)
-        wait_ns = due_ns - time.monotonic_ns()
-        if wait_ns > 0:
-            time.sleep(wait_ns / NS_PER_S)
-        yield due_ns, due
+        while due := tuple(measurement for _, measurement in islice(group, _MOST_AT_ONCE)):
+            wait_ns = due_ns - time.monotonic_ns()
+            if wait_ns > 0:
+                time.sleep(wait_ns / NS_PER_S)
+            yield due_ns, due
 
 
 def _scheduled(measurements: Iterator[Measurement], rate: float) -> Iterator[tuple[int, Measurement]]:

@@ -19,7 +19,7 @@ class PlayTimes:
 
     Attributes:
         due_ns: when the measurement that is pushed now was due, by the monotonic clock.
-        left_out: images that did not reach the estimator.
+        images_left_out: images that did not reach the estimator.
         joints_left_out: joint samples that did not.
     """
 
@@ -41,7 +41,7 @@ class PlayTimes:
         self._settled_ns: int | None = None
         self._schedule: tuple[int, int] | None = None  # a stamp, and when it was due
         self.due_ns = 0
-        self.left_out = self.joints_left_out = 0
+        self.images_left_out = self.joints_left_out = 0
         self._take_loads()
 
     def waiting(self, number: int) -> None:
@@ -50,7 +50,7 @@ class PlayTimes:
 
     def leave_out(self) -> None:
         """An image is left out."""
-        self.left_out += 1
+        self.images_left_out += 1
 
     def leave_out_joints(self) -> None:
         """A joint sample is left out."""
@@ -97,14 +97,14 @@ class PlayTimes:
                 push_ms=self._spent_ns / self._number / 1e6,
                 latency_p95_ms={name: p95 for name, p95 in spreads.items() if p95 is not None},
                 waiting_most=self._most_waiting,
-                images_left_out=self.left_out - self._left_out_before,
+                images_left_out=self.images_left_out - self._left_out_before,
                 processes=self._take_loads(),
             )
         )
         self._most_of_all = max(self._most_of_all, self._most_waiting)
         self._of_interval.clear()
         self._number = self._spent_ns = self._most_waiting = 0
-        self._left_out_before, self._interval_began_ns = self.left_out, now_ns
+        self._left_out_before, self._interval_began_ns = self.images_left_out, now_ns
 
     def _take_loads(self) -> dict[str, LoadRecord]:
         """The load of each process since the last call; nothing of one that is new or gone."""
@@ -133,7 +133,7 @@ class PlayTimes:
             pushes={name: one.spread() for name, one in sorted(self._pushes.items())},
             pushes_cpu={name: one.spread() for name, one in sorted(self._cpu.items())},
             measurements=dict(self._pushed),
-            left_out=self.left_out,
+            left_out=self.images_left_out,
             joints_left_out=self.joints_left_out,
             waiting_most=max(self._most_of_all, self._most_waiting),
             intervals=tuple(self._intervals),

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Kernels loaded before the first message comes: the first samples would wait for them, seconds in a fresh install."""
 
-from collections import deque
 from contextlib import suppress
 
 import numpy as np
@@ -21,7 +20,7 @@ _STEP_NS = NS_PER_S // 100
 
 
 def warm_up(config: RunConfig) -> None:
-    """Run leg odometry on a robot at rest for half a second, and forget it; nothing without a robot."""
+    """Run leg odometry on a robot at rest for 0.6 s, and forget it; nothing without a robot."""
     robot = config.robot
     if robot is None:
         return
@@ -29,7 +28,7 @@ def warm_up(config: RunConfig) -> None:
         equipment = Equipment(RobotModel(robot), robot.imu, None, None, LEG_SENSORS, "a robot at rest")
         estimator = guarded(mode_of("coclo"), equipment, config)
         for sample in _at_rest(robot):
-            deque(estimator.push(sample), maxlen=0)
+            estimator.push(sample)
 
 
 def _at_rest(robot: RobotDescription) -> "list[ImuSample | FootForceSample | JointSample]":

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from coclo_vio.fusion.gyroscope_return import GyroscopeReturn, Returned
+from coclo_vio.fusion.gyroscope_return import GyroscopeReturn
+from coclo_vio.fusion.rotation_findings import GyroscopeAgrees
 from coclo_vio.fusion.rotation_streams import GyroscopeRotation
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import NS_PER_S
@@ -12,7 +13,7 @@ from coclo_vio.values.units import NS_PER_S
 BIAS = np.array([0.02, -0.01, 0.03])
 
 
-def returned(scale: Array, *, amplitude: float = 0.2) -> Returned | None:
+def returned(scale: Array, *, amplitude: float = 0.2) -> GyroscopeAgrees | None:
     """What 20 intervals of half a second lead to, with a gyroscope whose axes are multiplied by ``scale``."""
     gyroscope = GyroscopeRotation(np.eye(3))
     watch = GyroscopeReturn(gyroscope)

@@ -57,6 +57,12 @@ def test_a_frame_waits_until_the_imu_has_come_as_far() -> None:
     assert [(type(one), one.stamp_ns // MS) for one in after] == [(StereoTracks, 112), (CameraImuSample, 115)]
 
 
+def test_others_need_not_wait_for_frames_that_are_stamped_late() -> None:
+    clock = ImageClock(-0.2, waits=True, holds_others=False)
+    out = [each.stamp_ns / MS for sample in (reading(1005), tracks(1010), reading(1015)) for each in clock.push(sample)]
+    assert out == [1005.0, 810.0, 1015.0]
+
+
 def test_where_nothing_else_is_used_nothing_waits() -> None:
     clock = ImageClock(0.5, waits=False)
     assert [one.stamp_ns for one in clock.push(tracks(100))] == [600 * MS]

@@ -30,4 +30,8 @@ def test_joints_and_foot_forces_are_thinned_to_the_interval_and_imus_are_not(int
     }
     assert used[JointSample] == used[FootForceSample] == stamps[::one_of]
     assert used[ImuSample] == stamps
-    assert guard.counts.get("joints_thinned", 0) == len(stamps) - len(stamps[::one_of])
+    left_out = len(stamps) - len(stamps[::one_of])
+    for name in ("joints", "foot_force"):
+        assert guard.counts.get(f"{name}_thinned", 0) == left_out
+    status = next(each for each in guard.status.streams if each.name == "joints")
+    assert (status.arrived, status.used) == (len(stamps), len(stamps) - left_out)

@@ -107,5 +107,5 @@ def test_readings_of_an_imu_that_is_stuck_do_not_reach_the_estimator() -> None:
     for row in rows:
         guard.push(row)
     guard.finish()
-    count = guard.counts["constant_reading"]
+    count = guard.counts["imu_constant"]
     assert 190 <= count <= 196, "of 200, those after the sixth"

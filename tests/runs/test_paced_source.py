@@ -49,3 +49,9 @@ def test_a_stamp_far_ahead_or_in_the_past_holds_nothing_up() -> None:
     due = [due_ns for due_ns, _ in paced(iter(samples(0, 3_600_000, 20, 40)), 1.0)]
     assert time.monotonic() - begin_s < 3.0
     assert due == sorted(due)
+
+
+def test_what_is_due_at_one_time_comes_in_small_parts() -> None:
+    """More images than the memory has room for may be due at once, as after a clock that was set back."""
+    due = [part for _, part in paced(iter(samples(*[0] * 20)), 1.0)]
+    assert [len(part) for part in due] == [6, 6, 6, 2]

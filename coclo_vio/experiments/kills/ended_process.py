@@ -68,7 +68,7 @@ class EndedProcess:
         if self._process.poll() is not None:
             return None
         self._process.send_signal(sent)
-        return self.status()
+        return self.status() or None  # status 0: it came to its end just before
 
     def status(self) -> int:
         """Wait for its end; its status."""
