@@ -100,6 +100,7 @@ def test_one_view_shows_one_recording(leg_log: Path) -> None:
         cv.compare([leg_log, leg_log], ["coclo"], view=Kept())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vision", ["in_turn", "beside"])
 def test_the_window_is_among_the_outputs_where_pictures_are(vision: str, short_recording: Path, tmp_path: Path) -> None:
     view = Kept()

@@ -63,6 +63,7 @@ def same(first: object, second: object) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_a_bag_and_a_folder_of_one_seed_hold_the_same_samples(recorded) -> None:
     (bag_path, trial), (folder_path, _) = recorded("walk.bag"), recorded("walk_folder")
     bag, folder = open_dataset(bag_path, DAISY), open_dataset(folder_path, DAISY)

@@ -109,6 +109,7 @@ def test_a_mode_that_lacks_a_sensor_fails_with_its_message(made: Made) -> None:
     assert "images" in record.failure or "cameras" in record.failure
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_takes_its_processes_with_it_and_goes_on(made: Made, tmp_path: Path) -> None:
     table = made(seeds=2)
     plan = tmp_path / "work.pickle"
@@ -160,6 +161,7 @@ def test_a_process_that_is_killed_is_replaced_and_finished_jobs_are_not_done_aga
     assert sum(step == WorkProgress("done", "flat_1_naive") for step in steps) == 1
 
 
+@pytest.mark.slow
 def test_processes_that_die_again_and_again_are_an_error_with_the_next_step(made: Made) -> None:
     table = made()
     (unit,) = work_of(table)
