@@ -2,10 +2,12 @@
 """Rotations by cameras, gyroscope and feet compared on an analytic walk: silent where all is well, else it is named."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rotating_walk import (
+    in_order,
     stream,
     trial,
     turned_rig,
@@ -33,9 +35,12 @@ from coclo_vio.values.units import NS_PER_S
 IMU_ROTATION = DAISY.description.imu.T_body_imu[:3, :3]
 
 
-def findings(measurements: Iterable[Measurement], turn: Array, *, has_legs: bool = True) -> list[tuple[float, Finding]]:
+def findings(
+    measurements: Iterable[Measurement], turn: Array, *, has_legs: bool = True, gyroscope_delay_s: float = 0.0
+) -> list[tuple[float, Finding]]:
     """What is found, with its time in seconds; a filter follows what is found of the gyroscope."""
     check = RotationCheck(turned_rig(turn), IMU_ROTATION)
+    check.gyroscope_delay_s = gyroscope_delay_s
     sensing = LegSensing(DAISY, DAISY.description.contact, StandstillConfig(), force_timeout_s=0.1)
     bias = IMU_ROTATION @ trial().gyroscope_bias[0]
     found: list[tuple[float, Finding]] = []
@@ -77,6 +82,16 @@ def test_late_images_are_found() -> None:
     ((_, finding),) = findings(with_late_images(stream(), 0.03), np.zeros(3))[:1]
     assert isinstance(finding, ImageDelay)
     assert finding.delay_s == pytest.approx(0.03, abs=0.005)
+
+
+def test_a_delay_of_the_gyroscope_that_the_legs_know_is_none_of_the_images() -> None:
+    late = in_order(
+        replace(one, stamp_ns=one.stamp_ns + 30_000_000) if isinstance(one, ImuSample) else one for one in stream()
+    )
+    assert findings(late, np.zeros(3), gyroscope_delay_s=0.03) == []
+    ((_, finding),) = findings(late, np.zeros(3))[:1]
+    assert isinstance(finding, ImageDelay)
+    assert finding.delay_s == pytest.approx(-0.03, abs=0.011), "without the legs"
 
 
 @pytest.mark.parametrize("offset", [(0.05, 0.05, 0.05), (0.0, 0.0, -0.08), (0.0, 0.04, 0.0)])
