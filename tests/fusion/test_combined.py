@@ -133,7 +133,7 @@ def test_frames_before_the_filter_has_started_are_counted() -> None:
 
 def test_a_frame_that_comes_long_after_its_stamp_is_left_out_and_counted() -> None:
     """The filter does not remember its motion so far back; the estimates are those without the frame."""
-    rest = without(between(stream(), 0.0, 1.2), StereoTracks, 0.5, 1.2)
+    rest = without(between(stream(), 0.0, 2.2), StereoTracks, 0.5, 2.2)
     late = next(one for one in between(stream(), 0.5, 0.8) if isinstance(one, StereoTracks))
     odometry, without_it = combined(), combined()
     outputs = outputs_of(odometry, [*rest, late])
