@@ -69,13 +69,21 @@ def counts_sentence(record: FaultsRecord) -> str:
     faults = len({(row.robot, row.case) for row in rows})
     seeds = ", ".join(f"{robot} seed {' and '.join(map(str, found))}" for robot, found in record.seeds.items())
     halves = [row for row in rows if row.mode == "combined" and row.has_healthy_half]
+    of_halves = (
+        f"Of {len(halves)} trajectories of `combined` with a healthy half {sum(row.is_worse for row in halves)} are "
+        f"worse than they may be, and {sum(row.is_unexplained for row in halves)} have an ANEES above 4 without an "
+        "event."
+    )
+    if not halves:
+        of_halves = (
+            "Which half is healthy, and whether `combined` is worse than it may be, is not known without `coclo` and "
+            "`vins` on the same recording without a fault: run --only nominal --modes coclo,vins."
+        )
     return (
         f"{record.finished} of {record.planned} jobs are finished ({seeds}): {len(rows)} trajectories with "
         f"{faults} faults, of which {sum(row.is_silent for row in rows)} are wrong and silent and "
         f"{sum(bool(row.failures) for row in rows)} stopped early; {len(record.not_run)} jobs ended in an exception. "
-        f"Of {len(halves)} trajectories of `combined` with a healthy half {sum(row.is_worse for row in halves)} are "
-        f"worse than they may be, and {sum(row.is_unexplained for row in halves)} have an ANEES above 4 without an "
-        "event."
+        + of_halves
     )
 
 

@@ -20,7 +20,7 @@ from coclo_vio.experiments.faults.fault_record import (
 )
 from coclo_vio.experiments.faults.fault_recording import ROBOTS, FaultRecording
 from coclo_vio.experiments.faults.fault_summary import rows_of
-from coclo_vio.experiments.faults.fault_text import amiss_lines, event_rows, figure_rows
+from coclo_vio.experiments.faults.fault_text import amiss_lines, counts_sentence, event_rows, figure_rows
 from coclo_vio.experiments.results.provenance import Provenance
 from coclo_vio.robot.description import load_robot
 from coclo_vio.runs.faults import Faults
@@ -156,6 +156,15 @@ def record_of(records: list[FaultJobRecord]) -> FaultsRecord:
         finished=1,
         planned=2,
     )
+
+
+def test_where_legs_and_cameras_alone_are_missing_nothing_is_said_of_healthy_halves() -> None:
+    of_fault = job("blackout 4 s", "combined", trajectory(9.0))
+    assert "1 are worse than they may be" in counts_sentence(record_of([*nominal(), of_fault]))
+    alone = [each for each in nominal() if each.mode == "combined"]
+    sentence = counts_sentence(record_of([*alone, of_fault]))
+    assert "is not known without `coclo` and `vins`" in sentence
+    assert "worse than they may be, and" not in sentence
 
 
 def test_the_tables_show_figures_events_and_what_is_amiss() -> None:
