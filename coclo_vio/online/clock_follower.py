@@ -2,7 +2,8 @@
 """Brings the stamps of all streams to one clock that never steps: refuses outliers, follows clocks that stepped.
 
 The clock of the estimator begins as that of the samples. A stamp that is too far ahead of the newest one or too far
-behind, or not newer than what its stream has given already, is in doubt. A sample in doubt waits: where the next of its
+behind, or not newer than what its stream has given already, is in doubt, and so is an image that is suddenly further
+ahead of other streams than those before it. A sample in doubt waits: where the next of its
 stream is as expected, it was an outlier and is refused; where several in a row agree, the clock has stepped. If other
 streams have gone on meanwhile it is the clock of that stream, otherwise the clock of all.
 """
@@ -23,6 +24,7 @@ _SMALL_STEP_NS = 200_000_000  # a clock that went back by little is recognised b
 _AGREE_NS = NS_PER_S // 2  # samples in doubt follow one another within this
 _MOST_DOUBTS = 5  # times the samples in a row that make a step: then it is decided without the other streams
 _ACTIVE_NS = NS_PER_S  # a stream that gave nothing for longer does not count
+_SAME_LAG_NS = 50_000_000  # images whose clock has stepped are ahead of the other streams by the same, to this
 _BEHIND = ("late", "repeated")
 
 
@@ -46,7 +48,7 @@ class Refused:
     Attributes:
         stream: its name.
         reason: ``not_integer``, ``negative``, ``overflow``, ``unknown_kind``, ``repeated``, ``future``, ``past``,
-            ``late``.
+            ``late``, ``ahead``.
         stamp: as it came.
         limit: what it should be.
     """
@@ -127,6 +129,7 @@ class ClockFollower:
         reason = self._doubt(stream, raw_ns + stream.shift_ns, now_ns)
         stream.is_last_normal = reason is None
         if reason is None:
+            yield from self._settle_images(stream, raw_ns)
             yield from self._refuse(stream, len(stream.doubts))
             yield self._accept(arrival)
         else:
@@ -135,6 +138,7 @@ class ClockFollower:
     def finish(self) -> Iterator[Decision]:
         """Decide on what is still in doubt: nothing comes any more."""
         for stream in self.streams.values():
+            yield from self._settle_images(stream, _LARGEST_NS)
             yield from self._refuse(stream, len(stream.doubts))
 
     def _expected_now(self, arrival_ns: int | None, raw_ns: int) -> int:
@@ -157,7 +161,21 @@ class ClockFollower:
             return "repeated"
         if stream.used_ns is not None and stamp_ns <= stream.used_ns:
             return "late"
+        if self._is_beside(stream) and not stream.is_apart and stream.is_suddenly_ahead(stamp_ns - now_ns):
+            return "ahead"
         return None
+
+    def _settle_images(self, stream: StreamState, before_ns: int) -> Iterator[Accepted]:
+        """Images that were ahead of other streams only because these were held back are as they should be."""
+        first = next(iter(stream.doubts), None)
+        if first is None or self._doubt(stream, first.raw_ns + stream.shift_ns, first.now_ns) != "ahead":
+            return
+        doubts, stream.doubts = stream.doubts, []
+        for arrival in doubts:
+            if arrival.raw_ns < before_ns:
+                yield self._accept(arrival)
+            else:
+                stream.doubts.append(arrival)
 
     def _was_held_back(self, stream: StreamState, stamp_ns: int) -> bool:
         """Whether a sample that came late goes on where its stream and all others ended: the network had stopped."""
@@ -197,6 +215,8 @@ class ClockFollower:
             return f"at least {by_driver - self._past_ns} ns (online.past_s = {self._config.past_s:g})"
         if reason == "repeated":
             return "a stamp that has not come before"
+        if reason == "ahead":
+            return f"about {by_driver + stream.lag_ns} ns, as far from other streams as those before it"
         used_ns = (stream.used_ns or 0) - stream.shift_ns
         return f"later than {used_ns} ns, the last one used (raise online.latency.{stream.name}_s)"
 
@@ -204,6 +224,7 @@ class ClockFollower:
         stream = arrival.stream
         doubts = stream.doubts
         if doubts and not self._agrees(doubts[-1], arrival, reason):
+            yield from self._settle_images(stream, arrival.raw_ns)
             yield from self._refuse(stream, len(doubts))
         stream.doubts.append(arrival)
         if self._is_decided(stream, reason):
@@ -212,6 +233,8 @@ class ClockFollower:
     def _agrees(self, before: Arrival, arrival: Arrival, reason: str) -> bool:
         """Whether a sample in doubt may be of the same new clock as the one before it."""
         step_ns = arrival.raw_ns - before.raw_ns
+        if reason == "ahead":
+            return step_ns > 0 and abs(step_ns - arrival.now_ns + before.now_ns) < _SAME_LAG_NS
         if reason in _BEHIND:
             period_ns = arrival.stream.period_ns or _AGREE_NS
             return 0 < step_ns <= 3 * period_ns

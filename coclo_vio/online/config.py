@@ -55,6 +55,13 @@ class OnlineConfig(StageConfig):
             "as it ever did before, is reported and left out until it changes; 0: never",
         ),
     ] = 25
+    leaves_out_saturated: Annotated[
+        bool,
+        Field(
+            description="readings of a gyroscope at its limit, which is found where an axis stays the same to the bit "
+            "while the others change, are reported and left out"
+        ),
+    ] = True
     joint_interval_s: Annotated[
         float,
         Field(

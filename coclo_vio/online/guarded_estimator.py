@@ -16,6 +16,7 @@ from coclo_vio.online.config import OnlineConfig
 from coclo_vio.online.fault_episodes import FaultEpisodes
 from coclo_vio.online.joint_thinning import JointThinning
 from coclo_vio.online.output_frame import OutputFrame
+from coclo_vio.online.reading_watch import ReadingWatch
 from coclo_vio.online.reorder_buffer import ReorderBuffer
 from coclo_vio.online.stream_watch import StreamWatch
 from coclo_vio.online.world_anchor import checked_pose
@@ -58,7 +59,7 @@ class GuardedEstimator:
         self._config = config or OnlineConfig()
         self._follower = ClockFollower(self._config)
         self._buffer = ReorderBuffer(self._config.latency, self._follower.streams)
-        self._watch = StreamWatch(self._config)
+        self._watch, self._readings = StreamWatch(self._config), ReadingWatch(self._config)
         self._thinning = JointThinning(self._config.joint_interval_s)
         self._faults, self._frame = FaultEpisodes(), OutputFrame(is_levelled=is_levelled)
         self._counted: Counter[str] = Counter()
@@ -235,9 +236,9 @@ class GuardedEstimator:
     def _used(self, samples: Iterator[Accepted]) -> Iterator[Output]:
         for sample in samples:
             measurement, stamp_ns = sample.arrival.measurement, sample.stamp_ns
-            yield from self._watch.take(measurement, stamp_ns)
-            if self._watch.is_stuck(measurement):
-                sample.arrival.stream.leave_out("constant")
+            yield from self._readings.take(measurement, stamp_ns)
+            if self._readings.amiss is not None:
+                sample.arrival.stream.leave_out(self._readings.amiss)
                 continue
             if self._thinning.leaves_out(measurement, stamp_ns):
                 sample.arrival.stream.leave_out("thinned")

@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 from coclo_vio.datasets.read_report import STREAM_NAMES
 from coclo_vio.values.measurements import IMAGE_SENSORS, Measurement
 from coclo_vio.values.outputs import StreamStatus
+from coclo_vio.values.units import NS_PER_S
 
 _PERIODS = 15  # from whose median the period is known
 _FEWEST_PERIODS = 4
+_LEAST_AHEAD_NS = NS_PER_S // 10  # a stream is not suddenly ahead of the others by less
+_TIMES_SPREAD = 3  # nor by less than so many times what its lags have differed by
 _RECENT = 1024  # stamps that are remembered, so that a repeated one is found
 
 
@@ -97,6 +100,13 @@ class StreamState:
     def lag_ns(self) -> int:
         """How far ahead of all streams its stamps usually are, median; 0 while unknown."""
         return sorted(self.lags_ns)[len(self.lags_ns) // 2] if self.lags_ns else 0
+
+    def is_suddenly_ahead(self, lag_ns: int) -> bool:
+        """Whether a sample is further ahead of all streams than those before it; False while these are few."""
+        if len(self.lags_ns) < _FEWEST_PERIODS:
+            return False
+        spread_ns = max(self.lags_ns) - min(self.lags_ns)
+        return lag_ns - self.lag_ns > max(_LEAST_AHEAD_NS, _TIMES_SPREAD * spread_ns)
 
     @property
     def status(self) -> StreamStatus:

@@ -49,22 +49,22 @@ def _interval(time_s: float, push_ms: float) -> IntervalRecord:
     )
 
 
-def test_drift_of_a_round_is_seen_from_its_own_beginning() -> None:
-    """Two rounds of one metre forward; the second begins where the first ended, turned, and ends 0.1 m short."""
+def test_drift_of_a_round_is_seen_from_one_second_after_its_beginning() -> None:
+    """Two rounds of one metre forward; the second begins turned, with a short jump, and ends 0.1 m short."""
     second = 1_000_000_000
-    truth = _line([0, second], [(0.0, 0.0), (1.0, 0.0)])
+    truth = _line([0, second, 3 * second], [(0.0, 0.0), (0.0, 0.0), (1.0, 0.0)])
     estimate = _line(
-        [0, second, 2 * second, 3 * second],
-        [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 0.9)],
-        yaws=(0.0, 0.0, 90.0, 93.0),
+        [number * second for number in (0, 1, 3, 4, 5, 7)],
+        [(0.0, 0.0), (0.0, 0.0), (1.0, 0.0), (1.4, 0.0), (1.0, 0.0), (1.0, 0.9)],
+        yaws=(0.0, 0.0, 0.0, 70.0, 90.0, 93.0),
     )
-    first, other = rounds_of("coclo", estimate, truth, 2 * second)
+    first, other = rounds_of("coclo", estimate, truth, 4 * second)
     assert (first.drift_m, first.yaw_deg) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert (other.number, other.drift_m, other.drift_percent, other.yaw_deg) == pytest.approx((1, 0.1, 10.0, 3.0))
 
 
 def _line(
-    stamps_ns: list[int], places: list[tuple[float, float]], yaws: tuple[float, ...] = (0.0, 0.0)
+    stamps_ns: list[int], places: list[tuple[float, float]], yaws: tuple[float, ...] = (0.0, 0.0, 0.0)
 ) -> cv.Trajectory:
     poses = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
     poses[:, :2, 3] = places

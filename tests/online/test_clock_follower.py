@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from coclo_vio.datasets.sequencer import sort_measurements
 from coclo_vio.online.guarded_estimator import GuardedEstimator
-from coclo_vio.values.measurements import ImuSample, JointSample, Measurement
+from coclo_vio.values.measurements import ImuSample, JointSample, Measurement, StereoTracks
 from coclo_vio.values.outputs import Estimate, Event, Output, StreamStatus
 
 T0 = 1_700_000_000 * S
@@ -144,6 +144,46 @@ def test_a_step_of_one_clock_is_undone(kind: type, step_s: float) -> None:
     assert f"the clock of {'imu' if kind is ImuSample else 'joints'} stepped" in event.detail
     stamps = [output.state.stamp_ns for output in outputs if isinstance(output, Estimate)]
     assert stamps == [T0 + number * 5 * MS for number in range(800)], "the other streams' clock goes on"
+
+
+@pytest.mark.parametrize("step_s", [0.15, 0.3, 0.9])
+def test_a_camera_clock_that_steps_ahead_by_less_than_what_is_impossible_is_followed(step_s: float) -> None:
+    samples = three_streams(8.0)
+    guard, outputs = run(moved_from(samples, T0 + 4 * S, round(step_s * S), (StereoTracks,)))
+    (event,) = events(outputs)
+    assert event.kind == "clock_step"
+    assert "the clock of stereo_tracks stepped forward by" in event.detail
+    assert of(guard, "stereo_tracks").used == of(guard, "stereo_tracks").arrived
+    stamps = np.array([stamp_ns for kind, stamp_ns in got(guard) if kind is StereoTracks])
+    own = np.array([each.stamp_ns for each in samples if isinstance(each, StereoTracks)])
+    assert np.abs(stamps - own).max() <= 6 * MS, "to a period of the other streams"
+
+
+@pytest.mark.parametrize("stall_s", [0.25, 0.45, 0.9])
+def test_images_are_not_ahead_where_the_other_streams_are_held_back(stall_s: float) -> None:
+    samples, begin_ns, end_ns = three_streams(8.0), 4 * S, round((4.0 + stall_s) * S)
+    times = [each.stamp_ns - T0 for each in samples]
+    is_held = [
+        begin_ns < time_ns < end_ns and not isinstance(each, StereoTracks)
+        for each, time_ns in zip(samples, times, strict=True)
+    ]
+    order = sorted(range(len(samples)), key=lambda i: end_ns if is_held[i] else times[i])
+    guard, outputs = run([samples[i] for i in order])
+    assert not events(outputs)
+    assert all(stream.used == stream.arrived for stream in guard.status.streams)
+    stamps = [stamp_ns for kind, stamp_ns in got(guard) if kind is StereoTracks]
+    assert stamps == [each.stamp_ns for each in samples if isinstance(each, StereoTracks)]
+
+
+def test_a_single_image_that_is_ahead_is_refused_by_name() -> None:
+    samples = three_streams(8.0)
+    frames = [i for i, each in enumerate(samples) if isinstance(each, StereoTracks)]
+    samples[frames[40]] = moved(samples[frames[40]], 500 * MS)
+    guard, outputs = run(samples)
+    (event,) = events(outputs)
+    assert event.kind == "stamp_refused"
+    assert "(ahead)" in event.detail
+    assert dict(of(guard, "stereo_tracks").refused) == {"ahead": 1}
 
 
 def test_a_clock_that_steps_there_and_back_is_followed_twice() -> None:

@@ -17,6 +17,7 @@ from coclo_vio.values.units import NS_PER_S
 FLAT_WITHIN_PERCENT = 5.0
 _FEWEST_INTERVALS = 10
 _MOST_MISSING_S = 1.0  # of a round's end
+_SETTLING_S = 1.0  # images that jump back to the start are a motion that no robot makes: a round counts from here on
 _LEAST_PATH_M = 0.1
 _EARLY, _LATE = (0.1, 0.4), (0.7, 1.0)  # shares of the time that are compared; the first tenth is the start
 
@@ -28,13 +29,13 @@ class _Part(BaseModel):
 
 
 class RoundRecord(_Part):
-    """One round of the recording, for one trajectory: where it ends, seen from where it began.
+    """One round of the recording, for one trajectory: where it ends, seen from where it was a second after it began.
 
     Attributes:
         trajectory: its name.
         number: of the round, from 0.
         time_s: of its end, by stamps since the first measurement.
-        drift_m: distance of the estimated end from the true one, both seen from the pose at the round's beginning.
+        drift_m: distance of the estimated end from the true one, both seen from that pose.
         drift_percent: the same by the path of the round.
         yaw_deg: error of the heading's change, left positive.
     """
@@ -134,7 +135,7 @@ def _cpu_ms_per_sample(interval: IntervalRecord) -> float | None:
 
 
 def rounds_of(name: str, estimate: Trajectory, truth: Trajectory, period_ns: int) -> Iterator[RoundRecord]:
-    """Each whole round of a trajectory against the truth of the first round.
+    """Each whole round of a trajectory against the truth of the first round, from a second after its beginning on.
 
     Args:
         name: of the trajectory.
@@ -145,7 +146,8 @@ def rounds_of(name: str, estimate: Trajectory, truth: Trajectory, period_ns: int
     first_ns = int(estimate.stamps_ns[0])
     for number in range(1 + (int(estimate.stamps_ns[-1]) - first_ns) // period_ns):
         shift_ns = number * period_ns
-        begin_ns, end_ns = (int(stamp_ns) + shift_ns for stamp_ns in (truth.stamps_ns[0], truth.stamps_ns[-1]))
+        begin_ns, end_ns = (int(stamp_ns) + shift_ns for stamp_ns in truth.stamps_ns[[0, -1]])
+        begin_ns += round(_SETTLING_S * NS_PER_S)
         part = estimate.between(begin_ns, end_ns)
         if len(part) < 2 or end_ns - int(part.stamps_ns[-1]) > _MOST_MISSING_S * NS_PER_S:
             continue  # cut short by the end of the time
