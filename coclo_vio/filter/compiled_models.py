@@ -39,7 +39,7 @@ class CompiledModels:
     ) -> None:
         self._config = config = sensing.config
         self._is_conditional = sensing.takes_slip_for_known
-        self.imu_delay_s = 0.0
+        self.imu_delay_s, self.acceleration_density = 0.0, float(config.acceleration_density)
         self._encoder_noise_rad = float(encoder_noise_rad)
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
         self._sensing = SensingConstants(
@@ -55,7 +55,6 @@ class CompiledModels:
             radii_m,
             hips_body,
             float(config.angular_acceleration_density),
-            float(config.acceleration_density),
             float(config.foothold_creep),
             layout.walks,
             layout.walking,
@@ -80,6 +79,7 @@ class CompiledModels:
             foot_noise,
             self._process,
             (dt_s, self.imu_delay_s),
+            self.acceleration_density,
             core.spread(layout.curved_in_process).width_squared,
         )
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)

@@ -50,8 +50,26 @@ class RobustConfig(StageConfig):
         float, Field(gt=0, description="white angular acceleration of the body, rad/s^2/sqrt(Hz)")
     ] = 3.0
     acceleration_density: Annotated[
-        float, Field(gt=0, description="white acceleration of the body, m/s^2/sqrt(Hz)")
+        float,
+        Field(gt=0, description="white acceleration of the body without its accelerometer, m/s^2/sqrt(Hz)"),
     ] = 1.0
+    acceleration_input_density: Annotated[
+        float,
+        Field(
+            gt=0,
+            description="least noise of the velocity by the accelerometer, m/s^2/sqrt(Hz); a value of half of "
+            "acceleration_density or more: it is not used",
+        ),
+    ] = 0.1
+    settling_s: Annotated[
+        float,
+        Field(
+            ge=0,
+            lt=0.2,
+            description="a foot that has touched down deflects and rebounds for so long: it is not used, where the "
+            "accelerometer has the velocity meanwhile, s",
+        ),
+    ] = 0.02
     foothold_creep: Annotated[
         float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
     ] = 0.003

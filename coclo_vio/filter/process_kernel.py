@@ -43,7 +43,6 @@ class ProcessConstants(NamedTuple):
     radii_m: Array
     hips_body: Array
     angular_acceleration: float
-    acceleration: float
     foothold_creep: float
     walks: Array
     walking: IntArray
@@ -132,6 +131,7 @@ def predicted(
     foot_noise: Array,
     constants: ProcessConstants,
     times_s: tuple[float, float],
+    acceleration: float,
     width_squared: float,
 ) -> tuple[Array, Array, Array, Array]:
     """Prediction of mean and covariance: ``SquareRootFilter.predict`` up to the triangle.
@@ -144,6 +144,7 @@ def predicted(
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
         constants: of robot and process.
         times_s: the step, and the delay of the rate behind the rotation, s.
+        acceleration: density of the body's white acceleration, m/s^2/sqrt(Hz).
         width_squared: of the sigma points, see ``SigmaSpread``.
 
     Returns:
@@ -151,7 +152,7 @@ def predicted(
         and the new covariance with the passive errors.
     """
     legs, length = len(motion.holds), len(vector)
-    dt_s, imu_delay_s = times_s
+    dt_s = times_s[0]
     kept = np.empty(length)
     for i in range(length):
         kept[i] = math.exp(-dt_s / constants.memories_s[i])
@@ -166,7 +167,7 @@ def predicted(
     _set_flat_rows(rows, factor, rotation, motion, step, turn, constants.world_stop)
     new_cross = _moved_cross(cross, rows, factor, rotation, motion, step, turn, constants.world_stop)
     noise = rows[length + CURVED + 1 :]
-    _set_body_noise(noise, R, dt_s, imu_delay_s, constants)
+    _set_body_noise(noise, R, times_s, acceleration, constants)
     _set_world_noise(noise, R, mean, motion, constants)
     _set_foot_noise(rows[feet_at:], R, motion, foot_noise, constants.foothold_creep * math.sqrt(dt_s))
     return R, mean, rows, new_cross
@@ -297,13 +298,16 @@ def _moved_cross(
 
 
 @inlined
-def _set_body_noise(rows: Array, R: Array, dt_s: float, imu_delay_s: float, constants: ProcessConstants) -> None:
+def _set_body_noise(
+    rows: Array, R: Array, times_s: tuple[float, float], acceleration: float, constants: ProcessConstants
+) -> None:
     """Noise of the body's accelerations and of random walks: ``process_model.noise_rows`` before the feet."""
+    dt_s, imu_delay_s = times_s
     root = math.sqrt(dt_s)
     for i in range(3):
         rows[i, _RATE + i] = constants.angular_acceleration * root
-        rows[3 + i, _POSITION + i] = constants.acceleration * root * 0.5 * dt_s
-        rows[3 + i, _VELOCITY + i] = constants.acceleration * root
+        rows[3 + i, _POSITION + i] = acceleration * root * 0.5 * dt_s
+        rows[3 + i, _VELOCITY + i] = acceleration * root
         for j in range(3):
             rows[i, j] = constants.angular_acceleration * root * (0.5 * dt_s + imu_delay_s) * R[j, i]
     for k in range(len(constants.walking)):

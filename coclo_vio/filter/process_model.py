@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Prediction of the ``robust`` profile: constant velocity and rate, feet that roll or are carried. No IMU data.
+"""Prediction of the ``robust`` profile: constant velocity and rate, feet that roll or are carried.
 
+The accelerometer has moved the velocity of the mean before, where it is used (``AccelerationInput``).
 Body: white acceleration on velocity and rate, with the exact correlation to position and rotation, so that a rate
 measured at both ends of a step integrates as a trapezoid.
 Foot in stance: the contact point is at rest, not the centre of the spherical foot, so the centre moves by the foot
@@ -92,6 +93,7 @@ def noise_rows(
     foot_noise: Array,
     config: RobustConfig,
     imu_delay_s: float = 0.0,
+    acceleration_density: float | None = None,
 ) -> Array:
     """Rows ``N``, (6 + walks + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
@@ -108,11 +110,13 @@ def noise_rows(
         foot_noise: lower factors of the covariance of each foot position in the body frame, m, (n, 3, 3).
         config: densities of the accelerations and of the feet; those of random walks are declared with their blocks.
         imu_delay_s: of the rate behind the rotation, s.
+        acceleration_density: of the white acceleration, m/s^2/sqrt(Hz); that without an accelerometer if None.
     """
     layout = mean.layout
     own_rows = slice(_ACCELERATIONS + len(layout.walking), None)
     rows = np.zeros((own_rows.start + 3 * layout.legs, layout.dimension))
-    _set_body_rows(rows, mean, dt_s, config, imu_delay_s)
+    acceleration = config.acceleration_density if acceleration_density is None else acceleration_density
+    _set_body_rows(rows, mean, (dt_s, imu_delay_s), config.angular_acceleration_density, acceleration)
     world_turn, moved = rows[0:3, ROTATION], rows[3:6, POSITION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
@@ -130,12 +134,13 @@ def noise_rows(
     return rows
 
 
-def _set_body_rows(rows: Array, mean: State, dt_s: float, config: RobustConfig, imu_delay_s: float) -> None:
+def _set_body_rows(rows: Array, mean: State, times_s: tuple[float, float], angular: float, linear: float) -> None:
     """Write the noise of the body's accelerations, and a row for each error that has a random walk."""
+    dt_s, imu_delay_s = times_s
     root, identity, layout = np.sqrt(dt_s), np.eye(3), mean.layout
-    rows[0:3, ROTATION] = config.angular_acceleration_density * root * (0.5 * dt_s + imu_delay_s) * mean.rotation.T
-    rows[0:3, RATE] = config.angular_acceleration_density * root * identity
-    rows[3:6, POSITION] = config.acceleration_density * root * 0.5 * dt_s * identity
-    rows[3:6, VELOCITY] = config.acceleration_density * root * identity
+    rows[0:3, ROTATION] = angular * root * (0.5 * dt_s + imu_delay_s) * mean.rotation.T
+    rows[0:3, RATE] = angular * root * identity
+    rows[3:6, POSITION] = linear * root * 0.5 * dt_s * identity
+    rows[3:6, VELOCITY] = linear * root * identity
     walking = layout.walking
     rows[_ACCELERATIONS + np.arange(len(walking)), walking] = layout.walks[walking] * root

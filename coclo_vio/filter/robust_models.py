@@ -42,9 +42,11 @@ class RobustModels(Protocol):
 
     Attributes:
         imu_delay_s: of the gyroscope behind the joints, s: the state's rate is late by it, its rotation is not.
+        acceleration_density: of the body's white acceleration in the next prediction, m/s^2/sqrt(Hz).
     """
 
     imu_delay_s: float
+    acceleration_density: float
 
     def foot_noise(self, reading: Reading) -> Array:
         """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; of an unknown leg any."""
@@ -79,7 +81,7 @@ class DirectModels:
 
     def __init__(self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float]) -> None:
         self._sensing, self._encoder_noise_rad, self._gate = sensing, encoder_noise_rad, gate
-        self.imu_delay_s = 0.0
+        self.imu_delay_s, self.acceleration_density = 0.0, sensing.config.acceleration_density
 
     def foot_noise(self, reading: Reading) -> Array:
         """Encoders through the Jacobian, and bending."""
@@ -101,6 +103,7 @@ class DirectModels:
                 foot_noise=foot_noise,
                 config=config,
                 imu_delay_s=self.imu_delay_s,
+                acceleration_density=self.acceleration_density,
             ),
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from coclo_vio.filter import measurement_model
+from coclo_vio.filter.acceleration_input import AccelerationInput
 from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.gravity import GravityScale, GravityWindow
@@ -92,8 +93,9 @@ class RobustProfile:
             else DirectModels(sensing, encoder_noise_rad, self._gate)
         )
         self._imu_lever = so3.hat(np.array(imu.position_body_m))  # w @ it = w x position
+        self._acceleration = AccelerationInput(config, self._imu_lever)
         self._footholds: Footholds | None = None
-        self._rejecting_s = 0.0
+        self._rejecting_s, self._stood_s = 0.0, np.zeros(len(robot.leg_names))
         self._gravity_scale = GravityScale(config.gravity_least_scale)
         self._gravity = GravityWindow(config.gravity_dwell_s, config.gravity_window_s)
 
@@ -127,6 +129,8 @@ class RobustProfile:
         if self.imu_delay is not None:
             self._models.imu_delay_s = self.imu_delay.value_s
         rotation_before = core.mean.rotation
+        self._acceleration.predict(core, reading, dt_s, is_gap=is_gap)
+        self._models.acceleration_density = self._acceleration.density
         self._models.predict(core, motion, dt_s, foot_noise)
         if reading.contact_shift_body is not None:
             _move_footholds(core, rotation_before, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))
@@ -141,6 +145,7 @@ class RobustProfile:
             self.watch(reading.stamp_ns, expectation)
         rejected = self._rejected(expectation, self._footholds, reading, dt_s)
         expectation.update(core, rejected)
+        self._acceleration.learn(core)
         self._update_gravity(core, reading, is_gap=is_gap)
         if self._soles is not None:
             self._soles.update(core, reading, reading.is_stance & ~rejected, is_gap=is_gap)
@@ -176,7 +181,10 @@ class RobustProfile:
 
     def _gated(self, rejected: BoolArray, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
         """The legs (n,) that the gate leaves out; none where all stance legs have been rejected for too long."""
-        is_rejecting_all = bool(reading.is_stance.any() and not (reading.is_stance & ~rejected).any())
+        is_settling = self._settling(reading, dt_s)
+        stands = reading.is_stance & ~is_settling
+        is_rejecting_all = bool(stands.any() and not (stands & ~rejected).any())
+        rejected = rejected | is_settling
         self._rejecting_s = self._rejecting_s + dt_s if is_rejecting_all else 0.0
         if not rejected.any():
             return rejected
@@ -187,6 +195,13 @@ class RobustProfile:
         self._counts["leg_rejected"] += int(rejected.sum())
         footholds.release(rejected)
         return rejected
+
+    def _settling(self, reading: Reading, dt_s: float) -> BoolArray:
+        """The stance legs (n,) that have just touched down, where the accelerometer has the velocity meanwhile."""
+        self._stood_s = np.where(reading.is_stance, self._stood_s + dt_s, 0.0)
+        if not self._acceleration.is_used:
+            return np.zeros(self.layout.legs, dtype=np.bool_)
+        return reading.is_stance & (self._stood_s < self._config.settling_s)
 
     def _update_gravity(self, core: SquareRootFilter, reading: Reading, *, is_gap: bool) -> None:
         """Collect specific force while all feet stand, and update by gravity where a window is complete."""
