@@ -17,7 +17,7 @@ from coclo_vio.filter import (
 )
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.measurement_table import Measured, Sensed, SensingConstants, gravity_table
-from coclo_vio.filter.process_kernel import ProcessConstants
+from coclo_vio.filter.process_kernel import Interval, ProcessConstants
 from coclo_vio.filter.robust_models import innovation_squared_of, mean_excess_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
@@ -78,8 +78,7 @@ class CompiledModels:
             motion,
             foot_noise,
             self._process,
-            (dt_s, self.imu_delay_s),
-            self.acceleration_density,
+            Interval(dt_s, self.imu_delay_s, self.acceleration_density),
             core.spread(layout.curved_in_process).width_squared,
         )
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)

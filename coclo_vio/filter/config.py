@@ -69,7 +69,7 @@ class RobustConfig(StageConfig):
             description="a foot that has touched down deflects and rebounds for so long: it is not used, where the "
             "accelerometer has the velocity meanwhile, s",
         ),
-    ] = 0.02
+    ] = 0.04
     foothold_creep: Annotated[
         float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
     ] = 0.003

@@ -51,6 +51,20 @@ class ProcessConstants(NamedTuple):
     active: int
 
 
+class Interval(NamedTuple):
+    """The time from one sample to the next, s, and what changes from one such time to another.
+
+    Attributes:
+        dt_s: its length.
+        imu_delay_s: delay of the rate behind the rotation.
+        acceleration: density of the body's white acceleration, m/s^2/sqrt(Hz).
+    """
+
+    dt_s: float
+    imu_delay_s: float
+    acceleration: float
+
+
 class Step(NamedTuple):
     """One step: its length, the speed at its begin, m/s, and what is left of the mean of each error, (L,)."""
 
@@ -130,8 +144,7 @@ def predicted(
     motion: FootMotion,
     foot_noise: Array,
     constants: ProcessConstants,
-    times_s: tuple[float, float],
-    acceleration: float,
+    interval: Interval,
     width_squared: float,
 ) -> tuple[Array, Array, Array, Array]:
     """Prediction of mean and covariance: ``SquareRootFilter.predict`` up to the triangle.
@@ -143,8 +156,7 @@ def predicted(
         motion: of the feet, by the joints.
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
         constants: of robot and process.
-        times_s: the step, and the delay of the rate behind the rotation, s.
-        acceleration: density of the body's white acceleration, m/s^2/sqrt(Hz).
+        interval: from the last sample to this one.
         width_squared: of the sigma points, see ``SigmaSpread``.
 
     Returns:
@@ -152,7 +164,7 @@ def predicted(
         and the new covariance with the passive errors.
     """
     legs, length = len(motion.holds), len(vector)
-    dt_s = times_s[0]
+    dt_s = interval.dt_s
     kept = np.empty(length)
     for i in range(length):
         kept[i] = math.exp(-dt_s / constants.memories_s[i])
@@ -167,7 +179,7 @@ def predicted(
     _set_flat_rows(rows, factor, rotation, motion, step, turn, constants.world_stop)
     new_cross = _moved_cross(cross, rows, factor, rotation, motion, step, turn, constants.world_stop)
     noise = rows[length + CURVED + 1 :]
-    _set_body_noise(noise, R, times_s, acceleration, constants)
+    _set_body_noise(noise, R, interval, constants)
     _set_world_noise(noise, R, mean, motion, constants)
     _set_foot_noise(rows[feet_at:], R, motion, foot_noise, constants.foothold_creep * math.sqrt(dt_s))
     return R, mean, rows, new_cross
@@ -298,18 +310,16 @@ def _moved_cross(
 
 
 @inlined
-def _set_body_noise(
-    rows: Array, R: Array, times_s: tuple[float, float], acceleration: float, constants: ProcessConstants
-) -> None:
+def _set_body_noise(rows: Array, R: Array, interval: Interval, constants: ProcessConstants) -> None:
     """Noise of the body's accelerations and of random walks: ``process_model.noise_rows`` before the feet."""
-    dt_s, imu_delay_s = times_s
+    dt_s, acceleration = interval.dt_s, interval.acceleration
     root = math.sqrt(dt_s)
     for i in range(3):
         rows[i, _RATE + i] = constants.angular_acceleration * root
         rows[3 + i, _POSITION + i] = acceleration * root * 0.5 * dt_s
         rows[3 + i, _VELOCITY + i] = acceleration * root
         for j in range(3):
-            rows[i, j] = constants.angular_acceleration * root * (0.5 * dt_s + imu_delay_s) * R[j, i]
+            rows[i, j] = constants.angular_acceleration * root * (0.5 * dt_s + interval.imu_delay_s) * R[j, i]
     for k in range(len(constants.walking)):
         at = constants.walking[k]
         rows[_ACCELERATIONS + k, at] = constants.walks[at] * root
