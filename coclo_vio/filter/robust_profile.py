@@ -192,7 +192,7 @@ class RobustProfile:
             self._counts["recovery"] += 1
             self._rejecting_s = 0.0
             return np.zeros(self.layout.legs, dtype=np.bool_)
-        self._counts["leg_rejected"] += int(rejected.sum())
+        self._counts["leg_rejected"] += int((rejected & ~is_settling).sum())
         footholds.release(rejected)
         return rejected
 
