@@ -27,7 +27,9 @@ def test_filterpy_runs_the_same_models() -> None:
     readings = benchmark.moving_readings(robot, benchmark.benchmark_trial(robot, walk_s=2.0).measurements)
     density = robot.description.imu.gyroscope_noise_density
     initial = InitialConfig(moving_tilt_rad=0.01, moving_velocity_mps=0.1, accelerometer_bias_mps2=0.05)
-    config = RobustConfig(imu_delay_s=0.0, imu_delay_sigma_s=0.0, gravity_least_scale=1.0)  # the rival learns nothing
+    config = RobustConfig(  # the rival learns nothing
+        imu_delay_s=0.0, imu_delay_sigma_s=0.0, gravity_least_scale=1.0, acceleration_input_density=1.0
+    )
     profile = RobustProfile(robot, config, Counter(), initial=initial)
     core = initial_filter(
         profile.layout,
