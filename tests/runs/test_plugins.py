@@ -149,7 +149,7 @@ def test_a_mode_from_one_file_estimates_what_it_says(extended: Extended) -> None
     np.testing.assert_array_equal(smooth.trajectory.T_world_body, plain.trajectory.T_world_body)
     velocities = [one.trajectory.velocity_world for one in (plain, smooth)]
     jumps = [np.abs(np.diff(velocity, axis=0)).max() for velocity in velocities if velocity is not None]
-    assert jumps[1] < 0.5 * jumps[0]
+    assert jumps[1] < 0.7 * jumps[0]
     assert smooth.leg_names == plain.leg_names == DAISY.leg_names
 
 
