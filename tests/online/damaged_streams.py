@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 import coclo_vio as cv
+from coclo_vio.datasets.sequencer import sort_measurements
 from coclo_vio.values.estimates import NavState, StateEstimate
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement, StereoTracks
 from coclo_vio.values.outputs import Estimate, Output
@@ -29,6 +30,14 @@ def joints(stamp_ns: int) -> JointSample:
 
 def tracks(stamp_ns: int) -> StereoTracks:
     return StereoTracks(stamp_ns, np.arange(1), np.ones((1, 2)), np.ones((1, 2)))
+
+
+def recorded(seconds: float = 6.0, start_ns: int = 1_700_000_000 * S) -> list[Measurement]:
+    """Joints and IMU at 200 Hz, tracks at 10 Hz; no two readings of the IMU are equal."""
+    stamps = [start_ns + number * 5 * MS for number in range(round(seconds * 200))]
+    noise = np.random.default_rng(1)
+    readings = [ImuSample(at, noise.normal(size=3), noise.normal(size=3)) for at in stamps]
+    return list(sort_measurements([*readings, *map(joints, stamps), *map(tracks, stamps[::20])]))
 
 
 @dataclass

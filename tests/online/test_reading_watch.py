@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from damaged_streams import MS, NotingEstimator, S, imu, joints, tracks
+from damaged_streams import MS, NotingEstimator, S, imu, joints, recorded
 
 from coclo_vio.datasets.sequencer import sort_measurements
 from coclo_vio.online.config import OnlineConfig
@@ -15,14 +15,6 @@ from coclo_vio.values.outputs import Event
 T0 = 1_700_000_000 * S
 KINDS = ("reading_constant", "reading_changes", "reading_saturated", "reading_in_range")
 STEP = 0.000533  # rad/s: of a converter of 16 bits over +-1000 deg/s
-
-
-def recorded(seconds: float = 6.0) -> list[Measurement]:
-    """Joints and IMU at 200 Hz, tracks at 10 Hz; no two readings of the IMU are equal."""
-    stamps = [T0 + number * 5 * MS for number in range(round(seconds * 200))]
-    noise = np.random.default_rng(1)
-    readings = [ImuSample(at, noise.normal(size=3), noise.normal(size=3)) for at in stamps]
-    return list(sort_measurements([*readings, *map(joints, stamps), *map(tracks, stamps[::20])]))
 
 
 def reported(measurements: list[Measurement], **values: float) -> list[Event]:

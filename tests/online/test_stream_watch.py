@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A stream that falls silent is reported once, and so is its end; nothing else is."""
 
-import numpy as np
 import pytest
-from damaged_streams import MS, NotingEstimator, S, joints, tracks
+from damaged_streams import NotingEstimator, S, recorded
 
-from coclo_vio.datasets.sequencer import sort_measurements
 from coclo_vio.online.config import OnlineConfig
 from coclo_vio.online.guarded_estimator import GuardedEstimator
 from coclo_vio.values.measurements import ImuSample, JointSample, Measurement, StereoTracks
@@ -13,14 +11,6 @@ from coclo_vio.values.outputs import Event
 
 T0 = 1_700_000_000 * S
 KINDS = ("stream_silent", "stream_resumed")
-
-
-def recorded(seconds: float = 6.0) -> list[Measurement]:
-    """Joints and IMU at 200 Hz, tracks at 10 Hz; no two readings of the IMU are equal."""
-    stamps = [T0 + number * 5 * MS for number in range(round(seconds * 200))]
-    noise = np.random.default_rng(1)
-    readings = [ImuSample(at, noise.normal(size=3), noise.normal(size=3)) for at in stamps]
-    return list(sort_measurements([*readings, *map(joints, stamps), *map(tracks, stamps[::20])]))
 
 
 def reported(measurements: list[Measurement], **values: float) -> list[Event]:
