@@ -9,6 +9,9 @@ that follows the noise of the prediction, and whether it is used at all.
 
 The specific force moves the mean alone. Errors of tilt and bias are part of that noise, not of correlations: gravity is
 measured by ``GravityWindow``, and no reading counts twice.
+
+Where joints are missing or no foot stands the accelerometer is all there is, for seconds: there the errors of tilt and
+bias, which do not change meanwhile, make its velocity wrong by their size times the time, and the noise grows with it.
 """
 
 from dataclasses import replace
@@ -19,6 +22,7 @@ from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, POSITION, VELOCITY
+from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
 
@@ -26,6 +30,8 @@ _WINDOW_S = 0.25  # about half a period of a gait: what feet do at a step cancel
 _MEMORY = 8.0  # windows
 _MOST_SHARE = 0.5  # of the density without an accelerometer: with more noise it is not used
 _HOLD_S = 0.02  # a reading holds for so long where the IMU is slower than the joints
+_LONGEST_STEP_S = 0.05  # a sample that comes later tells nothing of the time before
+_TILT = slice(0, 2)
 _MOST_MEAN_MPS2, _MEAN_S = 15.0, 0.03  # no body accelerates like this for so long: axes or signs are wrong
 
 
@@ -46,6 +52,7 @@ class AccelerationInput:
         self._mean = np.zeros(3)  # acceleration over the last _MEAN_S, world
         self._impulse = np.zeros(3)  # since the window began, world, m/s
         self._velocity_then: Array | None = None
+        self._alone_s, self._constant = 0.0, 0.0  # without a foot, and variance of a constant acceleration then
         self._window_s = self._weight = self._sum = 0.0
 
     @property
@@ -63,30 +70,63 @@ class AccelerationInput:
     def predict(self, core: SquareRootFilter, reading: Reading, dt_s: float, *, is_gap: bool) -> None:
         """Move the velocity of the mean over the step to a reading; the prediction of the filter comes after it."""
         self.density = self._without
+        self._count_alone(core, dt_s, is_alone=not reading.is_stance.any())
         if is_gap:
             self._held = None
         sensed = None if is_gap else self._sensed(reading, dt_s)
         if sensed is None:
             self._close()
             return
-        mean = core.mean
-        vector = mean.vector
-        force, turned = sensed
-        change = mean.rotation @ ((force - vector[ACCELEROMETER_BIAS]) * dt_s - turned @ self._lever_cross)
-        change[2] -= GRAVITY_MPS2 * dt_s
-        self._mean = self._mean + (change - self._mean * dt_s) / max(_MEAN_S, dt_s)
+        velocity, change = core.mean.vector[VELOCITY], self._change(core, *sensed, dt_s)
         if self._velocity_then is None:
-            self._velocity_then = vector[VELOCITY].copy()
+            self._velocity_then = velocity.copy()
         self._impulse = self._impulse + change
         self._window_s += dt_s
+        self._drive(core, change, dt_s)
+
+    def coast(self, core: SquareRootFilter, step: InertialStep, dt_s: float) -> None:
+        """Move the velocity of the mean over a step to a sample of the IMU, while there are no joint samples."""
+        self._close()
+        self.density = self._without
+        self._count_alone(core, dt_s, is_alone=True)
+        before, self._held = self._held, (step.specific_force, step.angular_velocity)
+        if dt_s > _LONGEST_STEP_S:
+            return
+        turned = np.zeros(3) if before is None else step.angular_velocity - before[1]
+        self._drive(core, self._change(core, step.specific_force, turned, dt_s), dt_s)
+
+    def _count_alone(self, core: SquareRootFilter, dt_s: float, *, is_alone: bool) -> None:
+        """How long no foot has stood, and how uncertain tilt and bias were when that began."""
+        if not is_alone:
+            self._alone_s = 0.0
+            return
+        if self._alone_s == 0.0:
+            tilt, bias = (float(core.variance(errors).mean()) for errors in (_TILT, ACCELEROMETER_BIAS))
+            self._constant = GRAVITY_MPS2**2 * tilt + bias
+        self._alone_s += dt_s
+
+    def _change(self, core: SquareRootFilter, force: Array, turned: Array, dt_s: float) -> Array:
+        """Of the velocity, world, m/s, (3,), by a specific force and a change of the rate, body axes."""
+        mean = core.mean
+        change = mean.rotation @ ((force - mean.vector[ACCELEROMETER_BIAS]) * dt_s - turned @ self._lever_cross)
+        change[2] -= GRAVITY_MPS2 * dt_s
+        return np.asarray(change)
+
+    def _drive(self, core: SquareRootFilter, change: Array, dt_s: float) -> None:
+        """Move the velocity of the mean where the accelerometer is known to agree with the legs.
+
+        Beside white noise a constant error of variance ``c`` has moved the velocity by ``c t^2`` after a time ``t``
+        alone, which is a white noise of density ``2 c t``.
+        """
+        self._mean = self._mean + (change - self._mean * dt_s) / max(_MEAN_S, dt_s)
         noise = self.noise_density
         if noise is None or noise > _MOST_SHARE * self._without or float(self._mean @ self._mean) > _MOST_MEAN_MPS2**2:
             return
-        self.density = noise
-        moved = vector.copy()
+        self.density = float(np.sqrt(noise**2 + 2.0 * self._constant * self._alone_s))
+        moved = core.mean.vector.copy()
         moved[VELOCITY] += change
         moved[POSITION] -= 0.5 * dt_s * change  # the prediction moves it by the velocity at the end
-        core.mean = replace(mean, vector=moved)
+        core.mean = replace(core.mean, vector=moved)
 
     def learn(self, core: SquareRootFilter) -> None:
         """Compare a window that is complete with how the velocity changed; call it after the update of a step."""

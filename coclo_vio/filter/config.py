@@ -283,7 +283,8 @@ class FilterConfig(StageConfig):
         float, Field(ge=0, description="time to wait for a standstill before starting on the move, s")
     ] = 0.45
     max_gap_s: Annotated[
-        float, Field(gt=0, description="a longer gap between joint samples ends every foothold, s")
+        float,
+        Field(gt=0, description="a longer gap between joint samples ends every foothold; the IMU goes on alone, s"),
     ] = 0.1
     max_frame_delay_s: Annotated[
         float, Field(ge=0, le=5, description="a camera frame that comes later after the joint samples is left out, s")

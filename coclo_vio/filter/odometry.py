@@ -3,11 +3,11 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from coclo_vio.filter.camera_imu import CameraImu
+from coclo_vio.filter.coasting import coast, predict_gap
 from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.evidence_gate import EvidenceGate
 from coclo_vio.filter.frame_motion import BodyTrail, FrameMotion
@@ -26,21 +26,22 @@ from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import GYROSCOPE_BIAS, RATE
 from coclo_vio.filter.state_blocks import StateBlock
-from coclo_vio.filter.state_estimate import ADVICE, estimate_of
-from coclo_vio.filter.state_level import StateLevel
+from coclo_vio.filter.state_estimate import ADVICE, coasting_estimate, estimate_of
+from coclo_vio.filter.state_level import StateLevel, levels_of
+from coclo_vio.robot.foot_events import FootEvents
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
-from coclo_vio.robot.slip_report import SlipReport
 from coclo_vio.robot.standstill import StartRule
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.measurements import Measurement
+from coclo_vio.values.measurements import ImuSample, Measurement
 from coclo_vio.values.outputs import Calibration, Event, Innovation
 from coclo_vio.values.units import NS_PER_S
 
 _NOT_STARTED = "the filter has not started: it waits for the robot to stand still; push measurements first"
+_MOUNTING_KNOWN = "the cameras' mounting is known: set filter.initial.camera_rotation_sigma_rad above 1e-5"
 _RESUMED_SIGMAS = (0.003, 0.005)  # rad, m: of the motion by vision since the state that the filter resumes from
 
 
@@ -106,7 +107,7 @@ class LegOdometryFilter:
             self._profile.watch = self._innovations.add if reports_innovations else None
         timeout_s, rest = self.config.force_timeout_s, self.config.standstill
         self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
-        self._slips = SlipReport(self.config.slip, contact, robot.leg_names)
+        self._feet = FootEvents(self.config.slip, contact, robot.leg_names)
         self._start_rule, self._stamp_ns, self._is_interrupted = StartRule(self.config.rest_timeout_s), 0, False
         self._core: SquareRootFilter | None = None
         self._exchange: KeyframeExchange | None = None
@@ -144,6 +145,8 @@ class LegOdometryFilter:
     def push(self, measurement: Measurement) -> StateEstimate | None:
         """Take one measurement; a joint sample in order gives an estimate once the filter has started.
 
+        So does a sample of the body's IMU while joint samples are missing for longer than ``max_gap_s``.
+
         Raises:
             FilterError: the state is no longer finite.
             RobotModelError: another number of joints or legs than the robot's.
@@ -153,19 +156,23 @@ class LegOdometryFilter:
         if self._camera_imu is not None:
             self._camera_imu.push(measurement)
         if reading is None:
-            return None
+            return self._coast(measurement.stamp_ns) if isinstance(measurement, ImuSample) else None
         if self._camera_imu is not None:
             reading = self._camera_imu.completed(reading)
         self._reading = reading
-        self._slips.push(reading)
+        self._feet.push(reading)
         if self._core is None:
             return self._try_to_start(reading)
+        if reading.stamp_ns <= self._stamp_ns:
+            self._counts["joints_late"] += 1  # the IMU has gone on without them
+            return None
         before, before_ns = self._core.mean, self._stamp_ns
         dt_s = (reading.stamp_ns - before_ns) / NS_PER_S
         is_gap = dt_s > self.config.max_gap_s
         if is_gap:
             self._counts["gap"] += 1
-            reading, dt_s = self._predict_gap(self._core, reading)
+            reading, at_ns = predict_gap(self._core, self._profile, reading, before_ns, self._gyroscope_noise)
+            dt_s = (reading.stamp_ns - at_ns) / NS_PER_S
         is_gap, self._is_interrupted = is_gap or self._is_interrupted, False
         try:
             is_stance = self._profile.step(self._core, reading, dt_s, self._gyroscope_noise(dt_s), is_gap=is_gap)
@@ -185,9 +192,8 @@ class LegOdometryFilter:
         """
         self._is_interrupted = True
         if self._core is not None and gap_sigma_s > 0.0:
-            robust = self.config.robust
-            densities = robust.acceleration_density, robust.angular_acceleration_density
-            widen_over_gap(self._core, gap_sigma_s, *densities)
+            own = self.config.robust
+            widen_over_gap(self._core, gap_sigma_s, own.acceleration_density, own.angular_acceleration_density)
 
     @property
     def learnt(self) -> Learnt:
@@ -215,10 +221,10 @@ class LegOdometryFilter:
         return self._profile.imu_delay
 
     def take_events(self) -> Sequence[Event | Innovation]:
-        """What was reported since the last call: legs set aside or used again, slips, and requested innovations."""
+        """What was reported since the last call: legs set aside or used again, feet, and requested innovations."""
         check = self._profile.leg_check
         of_legs = () if check is None else check.take_events()
-        return (*self._innovations.take(), *of_legs, *self._slips.take_events())
+        return (*self._innovations.take(), *of_legs, *self._feet.take_events())
 
     def mark_frame(self, stamp_ns: int) -> MarkedFrame:
         """Remember the pose at the first camera frame, at its own stamp between samples; starts a new exchange.
@@ -262,9 +268,7 @@ class LegOdometryFilter:
         """
         core = self._remembering()
         if self._mounting_prior.is_known:
-            raise FilterError(
-                "the cameras' mounting is configured as known: set filter.initial.camera_rotation_sigma_rad above 1e-5"
-            )
+            raise FilterError(_MOUNTING_KNOWN)
         replace_prior(core, "camera", self._mounting_prior, prior)
         self._mounting_prior = prior
 
@@ -303,8 +307,7 @@ class LegOdometryFilter:
         """
         core = self._started()
         if not self._levels and self.config.profile == "robust" and self.config.robust.learns_slip:
-            decaying = [block for block in core.mean.layout.blocks if np.isfinite(block.memory_s) and block.walk > 0.0]
-            self._levels = [StateLevel(block) for block in decaying]
+            self._levels = levels_of(core.mean.layout)
         for level in self._levels:
             level.learn(core, self._stamp_ns)
 
@@ -335,23 +338,20 @@ class LegOdometryFilter:
         """From the last sample to a frame."""
         return self._trail.motion_to(stamp_ns, self._stamp_ns, self._started())
 
-    def _predict_gap(self, core: SquareRootFilter, reading: Reading) -> tuple[Reading, float]:
-        """Predict across a gap of the joints with the gyroscope; returns the rest of the reading and of the step.
-
-        The paper's profile takes the whole gap in one step, as printed.
-        """
-        remaining = reading
-        if self._profile.can_coast:
-            for stamp_ns, rate in reading.gyroscope:
-                if stamp_ns <= self._stamp_ns or stamp_ns >= reading.stamp_ns:
-                    continue
-                dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-                self._profile.coast(core, rate, dt_s, self._gyroscope_noise(dt_s))
-                self._stamp_ns = stamp_ns
-            last = reading.gyroscope[-1] if reading.gyroscope else None
-            is_current = last is not None and last[0] >= reading.stamp_ns
-            remaining = replace(reading, angular_velocity=last[1] if last is not None and is_current else None)
-        return remaining, (reading.stamp_ns - self._stamp_ns) / NS_PER_S
+    def _coast(self, until_ns: int) -> StateEstimate | None:
+        """Go on by the IMU alone where no joint sample has come for long; footholds end."""
+        core, reading = self._core, self._reading
+        longest_ns, can_coast = self.config.max_gap_s * NS_PER_S, self._profile.can_coast
+        if core is None or reading is None or not can_coast or until_ns - reading.stamp_ns <= longest_ns:
+            return None
+        before, before_ns, samples = core.mean, self._stamp_ns, self._sensing.take_inertial()
+        self._stamp_ns = coast(core, self._profile, samples, before_ns, until_ns + 1, self._gyroscope_noise)
+        if self._stamp_ns == before_ns:
+            return None
+        self._counts["gap"] += not self._is_interrupted
+        self._is_interrupted = True
+        self._trail.add(before, before_ns, core.mean, self._stamp_ns)
+        return coasting_estimate(core, self._stamp_ns, len(self._robot.leg_names))
 
     def _gyroscope_noise(self, dt_s: float) -> float:
         """One sigma of the gyroscope averaged over a step, rad/s."""

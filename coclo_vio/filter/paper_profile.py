@@ -37,6 +37,7 @@ from coclo_vio.filter.state import (
 )
 from coclo_vio.filter.state_blocks import paper_blocks
 from coclo_vio.geometry import so3
+from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.errors import FilterError
@@ -84,7 +85,7 @@ class PaperProfile:
         self._update(core, reading, stance)
         return np.asarray(stance)
 
-    def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
+    def coast(self, core: SquareRootFilter, step: InertialStep, dt_s: float, gyroscope_noise_radps: float) -> None:
         """Not there: this profile takes a whole gap in one step, as printed.
 
         Raises:

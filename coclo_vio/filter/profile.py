@@ -9,7 +9,8 @@ from coclo_vio.filter.leg_check import LegCheck
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import StateLayout
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.robot.leg_sensing import InertialStep
+from coclo_vio.values.arrays import BoolArray
 
 
 class Profile(Protocol):
@@ -40,5 +41,5 @@ class Profile(Protocol):
     ) -> BoolArray:
         """Predict to the reading and update by it; returns the legs that were used as stance, (n,)."""
 
-    def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
-        """One step without joints, with the rate of the gyroscope alone, body frame, rad/s, (3,)."""
+    def coast(self, core: SquareRootFilter, step: InertialStep, dt_s: float, gyroscope_noise_radps: float) -> None:
+        """One step without joints, to a sample of the IMU."""

@@ -28,6 +28,7 @@ from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
+from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
 
@@ -162,14 +163,17 @@ class RobustProfile:
             self.leg_check.clear()
         self.leg_check.push(reading, core.mean.rotation)
 
-    def coast(self, core: SquareRootFilter, rate: Array, dt_s: float, gyroscope_noise_radps: float) -> None:
-        """One step without joints, with the rate of the gyroscope alone, body frame, rad/s, (3,)."""
+    def coast(self, core: SquareRootFilter, step: InertialStep, dt_s: float, gyroscope_noise_radps: float) -> None:
+        """One step without joints, to a sample of the IMU."""
         assert self._footholds is not None, "start() comes first"
+        self._gravity.close()
+        self._acceleration.coast(core, step, dt_s)
+        self._models.acceleration_density = self._acceleration.density
         motion = self._footholds.carried()
         self._models.predict(core, motion, dt_s, np.tile(np.eye(3), (self.layout.legs, 1, 1)))
-        predicted, rows = core.observe(partial(measurement_model.gyroscope, reading=rate))
+        predicted, rows = core.observe(partial(measurement_model.gyroscope, reading=step.angular_velocity))
         noise_rows = gyroscope_noise_radps * np.eye(3)
-        core.update(rows, noise_rows, rate - predicted, considered=CONSIDERED_BY_LEGS)
+        core.update(rows, noise_rows, step.angular_velocity - predicted, considered=CONSIDERED_BY_LEGS)
 
     def _rejected(self, expectation: Expectation, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
         """The legs (n,) to leave out: those set aside, and others unless all have been rejected for too long."""

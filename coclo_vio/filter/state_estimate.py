@@ -9,7 +9,7 @@ from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, POSITION,
 from coclo_vio.filter.state_kernels import plain_covariance
 from coclo_vio.geometry import se3
 from coclo_vio.geometry.compiled import IS_COMPILED
-from coclo_vio.values.arrays import BoolArray, is_finite
+from coclo_vio.values.arrays import Array, BoolArray, is_finite
 from coclo_vio.values.errors import FilterError
 from coclo_vio.values.estimates import FootState, NavState, StateEstimate
 
@@ -25,6 +25,23 @@ def estimate_of(core: SquareRootFilter, reading: Reading, is_stance: BoolArray) 
     Raises:
         FilterError: the state is no longer finite.
     """
+    probability = reading.contact.probability
+    layout = core.mean.layout
+    if layout.has_contacts:
+        probability = np.clip(core.mean.vector[layout.at("contacts")], 0.0, 1.0)
+    return _estimate(core, reading.stamp_ns, probability, is_stance)
+
+
+def coasting_estimate(core: SquareRootFilter, stamp_ns: int, legs: int) -> StateEstimate:
+    """The estimate while there are no joint samples: the feet are carried with the body, and none is in contact.
+
+    Raises:
+        FilterError: the state is no longer finite.
+    """
+    return _estimate(core, stamp_ns, np.zeros(legs), np.zeros(legs, dtype=np.bool_))
+
+
+def _estimate(core: SquareRootFilter, stamp_ns: int, contact: Array, is_stance: BoolArray) -> StateEstimate:
     mean = core.mean
     vector = mean.vector
     if IS_COMPILED:
@@ -33,7 +50,7 @@ def estimate_of(core: SquareRootFilter, reading: Reading, is_stance: BoolArray) 
         rows = mean.plain_jacobian()[:, : mean.layout.active] @ core.active_factor
         covariance = rows @ rows.T
     if not is_finite(vector) or not is_finite(covariance):
-        raise FilterError(f"the state is no longer finite at {reading.stamp_ns} ns: {ADVICE}")
+        raise FilterError(f"the state is no longer finite at {stamp_ns} ns: {ADVICE}")
     nav = NavState(
         se3.transform(mean.rotation, vector[POSITION]),
         vector[VELOCITY],
@@ -41,8 +58,4 @@ def estimate_of(core: SquareRootFilter, reading: Reading, is_stance: BoolArray) 
         vector[GYROSCOPE_BIAS],
         vector[ACCELEROMETER_BIAS],
     )
-    layout = mean.layout
-    probability = reading.contact.probability
-    if layout.has_contacts:
-        probability = np.clip(vector[layout.at("contacts")], 0.0, 1.0)
-    return StateEstimate(reading.stamp_ns, nav, covariance, FootState(mean.feet, probability, is_stance))
+    return StateEstimate(stamp_ns, nav, covariance, FootState(mean.feet, contact, is_stance))

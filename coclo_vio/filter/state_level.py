@@ -11,6 +11,7 @@ Source: Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via 
 import numpy as np
 
 from coclo_vio.filter.square_root_filter import SquareRootFilter
+from coclo_vio.filter.state import StateLayout
 from coclo_vio.filter.state_blocks import StateBlock
 
 _LIMITS = (0.2, 4.0)  # of the level
@@ -52,3 +53,8 @@ class StateLevel:
         self.level = float(np.sqrt((_PRIOR_MEMORIES + self._sum) / (_PRIOR_MEMORIES + self._weight)))
         self.level = float(np.clip(self.level, *_LIMITS))
         layout.walks[at] = self._block.walk * self.level
+
+
+def levels_of(layout: StateLayout) -> list[StateLevel]:
+    """One for each block of a state that decays and has a random walk."""
+    return [StateLevel(block) for block in layout.blocks if np.isfinite(block.memory_s) and block.walk > 0.0]

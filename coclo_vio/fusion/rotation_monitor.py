@@ -88,7 +88,7 @@ class RotationMonitor:
         while state.stamp_ns - self._states[0].stamp_ns > _KEPT_S * NS_PER_S:
             self._states.popleft()
         reading = self._filter.reading
-        if reading is not None:
+        if reading is not None and reading.stamp_ns == state.stamp_ns:
             self._check.push_feet(reading.stamp_ns, reading.feet.position_body, reading.is_stance)
 
     def compare(self, tracks: StereoTracks) -> Revision | None:

@@ -8,6 +8,7 @@ sample is counted.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,20 @@ from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSampl
 _MAX_FORCES = 200  # accelerometer samples that are kept while no joint sample comes
 
 
+class InertialStep(NamedTuple):
+    """One sample of the body's IMU, in body axes.
+
+    Attributes:
+        stamp_ns: time in nanoseconds.
+        angular_velocity: rad/s, (3,).
+        specific_force: m/s^2, (3,).
+    """
+
+    stamp_ns: int
+    angular_velocity: Array
+    specific_force: Array
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
     """All sensors at one joint sample; missing values are None or NaN.
@@ -34,7 +49,7 @@ class Reading:
         feet: foot kinematics; rows of an unknown leg are NaN.
         contact: probability and decision for each leg.
         angular_velocity: gyroscope mean since the last joint sample, body frame, rad/s, (3,).
-        gyroscope: each sample of that mean with its stamp in nanoseconds, oldest first.
+        inertial: each sample of the IMU since the last joint sample, oldest first.
         specific_force: accelerometer mean since the last joint sample and the one before, body frame, m/s^2, (3,).
         is_stationary: whether the robot stands still.
         joint_position: as read, rad, (J,); None where it was not kept.
@@ -49,7 +64,7 @@ class Reading:
     feet: FeetKinematics
     contact: ContactState
     angular_velocity: Array | None
-    gyroscope: tuple[tuple[int, Array], ...]
+    inertial: tuple[InertialStep, ...]
     specific_force: Array | None
     is_stationary: bool
     joint_position: Array | None = None
@@ -99,7 +114,7 @@ class LegSensing:
         self._imu: ImuSample | None = None
         self._force_sum: Array = np.zeros(3)
         self._force_count = 0
-        self._rates: list[tuple[int, Array]] = []  # stamp and rate of each sample since the last joint sample
+        self._inertial: list[InertialStep] = []  # since the last joint sample, or since they were taken
         self._forces_body: list[Array] = []  # since the last joint sample, and the one before
         self._joint_ns: int | None = None
         self._rest: ImuMeans | None = None
@@ -153,14 +168,19 @@ class LegSensing:
                 return self._take_joints(measurement, up_body)
         return None
 
+    def take_inertial(self) -> Sequence[InertialStep]:
+        """The samples of the IMU since the last joint sample, of which the next one will know nothing."""
+        taken, self._inertial, self._forces_body = self._inertial, [], self._forces_body[-1:]
+        return taken
+
     def _take_imu(self, sample: ImuSample) -> None:
         if self._imu is not None and sample.stamp_ns <= self._imu.stamp_ns:
             self._counts["imu_stamp_refused"] += 1
             return
         self._imu = sample
         self._standstill.push(sample)
-        self._rates.append((sample.stamp_ns, self._rotation_body_imu @ sample.angular_velocity))
-        force_body = self._rotation_body_imu @ sample.specific_force
+        rate_body, force_body = (self._rotation_body_imu @ v for v in (sample.angular_velocity, sample.specific_force))
+        self._inertial.append(InertialStep(sample.stamp_ns, rate_body, force_body))
         self._force_sum += force_body
         self._force_count += 1
         self._forces_body.append(force_body)
@@ -181,12 +201,12 @@ class LegSensing:
             self._counts["joint_stamp_refused"] += 1
             return None
         self._standstill.push(sample)
-        force = self.specific_force if self._rates else None  # without new IMU samples gravity is unknown
+        force = self.specific_force if self._inertial else None  # without new IMU samples gravity is unknown
         if up_body is None:
             up_body = np.array([0.0, 0.0, 1.0]) if force is None else force / max(float(np.linalg.norm(force)), 1e-6)
         feet = self._robot.feet(sample.position, sample.velocity)
-        rates = tuple(self._rates)
-        rate = _mean([each for _, each in rates]) if rates else None
+        inertial = tuple(self._inertial)
+        rate = _mean([each.angular_velocity for each in inertial]) if inertial else None
         load = self._load.loads_at(sample, up_body, rate, feet.jacobian)
         self._rest = self._rest_now()
         stamp_ns, is_stationary = sample.stamp_ns, self._rest is not None
@@ -194,10 +214,10 @@ class LegSensing:
         contact = self._contact.update(stamp_ns, load, motion)
         feet, shift = self._soles.moved(feet, up_body) if self._soles else (feet, None)
         self._counts["imu_missing"] += rate is None
-        self._rates = []
+        self._inertial = []
         self._forces_body = self._forces_body[-1:]
         self._joint_ns = sample.stamp_ns
-        reading = Reading(stamp_ns, feet, contact, rate, rates, force, is_stationary, sample.position, shift, motion)
+        reading = Reading(stamp_ns, feet, contact, rate, inertial, force, is_stationary, sample.position, shift, motion)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading

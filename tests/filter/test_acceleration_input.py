@@ -16,6 +16,7 @@ from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import POSITION, RATE, VELOCITY, State
 from coclo_vio.geometry import so3
+from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
 
@@ -82,6 +83,10 @@ def drive(
     return acceleration, core, used, np.array(errors)
 
 
+def still_at(still: Reading, force: np.ndarray) -> Reading:
+    return replace(still, angular_velocity=np.zeros(3), specific_force=force)
+
+
 @pytest.fixture
 def still(clean_walk: AnalyticTrial, readings_of: Callable[..., list[Reading]]) -> Reading:
     return readings_of(clean_walk.measurements[:50])[5]
@@ -146,6 +151,33 @@ def test_it_is_not_used_across_a_gap_and_without_readings(daisy: RobotModel, sti
     assert not acceleration.is_used
     acceleration.predict(core, replace(still, specific_force=None), 0.03, is_gap=False)
     assert not acceleration.is_used, "no reading, no input"
+
+
+def test_alone_it_drives_the_velocity_and_its_noise_grows_with_the_time(daisy: RobotModel, still: Reading) -> None:
+    """A push of 1 m/s^2 for half a second, without joints: tilt and bias are wrong by the same all that time."""
+    acceleration, core, _, _ = drive(daisy, still)
+    core.replace_active(0.01 * np.eye(len(core.active_factor)))
+    force = core.mean.rotation.T @ np.array([1.0, 0.0, 9.81])
+    acceleration.predict(core, still_at(still, force), DT_S, is_gap=False)
+    velocity, densities = core.mean.vector[VELOCITY].copy(), []
+    for number in range(50):
+        acceleration.coast(core, InertialStep(number, np.zeros(3), force), DT_S)
+        densities.append(acceleration.density)
+    np.testing.assert_allclose(core.mean.vector[VELOCITY] - velocity, [0.5, 0.0, 0.0], atol=1e-9)
+    constant = np.sqrt(9.81**2 + 1.0) * 0.01
+    growth = np.square(densities) - CONFIG.acceleration_input_density**2
+    np.testing.assert_allclose(growth, 2.0 * constant**2 * DT_S * np.arange(1, 51), rtol=1e-6)
+    acceleration.coast(core, InertialStep(51, np.zeros(3), force), 0.5)
+    assert not acceleration.is_used, "a single sample tells nothing of half a second"
+
+
+def test_alone_it_is_not_used_where_it_contradicted_the_legs(daisy: RobotModel, still: Reading) -> None:
+    acceleration, core, used, _ = drive(daisy, still, wrong=np.diag([1.0, -1.0, -1.0]))
+    assert not used[-1]
+    velocity = core.mean.vector[VELOCITY].copy()
+    acceleration.coast(core, InertialStep(1, np.zeros(3), np.array([0.0, 0.0, -9.81])), DT_S)
+    np.testing.assert_array_equal(core.mean.vector[VELOCITY], velocity)
+    assert acceleration.density == CONFIG.acceleration_density
 
 
 def test_a_walk_uses_it_and_can_be_without(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:

@@ -23,6 +23,7 @@ from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
 from coclo_vio.filter.state_kernels import bounded_factor, corrected, plain_covariance
 from coclo_vio.geometry import so3, so3_kernels
 from coclo_vio.geometry.compiled import IS_COMPILED
+from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.simulation.analytic import AnalyticTrial
 from coclo_vio.values.measurements import Measurement
@@ -121,9 +122,9 @@ def test_every_step_equals_that_in_numpy(
             core.copy_pose(FRAME, ANCHOR)
             core.copy_pose(FRAME, KEYFRAME)
         if row == 35:
-            copy = copy_of(core)
+            copy, step = copy_of(core), InertialStep(0, np.array([0.1, -0.2, 0.3]), np.array([0.5, 0.2, 9.7]))
             for profile, each in ((direct, core), (ours, copy)):
-                profile.coast(each, np.array([0.1, -0.2, 0.3]), DT_S, GYROSCOPE_NOISE)
+                profile.coast(each, step, DT_S, GYROSCOPE_NOISE)
             assert_equal(copy, core)
     assert counts[0] == counts[1]
     assert counts[0]["leg_rejected"] > 0

@@ -230,6 +230,80 @@ def test_a_turn_during_a_gap_of_the_joints_is_not_lost(daisy: RobotModel) -> Non
     assert turned[-1] - turned[0] == pytest.approx(true_turn, abs=np.radians(0.2))
 
 
+def test_silent_joints_leave_the_imu_which_gives_estimates_of_honest_covariance(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
+) -> None:
+    """For a second there are no joints: rotation by the gyroscope, velocity by the accelerometer, feet carried."""
+    silent = range(2_000_000_000, 3_000_000_000)
+    kept = [
+        sample for sample in noisy_walk.measurements if isinstance(sample, ImuSample) or sample.stamp_ns not in silent
+    ]
+    estimates, odometry = run(daisy, kept)
+    during = [estimate for estimate in estimates if estimate.stamp_ns in range(2_110_000_000, silent.stop)]
+    imu = [sample for sample in noisy_walk.measurements if isinstance(sample, ImuSample)]
+    assert [estimate.stamp_ns for estimate in during] == [
+        sample.stamp_ns for sample in imu if during[0].stamp_ns <= sample.stamp_ns < silent.stop
+    ]
+    assert odometry.counts["gap"] == 1
+    assert odometry.counts["joints_late"] <= 1
+    for estimate in during:
+        assert estimate.feet is not None
+        assert not estimate.feet.is_stance.any()
+        assert not estimate.feet.contact_probability.any()
+        assert miss_m(estimate, noisy_walk) < 3.0 * position_sigma_m(estimate)
+    sigmas = np.array([position_sigma_m(estimate) for estimate in during])
+    assert np.all(np.diff(sigmas) > 0.0)
+    assert miss_m(during[-1], noisy_walk) < 0.03
+    after = [estimate for estimate in estimates if estimate.stamp_ns >= silent.stop]
+    whole, _ = clean_runs["robust"]
+    assert len(after) >= len([estimate for estimate in whole if estimate.stamp_ns >= silent.stop]) - 1
+    assert after[-1].feet is not None
+    assert after[-1].feet.is_stance.any()
+
+
+def test_a_robot_without_any_foot_in_stance_is_reported_and_its_covariance_grows(
+    daisy: RobotModel, noisy_walk: AnalyticTrial
+) -> None:
+    """Lifted for 2 s: no torque, joints move on; one event after a second, and one when feet stand again."""
+    lifted = range(2_000_000_000, 4_000_000_000)
+    odometry, estimates, events = LegOdometryFilter(daisy), [], []
+    for sample in noisy_walk.measurements:
+        changed = sample
+        if isinstance(sample, JointSample) and sample.stamp_ns in lifted:
+            changed = replace(sample, effort=np.zeros_like(sample.position))
+        elif isinstance(sample, FootForceSample) and sample.stamp_ns in lifted:
+            changed = replace(sample, force=np.zeros_like(sample.force))
+        estimate = odometry.push(changed)
+        if estimate is not None:
+            estimates.append(estimate)
+            events += odometry.take_events()
+    kinds = [(event.kind, event.stamp_ns) for event in events if "support" in event.kind]
+    assert [kind for kind, _ in kinds] == ["no_support", "support_again"]
+    assert kinds[0][1] == pytest.approx(3_000_000_000, abs=2e8)
+    assert kinds[1][1] == pytest.approx(4_000_000_000, abs=2e8)
+    by_stamp = {estimate.stamp_ns: estimate for estimate in estimates}
+    late, later = by_stamp[3_000_000_000], by_stamp[3_900_000_000]
+    assert position_sigma_m(later) > 1.5 * position_sigma_m(late)
+    assert miss_m(later, noisy_walk) < 3.0 * position_sigma_m(later)
+
+
+def test_joint_samples_that_come_after_the_imu_has_gone_on_are_left_out(
+    daisy: RobotModel, noisy_walk: AnalyticTrial
+) -> None:
+    """Joints 0.3 s behind the IMU for a time: those before its estimates are counted, the next ones are used."""
+    early, late = [], []
+    for sample in noisy_walk.measurements:
+        is_held = not isinstance(sample, ImuSample) and 2_000_000_000 <= sample.stamp_ns < 2_300_000_000
+        (late if is_held else early).append(sample)
+    at = next(number for number, sample in enumerate(early) if sample.stamp_ns >= 2_300_000_000)
+    estimates, odometry = run(daisy, [*early[:at], *late, *early[at:]])
+    joints = sum(isinstance(sample, JointSample) for sample in late)
+    assert joints - 1 <= odometry.counts["joints_late"] <= joints + 1
+    stamps = [estimate.stamp_ns for estimate in estimates]
+    assert np.all(np.diff(stamps) > 0)
+    assert miss_m(estimates[-1], noisy_walk) < 0.03
+
+
 def test_without_new_imu_samples_gravity_is_not_used(
     daisy: RobotModel, noisy_walk: AnalyticTrial, clean_runs: CleanRuns
 ) -> None:

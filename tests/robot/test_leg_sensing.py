@@ -46,7 +46,7 @@ def test_a_reading_has_the_mean_of_the_imu_since_the_last_in_the_body_frame(turn
     np.testing.assert_allclose(reading.angular_velocity, rates.mean(axis=0), atol=1e-15)
     forces = np.array([sample.specific_force for sample in samples[2:]]) @ turn.T  # with the one before
     np.testing.assert_allclose(reading.specific_force, forces.mean(axis=0), atol=1e-15)
-    assert [stamp_ns for stamp_ns, _ in reading.gyroscope] == [3 * MS, 4 * MS, 5 * MS]
+    assert [step.stamp_ns for step in reading.inertial] == [3 * MS, 4 * MS, 5 * MS]
     assert sensing.imu is samples[-1]
 
 
