@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coclo_vio.geometry import se3, so3
+from coclo_vio.geometry import se3
 from coclo_vio.values.arrays import Array, BoolArray
 from coclo_vio.values.calibration import RectifiedStereo
 from coclo_vio.values.measurements import StereoTracks
@@ -62,12 +62,14 @@ def stereo_motion(rig: RectifiedStereo, start: StereoTracks, end: StereoTracks) 
         sizes = np.linalg.norm(residuals, axis=1)
         sigma = max(_TO_SIGMA * float(np.median(sizes)) / np.sqrt(2.0), _LEAST_PX)
         weights = np.minimum(1.0, _HUBER * sigma / np.maximum(sizes, 1e-9))
-        information = np.einsum("nki,n,nkj->ij", rows, weights, rows)
+        stacked = rows.reshape(-1, 6)
+        weighted = stacked * np.repeat(weights, 3)[:, None]
+        information = weighted.T @ stacked
         try:
             inverse = np.linalg.inv(information)
         except np.linalg.LinAlgError:
             return None
-        step = inverse @ np.einsum("nki,n,nk->i", rows, weights, residuals)
+        step = inverse @ (weighted.T @ residuals.ravel())
         T_end_start = se3.exp(step) @ T_end_start
         if np.abs(step).max() < _CONVERGED:
             break
@@ -88,10 +90,12 @@ def _linearised(rig: RectifiedStereo, T: Array, points: Array, observed: Array) 
     residuals = observed - np.column_stack((left, disparity))
     has_disparity = np.isfinite(residuals[:, 2])
     residuals[:, 2] = np.where(has_disparity, residuals[:, 2], 0.0)
-    pixel = np.zeros((len(points), 3, 3))
-    pixel[:, 0, 0], pixel[:, 0, 2] = fx / z, -fx * x / z**2
-    pixel[:, 1, 1], pixel[:, 1, 2] = fy / z, -fy * y / z**2
-    pixel[:, 2, 2] = np.where(has_disparity, -fx * rig.baseline_m / z**2, 0.0)
-    rows = np.concatenate((pixel @ -so3.hat(moved), pixel), axis=2)
+    across, down, nearer = x / z, y / z, np.where(has_disparity, -fx * rig.baseline_m / z**2, 0.0)
+    rows = np.zeros((len(points), 3, 6))  # d(column, row, disparity) / d(point) times [-hat(point), identity]
+    rows[:, 0, 0], rows[:, 0, 1], rows[:, 0, 2] = -fx * across * down, fx * (1.0 + across**2), -fx * down
+    rows[:, 0, 3], rows[:, 0, 5] = fx / z, -fx * across / z
+    rows[:, 1, 0], rows[:, 1, 1], rows[:, 1, 2] = -fy * (1.0 + down**2), fy * across * down, fy * across
+    rows[:, 1, 4], rows[:, 1, 5] = fy / z, -fy * down / z
+    rows[:, 2, 0], rows[:, 2, 1], rows[:, 2, 5] = nearer * y, -nearer * x, nearer
     rows[~is_ahead] = residuals[~is_ahead] = 0.0
     return rows, residuals, is_ahead
