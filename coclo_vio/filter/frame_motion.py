@@ -62,15 +62,10 @@ class _Step:
 class BodyTrail:
     """The last motions of the body, step by step; corrections between steps are no motion."""
 
-    def __init__(self, config: FilterConfig, *, is_exact: bool = False) -> None:
-        """Take the filter's configuration.
-
-        Args:
-            config: the filter's.
-            is_exact: whether a frame is where the filter is, as in the paper, without what moves within a step.
-        """
+    def __init__(self, config: FilterConfig) -> None:
+        """Take the filter's configuration."""
         self._config = config
-        self._deflection_s = 0.0 if is_exact or config.profile == "paper" else config.robust.step_deflection_s
+        self._deflection_s = 0.0 if config.profile == "paper" else config.robust.step_deflection_s
         self._steps: deque[_Step] = deque()
 
     def add(self, before: State, start_ns: int, after: State, end_ns: int) -> None:

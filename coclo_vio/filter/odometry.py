@@ -113,7 +113,7 @@ class LegOdometryFilter:
         self._exchange: KeyframeExchange | None = None
         self._levels: list[StateLevel] = []
         self._gate = EvidenceGate(self.config.feedback_gate)
-        self._trail = BodyTrail(self.config, is_exact=preintegrates)
+        self._trail = BodyTrail(self.config)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
         self._given: Learnt = {}

@@ -9,7 +9,7 @@ import pytest
 
 from coclo_vio.filter.between_states import between
 from coclo_vio.filter.camera_frame import CameraFrame
-from coclo_vio.filter.config import FilterConfig, InitialConfig
+from coclo_vio.filter.config import FilterConfig, InitialConfig, RobustConfig
 from coclo_vio.filter.leg_preintegration import START
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior
@@ -26,11 +26,14 @@ EVERY = 25  # estimates from keyframe to keyframe
 FRAME_NS = 3_000_000  # from a joint sample to a frame
 
 
-CONFIG = FilterConfig(initial=InitialConfig(accelerometer_bias_mps2=0.05, gyroscope_bias_radps=0.02))
+CONFIG = FilterConfig(
+    initial=InitialConfig(accelerometer_bias_mps2=0.05, gyroscope_bias_radps=0.02),
+    robust=RobustConfig(step_deflection_s=0.0),  # a noise at each frame, which one filter without frames has not
+)
 
 
-def fresh(robot: RobotModel) -> LegOdometryFilter:
-    return LegOdometryFilter(robot, CONFIG, preintegrates=True)
+def fresh(robot: RobotModel, config: FilterConfig = CONFIG) -> LegOdometryFilter:
+    return LegOdometryFilter(robot, config, preintegrates=True)
 
 
 def walked(
@@ -89,6 +92,27 @@ def test_prior_and_factor_together_are_the_filters_own_marginal(motions: list[Le
         sigmas = np.sqrt(np.diag(motion.end.covariance))
         np.testing.assert_allclose(np.sqrt(np.diag(covariance))[size:], sigmas, rtol=2e-3)
         np.testing.assert_allclose(mean[size:] / sigmas, 0.0, atol=2e-3)
+
+
+def test_a_frame_has_the_deflection_within_a_step_in_its_covariance_and_in_the_factor(
+    daisy: RobotModel, noisy_walk: AnalyticTrial
+) -> None:
+    deflection_s, ends = 0.05, []
+    for value_s in (0.0, deflection_s):
+        odometry = fresh(daisy, CONFIG.model_copy(update={"robust": RobustConfig(step_deflection_s=value_s)}))
+        estimates = [one for one in map(odometry.push, noisy_walk.measurements[:600]) if one is not None]
+        speed_mps = float(np.linalg.norm(estimates[-1].nav.velocity_world))
+        stamp_ns = estimates[-1].stamp_ns + FRAME_NS
+        legs = odometry.preintegration(stamp_ns)
+        legs.restart(legs.state(stamp_ns))
+        motion = legs.motion(stamp_ns)
+        ends.append((legs.state(stamp_ns).covariance, motion.covariance))
+    expected = (deflection_s * speed_mps) ** 2
+    assert speed_mps > 0.1
+    (exact, exact_motion), (deflected, deflected_motion) = ends
+    np.testing.assert_allclose(np.diag(deflected_motion - exact_motion)[3:], expected, rtol=0.02)
+    np.testing.assert_allclose(np.diag(deflected_motion - exact_motion)[:3], 0.0, atol=1e-3 * expected)
+    assert np.all(np.diag(deflected - exact)[3:6] > 0.99 * expected)
 
 
 def test_nothing_of_the_prior_is_left_in_the_factor(
