@@ -119,6 +119,10 @@ class TimedSmoother:
         """Start with the frame of this stamp."""
         self._smoother.start_from(marginal, velocity)
 
+    def begin_anew(self, detail: str, late_s: float) -> None:
+        """Begin a window with the next frame."""
+        self._smoother.begin_anew(detail, late_s)
+
     def push_tracks(
         self, tracks: StereoTracks, odometry: OdometryDelta | None = None, evidence: PoseEvidence | None = None
     ) -> FrameResult:

@@ -13,6 +13,13 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior, Snapshot
 from coclo_vio.fusion.rotation_calibration import DELAY
 from coclo_vio.fusion.rotation_check import RotationCheck
+from coclo_vio.fusion.rotation_events import (
+    accord_event,
+    delay_event,
+    mounting_sentence,
+    named_witness,
+    suspicion_event,
+)
 from coclo_vio.fusion.rotation_findings import (
     CameraMounting,
     GyroscopeAgrees,
@@ -101,16 +108,15 @@ class RotationMonitor:
             case CameraMounting() as found:
                 revision = self._mounting(stamp_ns, found)
             case ImageDelay() as found:
-                revision = _delay(stamp_ns, found)
+                revision = Revision(delay_event(stamp_ns, found), delay_s=found.delay_s, is_anew=True)
             case GyroscopeOffset() as found:
                 revision = self._offset(stamp_ns, found, self._latest)
             case GyroscopeAgrees() as found:
                 revision = self._use_again(stamp_ns, found)
             case VisionSuspect() as found:
-                revision = Revision(_suspicion(stamp_ns, found))
+                revision = Revision(suspicion_event(stamp_ns, found))
             case VisionAgrees():
-                detail = "cameras and gyroscope agree on the rotation again"
-                revision = Revision(Event(stamp_ns, "vision_agrees", detail))
+                revision = Revision(accord_event(stamp_ns))
         if self._check.start_ns == stamp_ns:
             self._snapshots[stamp_ns] = self._filter.snapshot()
             if len(self._snapshots) > _SNAPSHOTS:
@@ -127,14 +133,8 @@ class RotationMonitor:
             delay.measure(-float(known.mean[DELAY]), float(np.sqrt(known.covariance[DELAY, DELAY])))
 
     def _mounting(self, stamp_ns: int, found: CameraMounting) -> Revision:
-        degrees = np.degrees(found.rotation)
-        sigma = float(np.degrees(np.sqrt(found.covariance.trace() / 3.0)))
         before = self._filter.mounting_prior
-        expected = float(np.degrees(np.sqrt(before.covariance.trace() / 3.0)))
-        measured = (
-            f"the cameras are turned by ({degrees[0]:.2f}, {degrees[1]:.2f}, {degrees[2]:.2f}) +- {sigma:.2f} deg "
-            f"against the body's gyroscope, where {expected:.2f} deg is expected of the cameras' mounting"
-        )
+        measured = mounting_sentence(found, float(np.sqrt(before.covariance.trace() / 3.0)))
         if before.is_known:
             detail = f"{measured}; it is configured as known: set filter.initial.camera_rotation_sigma_rad"
             return Revision(Event(stamp_ns, "camera_mounting_off", detail))
@@ -159,7 +159,7 @@ class RotationMonitor:
         sigma = max(found.sigma, _LEAST_BIAS_SIGMA_RADPS)
         self._filter.revise_gyroscope(found.bias, sigma, resumed)
         x, y, z = found.change
-        agreeing = "the cameras show" if found.witness is None else f"cameras and {_named(found.witness)} agree"
+        agreeing = "the cameras show" if found.witness is None else f"cameras and {named_witness(found.witness)} agree"
         measured = (
             f"the bias of the body's gyroscope is off by ({x:.3f}, {y:.3f}, {z:.3f}) +- {found.sigma:.3f} rad/s, as "
             f"{agreeing}"
@@ -201,27 +201,3 @@ def _moved(state: StateEstimate, T: Array) -> StateEstimate:
     nav = state.nav
     velocity = T[:3, :3] @ nav.velocity_world
     return replace(state, nav=replace(nav, T_world_body=T @ nav.T_world_body, velocity_world=velocity))
-
-
-def _delay(stamp_ns: int, found: ImageDelay) -> Revision:
-    late, delay_ms = "late" if found.delay_s > 0.0 else "early", 1e3 * abs(found.delay_s)
-    detail = (
-        f"stamps of images are {delay_ms:.1f} +- {1e3 * found.sigma_s:.1f} ms {late}, as cameras and gyroscope agree; "
-        "they are corrected from that on, and the window starts anew; set time_offset_s of the cameras' calibration"
-    )
-    return Revision(Event(stamp_ns, "image_delay", detail), delay_s=found.delay_s, is_anew=True)
-
-
-def _suspicion(stamp_ns: int, found: VisionSuspect) -> Event:
-    differ = f"the rotations of cameras and gyroscope differ by {found.rate_radps:.3f} rad/s"
-    if found.witness is None:
-        detail = f"{differ}, and no other sensor tells which of them is wrong; nothing was changed"
-        return Event(stamp_ns, "rotation_disagreement", detail)
-    detail = (
-        f"{differ}, and by {_named(found.witness)} the gyroscope is right; nothing was changed but by outlier gates"
-    )
-    return Event(stamp_ns, "vision_suspect", detail)
-
-
-def _named(witness: str) -> str:
-    return {"legs": "the legs", "camera_gyroscope": "the cameras' own gyroscope"}[witness]

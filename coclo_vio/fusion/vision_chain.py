@@ -50,6 +50,9 @@ class Smoother(Protocol):
     def start_from(self, marginal: PoseMarginal, velocity: tuple[Array, float] | None = None) -> None:
         """Start with the frame of this stamp, and at this pose; velocity in m/s with its sigma, None at rest."""
 
+    def begin_anew(self, detail: str, late_s: float) -> None:
+        """The next frame begins a window; stamps of frames before it were late by so much against its own, s."""
+
     def push_imu(self, sample: InertialReading) -> None:
         """Take a reading, before the tracks of the frame that it leads to."""
 

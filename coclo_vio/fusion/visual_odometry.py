@@ -11,11 +11,15 @@ from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.image_clock import ImageClock
+from coclo_vio.fusion.rotation_check import RotationCheck
+from coclo_vio.fusion.rotation_events import accord_event, delay_event, mounting_sentence, suspicion_event
+from coclo_vio.fusion.rotation_findings import CameraMounting, ImageDelay, VisionAgrees, VisionSuspect
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefixed
+from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo, StereoCalibration
 from coclo_vio.values.measurements import BodyTwistSample, InertialReading, Measurement, StereoFrame, StereoTracks
-from coclo_vio.values.outputs import Estimate, Output
+from coclo_vio.values.outputs import Estimate, Event, Output
 
 if TYPE_CHECKING:
     from coclo_vio.backend.window.keyframe_source import KeyframeSource
@@ -45,6 +49,7 @@ class VisualOdometry(StreamingEstimator):
         frontend: Frontend | None = None,
         *,
         imu_kind: type[InertialReading] | None = None,
+        check: RotationCheck | None = None,
         twist_kind: type[BodyTwistSample] | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
@@ -56,6 +61,7 @@ class VisualOdometry(StreamingEstimator):
             smoother: a fresh one.
             frontend: a fresh one; None where a recording has tracks, not frames.
             imu_kind: the one kind of IMU whose readings are used; None for no IMU.
+            check: a fresh comparison of rotations by the cameras and that IMU; None for none.
             twist_kind: the kind of body twists that are used; None for none.
             time_offset_s: stamp of a frame plus this is the IMU's clock, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
@@ -63,7 +69,7 @@ class VisualOdometry(StreamingEstimator):
         super().__init__(ImageClock(time_offset_s, waits=imu_kind is not None or twist_kind is not None))
         self._name, self._smoother = name, smoother
         self._vision = VisionChain(frontend, pictures_every)
-        self._imu_kind, self._twist_kind = imu_kind, twist_kind
+        self._imu_kind, self._twist_kind, self._check = imu_kind, twist_kind, check
         self._reading_ns: int | None = None
 
     @property
@@ -95,6 +101,8 @@ class VisualOdometry(StreamingEstimator):
             self._counted["imu_stamp_refused"] += 1
             return
         self._reading_ns = reading.stamp_ns
+        if self._check is not None:
+            self._check.push_gyroscope(reading)
         self._smoother.push_imu(reading)
 
     def _process_frame(self, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
@@ -111,6 +119,25 @@ class VisualOdometry(StreamingEstimator):
         yield from result.snapshots
         if result.estimate is not None:
             yield Estimate(self._name, result.estimate)
+            if self._check is not None:
+                yield from self._compare(self._check, tracked.tracks, result.estimate.nav.gyroscope_bias)
+
+    def _compare(self, check: RotationCheck, tracks: StereoTracks, bias: Array) -> Iterator[Event]:
+        """Compare rotations by a frame, and act on what is found; an offset of the gyroscope is up to the window."""
+        stamp_ns = tracks.stamp_ns
+        match check.push_tracks(tracks, bias):
+            case ImageDelay() as found:
+                yield delay_event(stamp_ns, found)
+                self._clock.shift(-found.delay_s)
+                detail = "stamps of images have been corrected; the window starts anew with this frame"
+                self._smoother.begin_anew(detail, found.delay_s)
+            case CameraMounting() as found:
+                detail = f"{mounting_sentence(found, 0.0)}; nothing was changed: mend the cameras' calibration"
+                yield Event(stamp_ns, "camera_mounting_off", detail)
+            case VisionSuspect() as found:
+                yield suspicion_event(stamp_ns, found)
+            case VisionAgrees():
+                yield accord_event(stamp_ns)
 
 
 def visual_odometry(
@@ -158,6 +185,7 @@ def visual_odometry(
         SlidingWindowSmoother(rig, smoother, calibration, sources[ties](), gives_snapshots=pictures_every is not None),
         stages,
         imu_kind=kind,
+        check=None if imu is None or ties != "imu" else RotationCheck(rig, imu[1].T_body_imu[:3, :3]),
         twist_kind=BodyTwistSample if ties == "twist" else None,
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,

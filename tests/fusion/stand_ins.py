@@ -76,6 +76,7 @@ class NotingSmoother:
     odometry: list[OdometryDelta | None] = field(default_factory=list)
     evidence: list[PoseEvidence | None] = field(default_factory=list)
     start: PoseMarginal | None = None
+    begun_anew: list[tuple[str, float]] = field(default_factory=list)
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -83,6 +84,9 @@ class NotingSmoother:
 
     def start_from(self, marginal: PoseMarginal, velocity: tuple[Array, float] | None = None) -> None:
         self.start = marginal
+
+    def begin_anew(self, detail: str, late_s: float) -> None:
+        self.begun_anew.append((detail, late_s))
 
     def push_imu(self, sample: InertialReading) -> None:
         self.pushed.append(sample)

@@ -13,6 +13,7 @@ from coclo_vio.filter.config import FilterConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.fusion.combined import CombinedOdometry
 from coclo_vio.fusion.config import BridgeConfig
+from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.geometry import se3, so3
 from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
@@ -88,7 +89,7 @@ def combined(
     )
 
 
-def outputs_of(odometry: CombinedOdometry, measurements: Iterable[Measurement]) -> list[Output]:
+def outputs_of(odometry: StreamingEstimator, measurements: Iterable[Measurement]) -> list[Output]:
     """All outputs of a recording."""
     return [*(output for one in measurements for output in odometry.push(one)), *odometry.finish()]
 

@@ -70,6 +70,10 @@ class InertialSource(KeyframeSource):
         """Take a reading."""
         self.preintegration.push(sample)
 
+    def forget(self) -> None:
+        """The biases are not known; ``level`` comes next."""
+        self.bias = gtsam.imuBias.ConstantBias()
+
     def level(self, rest: ImuMeans | None, gyroscope_sigma_radps: float | None) -> None:
         """The biases before the start: the gyroscope's from a rest, where there is one, with its sigma."""
         if rest is not None:

@@ -85,6 +85,7 @@ class SlidingWindowSmoother:
         self._given_velocity = np.zeros(3), self.config.start.rest_velocity_mps
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
+        self._anew: tuple[str, float] | None = None  # why the next frame begins a window, and how much later it is
         self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 
     @property
@@ -132,6 +133,15 @@ class SlidingWindowSmoother:
         self._predicted = None
         for source in self._inertial:
             source.preintegration.has_gap = True
+
+    def begin_anew(self, detail: str, late_s: float) -> None:
+        """The next frame begins a window where it is localised or predicted; biases are sought anew.
+
+        Args:
+            detail: why, for the event ``window_restart``.
+            late_s: stamps of the frames before were late by this against that one's, s.
+        """
+        self._anew = detail, late_s
 
     def push_twist(self, sample: BodyTwistSample) -> None:
         """Take a twist of the body; twists come before the frame that they lead to."""
@@ -210,6 +220,11 @@ class SlidingWindowSmoother:
         """What becomes of a frame: the keyframe at a standstill, a prediction, a new keyframe, or a localised frame."""
         tracks = frame.tracks
         self._log.add_vision(tracks, has_vision=frame.fit is not None)
+        if self._anew is not None:
+            (detail, late_s), self._anew = self._anew, None
+            self._vision_ns = tracks.stamp_ns
+            self._level(self._rest_detector.rest, is_anew=True)
+            return self._updater.begin_anew(frame, detail, late_s)
         rest = self._rest_detector.rest
         if rest is not None and self._has_velocity and frame.fit is not None and self._stands_still(tracks):
             return self._at_standstill(frame, rest)
@@ -276,10 +291,12 @@ class SlidingWindowSmoother:
         self._last = self._updater.begin(tracks, start.T_world_body, start.covariance, np.zeros(3))
         return self._state_estimate(self._last) if tracks.stamp_ns >= self._outputs_from_ns else None
 
-    def _level(self, rest: ImuMeans | None) -> None:
-        """The biases of the IMU before the start."""
+    def _level(self, rest: ImuMeans | None, *, is_anew: bool = False) -> None:
+        """The biases of the IMU before the start; anew: what was learnt of them is dropped."""
         sigma = None if rest is None else self._standstill_bias.rate_sigma(rest.span_s)
         for source in self._inertial:
+            if is_anew:
+                source.forget()
             source.level(rest, sigma)
 
     def _start_as_given(self, tracks: StereoTracks, given: PoseMarginal) -> StateEstimate:

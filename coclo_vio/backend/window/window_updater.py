@@ -176,6 +176,30 @@ class WindowUpdater:
         covariance[6:, 6:] = np.eye(3) * failure.restart_speed_mps**2
         return self.begin(frame.tracks, motion.T_world_body, covariance, np.zeros(3))
 
+    def begin_anew(self, frame: FrameLocalisation, detail: str, late_s: float) -> FrameEstimate:
+        """Begin anew with a frame, whose velocity and tilt are as uncertain as they can be in motion.
+
+        Args:
+            frame: the first one of the window.
+            detail: why, for the event.
+            late_s: stamps of the frames before were late by this against the frame's: the body has moved for so much
+                longer than they say.
+        """
+        motion, failure, stamp_ns = frame.motion, self._config.failure, frame.tracks.stamp_ns
+        covariance = self._predicted_covariance(self.started_window, motion)
+        T, velocity = motion.T_world_body.copy(), motion.velocity_world
+        if frame.fit is not None:
+            T = frame.fit.T_world_body
+        else:
+            T[:3, 3] += velocity * late_s
+            covariance[3:6, 3:6] += np.eye(3) * (failure.restart_speed_mps * late_s) ** 2
+        tilt = T[:3, :3].T @ np.diag([1.0, 1.0, 0.0]) @ T[:3, :3]
+        covariance[:3, :3] += tilt * self._config.start.moving_tilt_rad**2
+        covariance[6:] = covariance[:, 6:] = 0.0
+        covariance[6:, 6:] = np.eye(3) * failure.restart_speed_mps**2
+        self._log.add(stamp_ns, "window_restart", detail)
+        return self.begin(frame.tracks, T, covariance, velocity)
+
     def _restart(self, frame: FrameLocalisation, covariance: Array) -> FrameEstimate:
         """Begin anew at the predicted pose, with the covariance (9, 9) that the prediction had before solving."""
         stamp_ns, motion = frame.tracks.stamp_ns, frame.motion

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Visual-inertial odometry whose cameras have another clock, or another mounting, than their calibration says."""
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from rotating_walk import stream, trial, turned_rig, with_late_images
+from walk_among_points import DAISY, outputs_of, states
+
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.inertial_source import InertialSource
+from coclo_vio.backend.window.smoother import SlidingWindowSmoother
+from coclo_vio.fusion.rotation_check import RotationCheck
+from coclo_vio.fusion.visual_odometry import VisualOdometry
+from coclo_vio.values.arrays import Array
+from coclo_vio.values.measurements import ImuSample, Measurement
+from coclo_vio.values.outputs import Event, Output
+
+IMU = DAISY.description.imu
+WALK = SmootherConfig()
+
+
+def run(measurements: Iterable[Measurement], turn: Array | None = None, *, checks: bool = True) -> list[Output]:
+    rig = turned_rig(np.zeros(3) if turn is None else turn)
+    smoother = SlidingWindowSmoother(rig, WALK, IMU, [InertialSource(IMU, WALK)])
+    check = RotationCheck(rig, IMU.T_body_imu[:3, :3]) if checks else None
+    return outputs_of(VisualOdometry("vins", smoother, None, imu_kind=ImuSample, check=check), measurements)
+
+
+def events(outputs: Iterable[Output]) -> list[Event]:
+    return [each for each in outputs if isinstance(each, Event)]
+
+
+def tilt_rms_rad(outputs: list[Output], since_ns: int) -> float:
+    """Root mean square error of the upward direction."""
+    truth, squared = trial().truth, []
+    for state in states(outputs, "vins"):
+        row = int(np.searchsorted(truth.stamps_ns, state.stamp_ns))
+        if state.stamp_ns >= since_ns and row < len(truth.stamps_ns):
+            up, true_up = state.nav.T_world_body[2, :3], truth.T_world_body[row][2, :3]
+            squared.append(float((up - true_up) @ (up - true_up)))
+    return float(np.sqrt(np.mean(squared)))
+
+
+def test_nothing_is_found_where_clock_and_mounting_are_right() -> None:
+    assert events(run(stream())) == []
+
+
+@pytest.mark.parametrize("late_s", [0.06, -0.06, 0.4])
+def test_a_delay_is_reported_and_corrected_and_the_window_starts_anew(late_s: float) -> None:
+    late = with_late_images(stream(), late_s)
+    corrected, as_they_come = run(late), run(late, checks=False)
+    found = [event for event in events(corrected) if not event.kind.startswith("vision_")]
+    assert [event.kind for event in found] == ["image_delay", "window_restart"]
+    measured = re.search(r"are ([\d.]+) \+- [\d.]+ ms (late|early)", found[0].detail)
+    assert measured is not None
+    assert float(measured[1]) == pytest.approx(1e3 * abs(late_s), abs=10.0)
+    assert measured[2] == ("late" if late_s > 0.0 else "early")
+    assert found[1].stamp_ns > found[0].stamp_ns - 1_000_000_000
+    stamps = [state.stamp_ns for state in states(corrected, "vins")]
+    assert np.all(np.diff(stamps) > 0)
+    settled_ns = found[0].stamp_ns + 1_000_000_000
+    assert tilt_rms_rad(corrected, settled_ns) < 0.5 * tilt_rms_rad(as_they_come, settled_ns)
+
+
+def test_a_turned_mounting_is_reported() -> None:
+    turn = np.radians([-1.7, 1.7, 1.7])
+    found = [event for event in events(run(stream(), turn)) if event.kind == "camera_mounting_off"]
+    assert len(found) == 1
+    assert "mend the cameras' calibration" in found[0].detail
