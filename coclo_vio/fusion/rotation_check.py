@@ -46,6 +46,7 @@ _LEAST_RATE_RADPS, _LEAST_BIAS_RADPS = 0.015, 0.01
 _FEWEST_PAIRS = 10
 _IN_A_ROW, _MOST_IN_A_ROW = 2, 12
 _JUDGED, _FEWEST_JUDGED = 6, 4  # latest intervals with a turn, by which cameras and gyroscope agree or not
+_CONTRADICTED = 16  # turns in a row, in which a search for a delay has all it needs
 _SAME_DIRECTION = 0.7
 
 
@@ -98,6 +99,8 @@ class RotationCheck:
         self._unexplained: deque[tuple[int, int, Array]] = deque(maxlen=_MOST_IN_A_ROW)  # motions since the last accord
         self._delays = DelaySearch(self._gyroscope)
         self._agreed: deque[bool] = deque(maxlen=_JUDGED)
+        self._contradicted = 0  # turns in a row
+        self._sizes: deque[tuple[float, float]] = deque(maxlen=_JUDGED)  # squares of differences, and of turns
         self._suspects_vision = False
         self._reported_mounting: Array | None = None
 
@@ -117,6 +120,22 @@ class RotationCheck:
         known = [each.testimony[1] for each in self._disagreements if each.testimony is not None]
         agree = len(self._agreed) >= _FEWEST_JUDGED and 2 * sum(self._agreed) >= len(self._agreed)
         return agree or Testimony.VISION in known
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether cameras and gyroscope contradict each other in each of the latest turns.
+
+        By more than the turns themselves, or in so many of them that a delay would have been found.
+        """
+        if self._contradicted < _JUDGED:
+            return False
+        off, turned = np.sum(self._sizes, axis=0)
+        return bool(off > turned) or self._contradicted >= _CONTRADICTED
+
+    @property
+    def uses_body_gyroscope(self) -> bool:
+        """Whether the body's gyroscope is compared: it is not set aside."""
+        return self._aside is None
 
     def push_gyroscope(self, reading: InertialReading) -> None:
         """Take a reading of the body's gyroscope."""
@@ -154,19 +173,30 @@ class RotationCheck:
         if dt_s < _SHORTEST_S and (pair is None or self.calibration.innovation(pair)[0].is_accepted):
             return None  # a short interval decides only where it is significant
         self._start = tracks
-        returned = None if motion is None else self._returned(start.stamp_ns, stamp_ns, motion[0])
-        if returned is not None or pair is None:
-            return returned
-        return self._delayed(start.stamp_ns, stamp_ns, pair) or self._compare(
-            start.stamp_ns, stamp_ns, pair, self._reference - bias
-        )
+        return None if motion is None else self._finding(start.stamp_ns, stamp_ns, motion[0], pair, bias)
 
-    def _delayed(self, start_ns: int, end_ns: int, pair: RotationPair) -> ImageDelay | None:
-        """A delay of the images beyond what the calibration can find."""
-        behind_gyroscope_s = self._delays.push(start_ns, end_ns, pair.by_vision)
+    def _finding(
+        self, start_ns: int, end_ns: int, T_start_end: Array, pair: RotationPair | None, bias: Array
+    ) -> Finding | None:
+        """What is found by an interval, of which there is no pair without readings of the gyroscope."""
+        assert self._reference is not None, "there was a frame"
+        returned = self._returned(start_ns, end_ns, T_start_end)
+        if returned is not None:
+            return returned
+        delayed = self._delayed(start_ns, end_ns, so3.log(T_start_end[:3, :3]))
+        if delayed is not None or pair is None:
+            return delayed
+        return self._compare(start_ns, end_ns, pair, self._reference - bias)
+
+    def _delayed(self, start_ns: int, end_ns: int, by_vision: Array) -> ImageDelay | None:
+        """A delay of the images beyond what the calibration can find; a gyroscope that it set aside is used again."""
+        behind_gyroscope_s = self._delays.push(start_ns, end_ns, by_vision)
         if behind_gyroscope_s is None or abs(behind_gyroscope_s + self.gyroscope_delay_s) < LEAST_LAG_S:
             return None
         delay_s = behind_gyroscope_s + self.gyroscope_delay_s
+        if self._aside is not None and self._camera_gyroscope is None:
+            self._aside = None
+            self._compare_with(self._body_gyroscope)
         self.calibration = RotationCalibration()  # none of its pairs was of one time
         self.calibration.remove_delay(self.gyroscope_delay_s)
         return self._delay(end_ns, delay_s, _SEARCH_SIGMA_S)
@@ -174,8 +204,10 @@ class RotationCheck:
     def set_gyroscope_aside(self) -> None:
         """From now on compare the cameras with their own gyroscope, if there is one, and watch the body's."""
         self._aside, self.gyroscope_delay_s = GyroscopeReturn(self._body_gyroscope), 0.0
-        own = self._camera_gyroscope
+        own, delays = self._camera_gyroscope, self._delays
         self._compare_with(GyroscopeRotation(np.eye(3)) if own is None else own)
+        if own is None:
+            self._delays = delays  # a delay may be why the body's contradicts
 
     def _returned(self, start_ns: int, end_ns: int, T_start_end: Array) -> GyroscopeAgrees | None:
         """Whether a gyroscope that was set aside agrees with the cameras."""
@@ -193,6 +225,7 @@ class RotationCheck:
         self._disagreements.clear()
         self._unexplained.clear()
         self._agreed.clear()
+        self._contradicted = 0
         self._suspects_vision = False
 
     def _visual_motion(self, start: StereoTracks, end: StereoTracks) -> tuple[Array, Array] | None:
@@ -222,6 +255,9 @@ class RotationCheck:
         innovation = self.calibration.add(pair)
         if innovation.turns_significantly:
             self._agreed.append(innovation.is_accepted)
+            self._contradicted = 0 if innovation.is_accepted else self._contradicted + 1
+            off = pair.by_vision - pair.by_gyroscope
+            self._sizes.append((float(off @ off), float(pair.by_vision @ pair.by_vision)))
         others = self._others(start_ns, end_ns, pair.by_gyroscope)
         if innovation.is_accepted:
             self._disagreements.clear()
@@ -302,6 +338,7 @@ class RotationCheck:
         self._disagreements.clear()
         self._unexplained.clear()
         self._agreed.clear()
+        self._contradicted = 0
         self._delays.restart()
         return ImageDelay(delay_s, sigma_s)
 

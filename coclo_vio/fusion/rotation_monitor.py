@@ -108,6 +108,7 @@ class RotationMonitor:
             case CameraMounting() as found:
                 revision = self._mounting(stamp_ns, found)
             case ImageDelay() as found:
+                self._is_imu_aside = self._is_imu_aside and not self._check.uses_body_gyroscope
                 revision = Revision(delay_event(stamp_ns, found), delay_s=found.delay_s, is_anew=True)
             case GyroscopeOffset() as found:
                 revision = self._offset(stamp_ns, found, self._latest)

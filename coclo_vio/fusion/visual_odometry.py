@@ -13,7 +13,7 @@ from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_events import accord_event, delay_event, mounting_sentence, suspicion_event
-from coclo_vio.fusion.rotation_findings import CameraMounting, ImageDelay, VisionAgrees, VisionSuspect
+from coclo_vio.fusion.rotation_findings import CameraMounting, GyroscopeAgrees, ImageDelay, VisionAgrees, VisionSuspect
 from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefixed
 from coclo_vio.values.arrays import Array
@@ -71,6 +71,7 @@ class VisualOdometry(StreamingEstimator):
         self._vision = VisionChain(frontend, pictures_every)
         self._imu_kind, self._twist_kind, self._check = imu_kind, twist_kind, check
         self._reading_ns: int | None = None
+        self._is_imu_aside = False
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -103,7 +104,10 @@ class VisualOdometry(StreamingEstimator):
         self._reading_ns = reading.stamp_ns
         if self._check is not None:
             self._check.push_gyroscope(reading)
-        self._smoother.push_imu(reading)
+        if self._is_imu_aside:
+            self._counted["imu_set_aside"] += 1
+        else:
+            self._smoother.push_imu(reading)
 
     def _process_frame(self, frame: StereoFrame | StereoTracks) -> Iterator[Output]:
         if not self._vision.is_next(frame.stamp_ns):
@@ -129,6 +133,7 @@ class VisualOdometry(StreamingEstimator):
             case ImageDelay() as found:
                 yield delay_event(stamp_ns, found)
                 self._clock.shift(-found.delay_s)
+                self._is_imu_aside = False
                 detail = "stamps of images have been corrected; the window starts anew with this frame"
                 self._smoother.begin_anew(detail, found.delay_s)
             case CameraMounting() as found:
@@ -138,6 +143,20 @@ class VisualOdometry(StreamingEstimator):
                 yield suspicion_event(stamp_ns, found)
             case VisionAgrees():
                 yield accord_event(stamp_ns)
+            case GyroscopeAgrees():
+                self._is_imu_aside = False
+                detail = "the IMU agrees with the cameras on the rotation again, and is used"
+                yield Event(stamp_ns, "imu_used_again", detail)
+                self._smoother.begin_anew("the IMU is used again; the window starts anew with this frame", 0.0)
+        if check.contradicts and not self._is_imu_aside:
+            self._is_imu_aside = True
+            check.set_gyroscope_aside()
+            detail = (
+                "in all of the latest turns the rotations of cameras and IMU contradict each other: the IMU is set "
+                "aside, and cameras go on alone until it agrees with them; its axes, signs and scale are to be checked"
+            )
+            yield Event(stamp_ns, "imu_set_aside", detail)
+            self._smoother.begin_anew("the IMU is set aside; the window starts anew with this frame", 0.0)
 
 
 def visual_odometry(

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from rotating_walk import stream, trial, turned_rig, with_late_images
+from rotating_walk import stream, trial, turned_rig, with_late_images, with_reversed_gyroscope
 from walk_among_points import DAISY, outputs_of, states
 
 from coclo_vio.backend.window.config import SmootherConfig
@@ -14,9 +14,12 @@ from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.visual_odometry import VisualOdometry
+from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
+from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.measurements import ImuSample, Measurement
 from coclo_vio.values.outputs import Event, Output
+from coclo_vio.values.units import NS_PER_S
 
 IMU = DAISY.description.imu
 WALK = SmootherConfig()
@@ -31,6 +34,15 @@ def run(measurements: Iterable[Measurement], turn: Array | None = None, *, check
 
 def events(outputs: Iterable[Output]) -> list[Event]:
     return [each for each in outputs if isinstance(each, Event)]
+
+
+def error_m(state: StateEstimate) -> float:
+    """Distance from the truth."""
+    truth = trial().truth
+    row = min(int(np.searchsorted(truth.stamps_ns, state.stamp_ns)), len(truth.stamps_ns) - 1)
+    start = truth.T_world_body[0]
+    turned = so3.about_z(float(so3.yaw(start[:3, :3]))) @ state.nav.T_world_body[:3, 3]
+    return float(np.linalg.norm(turned + start[:3, 3] - truth.T_world_body[row][:3, 3]))
 
 
 def tilt_rms_rad(outputs: list[Output], since_ns: int) -> float:
@@ -63,6 +75,17 @@ def test_a_delay_is_reported_and_corrected_and_the_window_starts_anew(late_s: fl
     assert np.all(np.diff(stamps) > 0)
     settled_ns = found[0].stamp_ns + 1_000_000_000
     assert tilt_rms_rad(corrected, settled_ns) < 0.5 * tilt_rms_rad(as_they_come, settled_ns)
+
+
+def test_an_imu_that_contradicts_the_cameras_is_set_aside_until_it_agrees() -> None:
+    """All its axes have the wrong sign for 4 s; without a comparison gravity turns the path over."""
+    reversed_imu = with_reversed_gyroscope(stream(), 3.0, 7.0)
+    compared, as_they_come = run(reversed_imu), run(reversed_imu, checks=False)
+    kinds = [event.kind for event in events(compared) if event.kind.startswith("imu_") and event.kind != "imu_gap"]
+    assert kinds == ["imu_set_aside", "imu_used_again"]
+    aside, again = (event for event in events(compared) if event.kind in {"imu_set_aside", "imu_used_again"})
+    assert 3.0 < aside.stamp_ns / NS_PER_S < 7.0 < again.stamp_ns / NS_PER_S
+    assert error_m(states(compared, "vins")[-1]) < 0.2 * error_m(states(as_they_come, "vins")[-1])
 
 
 def test_a_turned_mounting_is_reported() -> None:
