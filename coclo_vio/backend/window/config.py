@@ -201,6 +201,9 @@ class SmootherConfig(StageConfig):
         int,
         Field(ge=0, description="landmarks still tracked that enter the marginal prior; of others the past is dropped"),
     ] = 60
+    stereo_scale_sigma: Annotated[
+        float, Field(ge=0, lt=0.2, description="relative error of lengths by stereo, in the covariance of vision alone")
+    ] = 0.005
     noise: Annotated[PixelNoiseConfig, Field(description="noise of the tracks")] = PixelNoiseConfig()
     keyframe: Annotated[KeyframeConfig, Field(description="choice of keyframes")] = KeyframeConfig()
     motion: Annotated[MotionPriorConfig, Field(description="the constant-velocity model")] = MotionPriorConfig()

@@ -85,6 +85,7 @@ class SlidingWindowSmoother:
         self._given_velocity = np.zeros(3), self.config.start.rest_velocity_mps
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
+        self._origin: Array | None = None  # where the path began, world, m
         self._anew: tuple[str, float] | None = None  # why the next frame begins a window, and how much later it is
         self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 
@@ -320,5 +321,20 @@ class SlidingWindowSmoother:
         for source in self._inertial:
             gyroscope, accelerometer = source.biases_body
             rate = source.rate_body
+        if self._updater.given_start is None:
+            covariance += self._scale_covariance(frame)
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)
         return StateEstimate(frame.stamp_ns, nav, covariance)
+
+    def _scale_covariance(self, frame: FrameEstimate) -> Array:
+        """What the error of the stereo scale does to position and velocity, (9, 9), where nothing else measures them.
+
+        The window takes its cameras for exact. A wrong baseline or focal length stretches the path from its begin on by
+        a constant share: a way in a straight line is wrong by that, and a loop that is closed is not.
+        """
+        if self._origin is None:
+            self._origin = frame.T_world_body[:3, 3]
+        stretch, sigma = np.zeros(9), self.config.stereo_scale_sigma
+        stretch[3:6] = frame.T_world_body[:3, :3].T @ (frame.T_world_body[:3, 3] - self._origin)
+        stretch[6:] = frame.velocity_world
+        return np.outer(sigma * stretch, sigma * stretch)

@@ -167,6 +167,26 @@ def test_the_estimate_is_consistent_with_its_covariance() -> None:
     assert 0.005 < np.mean(squares) < 1.5
 
 
+def test_a_wrong_baseline_is_in_the_covariance_along_the_way_from_the_begin() -> None:
+    """Cameras whose lengths are 1 % too long, twice the sigma."""
+    tracks = frames(WALK, stamps_ns(1.0, 6.0, FRAME_NS), WORLD)
+    stretched = [
+        replace(each, right_px=each.left_px - (each.left_px - each.right_px) * np.array([1.0 / 1.01, 1.0]))
+        for each in tracks
+    ]
+    exact, open_scale = (
+        play(stereo(SmootherConfig(stereo_scale_sigma=sigma)), stretched).estimates for sigma in (0.0, 0.005)
+    )
+    first, last = min(exact), max(exact)
+    T = exact[last].nav.T_world_body
+    along = T[:3, :3].T @ (T[:3, 3] - exact[first].nav.T_world_body[:3, 3])
+    added = (open_scale[last].covariance - exact[last].covariance)[3:6, 3:6]
+    np.testing.assert_allclose(added, 0.005**2 * np.outer(along, along), atol=1e-12)
+    error = pose_errors(exact, WALK)[last][3:]
+    squared = [error @ np.linalg.solve(each[last].covariance[3:6, 3:6], error) for each in (exact, open_scale)]
+    assert squared[1] < 0.5 * squared[0]
+
+
 def test_a_prediction_is_accurate_and_changes_nothing() -> None:
     tracks = frames(WALK, stamps_ns(0.0, 5.0, FRAME_NS), WORLD)
     events = in_order(tracks, readings(WALK, stamps_ns(-0.5, 5.0, IMU_NS)))
