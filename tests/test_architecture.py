@@ -35,7 +35,7 @@ _IMPORTERS = {
     "foxglove": ("views/foxglove_canvas.py",),
     "rerun": ("views/rerun_canvas.py",),
     "rosbags": ("datasets/rosbag/storage/", "datasets/rosbag/writing/new_bag.py"),
-    "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/"),
+    "cv2": ("datasets/images.py", "frontend/", "simulation/visuals/", "views/"),
     "typer": ("cli/",),
     "rich": ("cli/",),
     "filterpy": ("experiments/filterpy_rival.py",),

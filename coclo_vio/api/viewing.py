@@ -20,9 +20,10 @@ def open_view(
     """A view: ``measurement(m)`` and ``take(output)`` show, ``close()`` finishes.
 
     Args:
-        kind: ``foxglove`` or ``rerun``.
+        kind: ``foxglove``, ``rerun`` or ``animation``, which writes a file only.
         of: a recording or its path, whose robot and ground truth are shown; or, online, the robot; None: neither.
-        file: what it writes, overwritten: ``.mcap`` of Foxglove, ``.rrd`` of Rerun.
+        file: what it writes, overwritten: ``.mcap`` of Foxglove, ``.rrd`` of Rerun, ``.webp`` of the
+            animation.
         port: where it serves on this machine; without file and port the viewer's usual one, 8765 or 9876.
 
     Raises:
@@ -41,7 +42,7 @@ def view_run(folder: str | Path, kind: str, *, file: str | Path) -> Path:
 
     Args:
         folder: that ``run`` or ``compare`` wrote.
-        kind: ``foxglove`` or ``rerun``.
+        kind: ``foxglove``, ``rerun`` or ``animation``, which writes a file only.
         file: what is written.
 
     Returns:

@@ -31,10 +31,12 @@ ResumeOption = Annotated[
     bool, typer.Option("--resume", help="Go on with a run in the folder that was killed or stopped.")
 ]
 ViewOption = Annotated[
-    str | None, typer.Option("--view", help="Show it while it runs: foxglove or rerun (extra view).")
+    str | None,
+    typer.Option("--view", help="Show it while it runs: foxglove or rerun (extra view); or animation, a file only."),
 ]
 ViewFileOption = Annotated[
-    Path | None, typer.Option("--view-file", help="What the view writes: .mcap of foxglove, .rrd of rerun.")
+    Path | None,
+    typer.Option("--view-file", help="What the view writes: .mcap of foxglove, .rrd of rerun, .webp of animation."),
 ]
 ViewPortOption = Annotated[
     int | None, typer.Option("--view-port", help="Where the view serves; without file and port the usual one.")

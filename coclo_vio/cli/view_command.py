@@ -34,7 +34,7 @@ def opened_view(
     """
     if kind is None:
         if file is not None or port is not None:
-            raise ConfigError("--view-file and --view-port belong to a view; add --view foxglove or --view rerun")
+            raise ConfigError("--view-file and --view-port belong to a view; add --view foxglove, rerun or animation")
         yield None
         return
     view = open_view(kind, of, file=file, port=port)
@@ -50,8 +50,10 @@ def opened_view(
 
 def view(
     run_folder: Annotated[Path, typer.Argument(help="Folder that run or compare wrote.")],
-    to: Annotated[str, typer.Option("--to", help="foxglove or rerun.")] = "foxglove",
-    file: Annotated[Path | None, typer.Option("--file", help="Default: view.mcap or view.rrd in the folder.")] = None,
+    to: Annotated[str, typer.Option("--to", help="foxglove, rerun or animation.")] = "foxglove",
+    file: Annotated[
+        Path | None, typer.Option("--file", help="Default: view.mcap, .rrd or .webp in the folder.")
+    ] = None,
 ) -> None:
-    """Write a run into a file for Foxglove or Rerun, with robot and plots."""
+    """Write a run into a file for Foxglove or Rerun, or an animation, with robot and plots."""
     give(f"view: {view_run(run_folder, to, file=file or run_folder / f'view{file_suffix(to)}')}")

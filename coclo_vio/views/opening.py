@@ -14,12 +14,12 @@ from coclo_vio.views.view import Setting, View
 
 
 class _Kind(NamedTuple):
-    """One kind of view: the library that it needs, its distribution, how its files end, and its usual port."""
+    """One kind of view: the library that it needs, its distribution, how its files end, and its usual port, if any."""
 
     module: str
     distribution: str
     suffix: str
-    port: int
+    port: int | None
     make: Callable[[Path | None, int | None], Canvas]
 
 
@@ -35,16 +35,19 @@ def _rerun(file: Path | None, port: int | None) -> Canvas:
     return RerunCanvas(file, port)
 
 
+def _animation(file: Path | None, port: int | None) -> Canvas:
+    from coclo_vio.views.animation_canvas import AnimationCanvas  # noqa: PLC0415 -- loads OpenCV
+
+    assert file is not None, "check_view"
+    return AnimationCanvas(file)
+
+
 _KINDS: Mapping[str, _Kind] = {
     "foxglove": _Kind("foxglove", "foxglove-sdk", ".mcap", 8765, _foxglove),
     "rerun": _Kind("rerun", "rerun-sdk", ".rrd", 9876, _rerun),
+    "animation": _Kind("cv2", "opencv-python-headless", ".webp", None, _animation),
 }
 _HIGHEST_PORT = 65535
-
-
-def view_kinds() -> tuple[str, ...]:
-    """The names of the views."""
-    return tuple(_KINDS)
 
 
 def file_suffix(kind: str) -> str:
@@ -56,8 +59,8 @@ def file_suffix(kind: str) -> str:
     return _kind(kind).suffix
 
 
-def usual_port(kind: str) -> int:
-    """Where the viewer of a view looks for a server.
+def usual_port(kind: str) -> int | None:
+    """Where the viewer of a view looks for a server; None where it has none.
 
     Raises:
         ConfigError: no such view.
@@ -89,6 +92,8 @@ def check_view(kind: str, file: Path | None, port: int | None) -> tuple[Path | N
         raise ConfigError(f"a file for the view {kind} ends in {wanted.suffix}, not {file.name!r}; rename it")
     if file is not None and not file.parent.is_dir():
         raise ConfigError(f"there is no folder {file.parent} for the view's file; make it, or choose another one")
+    if wanted.port is None and (file is None or port is not None):
+        raise ConfigError(f"the view {kind} has no server: give it a file that ends in {wanted.suffix}, and no port")
     if file is None and port is None:
         port = wanted.port
     if port is not None:
@@ -100,9 +105,9 @@ def open_view(kind: str, setting: Setting, *, file: Path | None = None, port: in
     """A view that writes a file, serves on this machine, or both.
 
     Args:
-        kind: ``foxglove`` or ``rerun``.
+        kind: ``foxglove``, ``rerun``, or ``animation``, which writes a file only.
         setting: robot, ground truth and images.
-        file: ``.mcap`` of Foxglove, ``.rrd`` of Rerun; overwritten.
+        file: ``.mcap`` of Foxglove, ``.rrd`` of Rerun, ``.webp`` of the animation; overwritten.
         port: of the server; without file and port the usual one of the viewer, 8765 or 9876.
 
     Raises:

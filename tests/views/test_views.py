@@ -24,7 +24,7 @@ from coclo_vio.views.canvas import quat_xyzw_of
 from coclo_vio.views.drawn_robot import DrawnRobot, mesh_path
 from coclo_vio.views.drawn_scene import ellipsoid_of
 from coclo_vio.views.foxglove_canvas import _along
-from coclo_vio.views.opening import open_view, view_kinds
+from coclo_vio.views.opening import open_view
 from coclo_vio.views.view import Setting
 
 pytest.importorskip("foxglove")
@@ -50,7 +50,7 @@ def drawn(kind: str, folder: Path, walk: Walk, setting: Setting, *others: object
     return file
 
 
-@pytest.mark.parametrize("kind", view_kinds())
+@pytest.mark.parametrize("kind", NAMES)
 def test_every_pose_is_in_the_file_at_its_stamp(kind: str, rows: Rows, walk: Walk, tmp_path: Path) -> None:
     _, entity, component, _, _ = NAMES[kind]
     read = rows(drawn(kind, tmp_path, walk, Setting()))[entity]
@@ -60,7 +60,7 @@ def test_every_pose_is_in_the_file_at_its_stamp(kind: str, rows: Rows, walk: Wal
     assert np.allclose(positions, [state.nav.T_world_body[:3, 3] for state in states], atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", view_kinds())
+@pytest.mark.parametrize("kind", NAMES)
 def test_feet_are_where_the_joints_place_them_and_forces_are_there(
     kind: str, rows: Rows, walk: Walk, tmp_path: Path
 ) -> None:
@@ -91,7 +91,7 @@ def test_feet_are_where_the_joints_place_them_and_forces_are_there(
     assert count == len(robot.leg_names)
 
 
-@pytest.mark.parametrize("kind", view_kinds())
+@pytest.mark.parametrize("kind", NAMES)
 def test_every_kind_of_output_is_drawn(kind: str, rows: Rows, walk: Walk, tmp_path: Path) -> None:
     stamp_ns = walk[1][-1].state.stamp_ns + 5
     poses = np.stack([np.eye(4), walk[1][-1].state.nav.T_world_body])
@@ -196,11 +196,11 @@ def test_a_covariance_that_is_no_number_is_no_reason_to_stop(walk: Walk, tmp_pat
     state = walk[1][0].state
     joints = JointSample(state.stamp_ns, *[np.full_like(walk[0][0].position, np.nan)] * 3)
     estimate = Estimate("coclo", StateEstimate(state.stamp_ns, state.nav, np.zeros((9, 9)), state.feet))
-    for kind in view_kinds():
+    for kind in NAMES:
         assert drawn(kind, tmp_path, ([joints], [estimate]), Setting(load_robot("daisy"))).stat().st_size > 0
 
 
-@pytest.mark.parametrize("kind", view_kinds())
+@pytest.mark.parametrize("kind", NAMES)
 def test_a_server_listens_on_this_machine_until_it_is_closed(kind: str, walk: Walk) -> None:
     with socket.socket() as trial:
         trial.bind(("127.0.0.1", 0))
@@ -214,7 +214,7 @@ def test_a_server_listens_on_this_machine_until_it_is_closed(kind: str, walk: Wa
 
 
 def test_a_view_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ConfigError, match="there is no view 'rviz'; the views are: foxglove, rerun"):
+    with pytest.raises(ConfigError, match="there is no view 'rviz'; the views are: animation, foxglove, rerun"):
         open_view("rviz", Setting())
     with pytest.raises(ConfigError, match=r"for the view rerun ends in \.rrd, not 'a\.mcap'; rename it"):
         open_view("rerun", Setting(), file=tmp_path / "a.mcap")
