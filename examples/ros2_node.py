@@ -2,6 +2,7 @@
 """Leg odometry as a node of ROS 2, for those who have ``rclpy``: ``python examples/ros2_node.py [ROBOT]``."""
 
 import sys
+import time
 
 import numpy as np
 import rclpy
@@ -20,7 +21,7 @@ messages = RosOutputs(TypeDefinitions(), ("coclo",), LiveConfig())
 
 
 def push(kind, stamp, readings):
-    outputs = estimator.push(kind(stamp.sec * 10**9 + stamp.nanosec, *readings))
+    outputs = estimator.push(kind(stamp.sec * 10**9 + stamp.nanosec, *readings), arrival_ns=time.monotonic_ns())
     for estimate in (output for output in outputs if isinstance(output, cv.Estimate)):
         publisher.publish(next(messages.of_estimate(estimate)).data)  # rclpy takes serialized messages too
 
