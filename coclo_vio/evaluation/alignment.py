@@ -63,6 +63,17 @@ def level_body(estimate: Trajectory, reference: Trajectory, window_s: float) -> 
     return replace(reference, T_world_body=reference.T_world_body @ se3.transform(R_tracked_body, np.zeros(3)))
 
 
+def level_body_by_all(estimate: Trajectory, reference: Trajectory) -> Trajectory:
+    """As ``level_body``, by all poses, each with its own heading: markers are as they are all the time.
+
+    A tilt of the estimate that stays the same all the time is removed too.
+    """
+    turns = so3.exp(heading_error_rad(estimate, reference)[:, None] * np.array([0.0, 0.0, 1.0]))
+    mounting = np.swapaxes(reference.rotations, 1, 2) @ turns @ estimate.rotations
+    R_tracked_body = nearest_rotation(mounting.sum(axis=0))
+    return replace(reference, T_world_body=reference.T_world_body @ se3.transform(R_tracked_body, np.zeros(3)))
+
+
 def align_yaw_position(estimate: Trajectory, reference: Trajectory) -> Array:
     """Position and yaw of least squared distance between positions.
 

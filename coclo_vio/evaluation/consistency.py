@@ -11,6 +11,7 @@ from coclo_vio.values.arrays import Array
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
 
+_TWIST_HALF_S = 0.1
 _SMALLEST_RELATIVE_EIGENVALUE = 1e-12
 
 
@@ -52,16 +53,34 @@ def pose_errors(estimate: Trajectory, reference: Trajectory) -> Array:
     return np.array([se3.log(T) for T in relative])
 
 
+def twists(trajectory: Trajectory) -> Array:
+    """Angular velocity (rad/s) and velocity (m/s) of each pose, its own axes, (N, 6): from 0.1 s before to after it."""
+    times_s, poses = trajectory.times_s, trajectory.T_world_body
+    before = np.searchsorted(times_s, times_s - _TWIST_HALF_S)
+    after = np.minimum(np.searchsorted(times_s, times_s + _TWIST_HALF_S, "right"), len(times_s)) - 1
+    moved = se3.inverse(poses[before]) @ poses[after]
+    dt_s = np.maximum(times_s[after] - times_s[before], 1e-9)
+    return np.asarray(np.array([se3.log(T) for T in moved]) / dt_s[:, None])
+
+
 def anees_pose(
-    estimate: Trajectory, reference: Trajectory, rotation_noise_rad: float = 0.0, position_noise_m: float = 0.0
+    estimate: Trajectory,
+    reference: Trajectory,
+    rotation_noise_rad: float = 0.0,
+    position_noise_m: float = 0.0,
+    time_noise_s: float = 0.0,
 ) -> float | None:
     """ANEES of the 6-dof pose, both trajectories in the same world; None without covariance.
 
     The reference has noise too, with these standard deviations on each axis: at the start, where the estimator is
-    certain of its pose, a millimetre of tracker noise would otherwise be all that counts. Poses whose covariance stays
-    singular are left out.
+    certain of its pose, a millimetre of tracker noise would otherwise be all that counts. A time that is wrong moves a
+    pose along its twist. Poses whose covariance stays singular are left out.
     """
     if estimate.covariance is None:
         return None
     noise = np.diag([rotation_noise_rad**2] * 3 + [position_noise_m**2] * 3)
-    return anees(nees(pose_errors(estimate, reference), estimate.covariance + noise), dof=6)
+    covariance = estimate.covariance + noise
+    if time_noise_s > 0.0:
+        along = time_noise_s * twists(reference)
+        covariance = covariance + along[:, :, None] * along[:, None, :]
+    return anees(nees(pose_errors(estimate, reference), covariance), dof=6)

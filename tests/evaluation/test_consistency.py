@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coclo_vio.evaluation.consistency import anees, anees_pose, nees, pose_errors
+from coclo_vio.evaluation.consistency import anees, anees_pose, nees, pose_errors, twists
 from coclo_vio.geometry import se3
 from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import Trajectory
@@ -49,3 +49,15 @@ def test_noise_of_the_ground_truth_keeps_a_certain_start_from_counting_for_all()
     moved[:, 0, 3] = 0.001
     assert anees_pose(estimate, Trajectory(stamps, moved)) > 1000.0
     assert anees_pose(estimate, Trajectory(stamps, moved), 0.002, 0.001) == pytest.approx(1.0 / 6.0, rel=1e-3)
+
+
+def test_a_wrong_time_of_the_ground_truth_moves_poses_along_their_twist():
+    """A body that goes and turns steadily, 30 ms late in the ground truth: as sigma that is one sigma."""
+    stamps, late_s = np.arange(200) * 10_000_000, 0.03
+    twist = np.array([0.0, 0.0, 0.5, 0.6, 0.0, 0.1])
+    poses = np.array([se3.exp(twist * stamp * 1e-9) for stamp in stamps])
+    np.testing.assert_allclose(twists(Trajectory(stamps, poses)), np.tile(twist, (200, 1)), atol=1e-9)
+    estimate = Trajectory(stamps, poses, covariance=np.tile(1e-8 * np.eye(6), (200, 1, 1)))
+    late = Trajectory(stamps, poses @ se3.exp(twist * late_s))
+    assert anees_pose(estimate, late) > 1000.0
+    assert anees_pose(estimate, late, time_noise_s=late_s) == pytest.approx(1.0 / 6.0, rel=1e-3)

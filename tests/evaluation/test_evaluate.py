@@ -180,6 +180,23 @@ def test_mounting_of_the_markers_can_be_taken_out(walk):
     assert given_.rpe_1m_percent == pytest.approx(5.0, abs=0.5)
     assert levelled.rpe_1m_percent == pytest.approx(0.0, abs=1e-3)
     assert levelled.ate_m == given_.ate_m
+    by_all = evaluate(truth, vicon(tracked), IN_STEP.model_copy(update={"body_rotation": "mean"}))
+    assert by_all.rpe_1m_percent == pytest.approx(0.0, abs=0.01)
+    assert by_all.drift_percent == pytest.approx(given_.drift_percent, abs=0.01)
+
+
+def test_times_of_rows_without_stamps_have_a_noise_by_the_attitude_that_the_clock_leaves_unexplained(walk):
+    """Rows whose interval jitters slowly by 30 ms: NEES of an exact estimate counts them, for numbered rows only."""
+    truth = walk(np.arange(0.0, 25.0, 0.01))
+    certain = replace(truth, covariance=np.tile(1e-6 * np.eye(6), (len(truth), 1, 1)))
+    even_s = np.arange(0.0, 24.9, 1.0 / 57.0)
+    jittered = walk(even_s + 0.03 * np.sin(0.9 * even_s))
+    numbered = GroundTruth(jittered.restamped(np.arange(len(jittered)) * 10_000_000), False, "rows")
+    result = evaluate(certain, numbered)
+    stamped = evaluate(certain, vicon(jittered.restamped(np.round(even_s * 1e9).astype(np.int64))), IN_STEP)
+    assert result.clock.residual_deg > 0.2
+    assert stamped.anees_pose > 10.0 * result.anees_pose
+    assert result.anees_pose < 3.0
 
 
 def test_holes_are_counted_and_not_bridged(walk):
