@@ -25,7 +25,7 @@ def mounting_sentence(found: CameraMounting, expected_rad: float) -> str:
     sigma = float(np.degrees(np.sqrt(found.covariance.trace() / 3.0)))
     return (
         f"the cameras are turned by ({degrees[0]:.2f}, {degrees[1]:.2f}, {degrees[2]:.2f}) +- {sigma:.2f} deg "
-        f"against the body's gyroscope, where {np.degrees(expected_rad):.2f} deg is expected of the cameras' mounting"
+        f"against the gyroscope, where {np.degrees(expected_rad):.2f} deg is expected of the cameras' mounting"
     )
 
 
