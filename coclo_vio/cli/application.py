@@ -55,7 +55,7 @@ COMMANDS = {
         "examining",
         "Find what physics, the recording itself or the robot's description contradict, and what corrects it.",
     ),
-    "view": _Entry("view_command", "Write a run into a file for Foxglove or Rerun, with robot and plots."),
+    "view": _Entry("view_command", "Write a run into a file for Foxglove or Rerun, or an animated image of it."),
     "adopt": _Entry("adopting", "Find the description of a robot in its URDF and a log, and write it as YAML."),
     "benchmark": _Entry("showing", "Time filter, front end and smoother on one core, beside filterpy if installed."),
     "config": _Entry("showing", "Print the resolved configuration as YAML; every key can be changed with --set."),

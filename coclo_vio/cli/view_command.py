@@ -55,5 +55,5 @@ def view(
         Path | None, typer.Option("--file", help="Default: view.mcap, .rrd or .webp in the folder.")
     ] = None,
 ) -> None:
-    """Write a run into a file for Foxglove or Rerun, or an animation, with robot and plots."""
+    """Write a run into a file for Foxglove or Rerun, or an animated image of it."""
     give(f"view: {view_run(run_folder, to, file=file or run_folder / f'view{file_suffix(to)}')}")

@@ -37,8 +37,8 @@ def test_a_view_that_cannot_be_is_refused_before_anything_runs(
     coclo: Coclo, leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for options, words in (
-        (("--view", "rviz"), "there is no view 'rviz'; the views are: foxglove, rerun"),
-        (("--view-file", "a.mcap"), "belong to a view; add --view foxglove or --view rerun"),
+        (("--view", "rviz"), "there is no view 'rviz'; the views are: animation, foxglove, rerun"),
+        (("--view-file", "a.mcap"), "belong to a view; add --view foxglove, rerun or animation"),
         (("--view", "foxglove", "--view-file", "a.rrd"), "ends in .mcap, not 'a.rrd'"),
     ):
         answer = coclo("run", leg_log, "-o", "out", *options)
