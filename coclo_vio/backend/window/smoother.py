@@ -333,7 +333,7 @@ class SlidingWindowSmoother:
         a constant share: a way in a straight line is wrong by that, and a loop that is closed is not.
         """
         if self._origin is None:
-            self._origin = frame.T_world_body[:3, 3]
+            self._origin = frame.T_world_body[:3, 3].copy()
         stretch, sigma = np.zeros(9), self.config.stereo_scale_sigma
         stretch[3:6] = frame.T_world_body[:3, :3].T @ (frame.T_world_body[:3, 3] - self._origin)
         stretch[6:] = frame.velocity_world
