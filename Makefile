@@ -2,7 +2,7 @@
 # Everything runs in .venv, which `setup` makes; every other target makes it first where it is missing or out of date.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-slow lint docs bench bench-commits table results sample clean
+.PHONY: help setup demo test test-long test-slow lint docs bench bench-commits table results sample clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -39,6 +39,9 @@ demo: setup ## every estimator on the bundled recording: a table, figures and a 
 # worksteal keeps most files in one process, so that their fixtures are made once.
 test: setup ## the default tests, in two processes
 	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist worksteal
+
+test-long: setup ## the tests that take more than three seconds, which CI runs too
+	$(ONE_THREAD) $(BIN)/pytest -n 2 --dist worksteal -m 'long and not slow'
 
 test-slow: setup ## the tests that take more than half a minute
 	$(ONE_THREAD) $(BIN)/pytest -m slow

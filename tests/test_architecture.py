@@ -122,6 +122,7 @@ def _is_module(path: Path) -> bool:
     return (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").is_file()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("library", _IMPORTERS)
 def test_a_library_with_quirks_is_imported_in_one_place(library: str) -> None:
     importers = {str(path.relative_to(_PACKAGE)) for path in _SOURCES if library in _imported_by(path)}
@@ -143,6 +144,7 @@ def test_the_search_for_printing_finds_it() -> None:
     assert set(_exits_or_prints(ast.parse(source))) == {"print", "sys.exit", "from sys import", "SystemExit"}
 
 
+@pytest.mark.long
 def test_every_public_name_has_a_docstring() -> None:
     missing = [f"{_name(path)}: {name}" for path in _SOURCES for name in _public_without_docstring(_tree(path))]
     missing += [_name(path) for path in _SOURCES if not ast.get_docstring(_tree(path))]

@@ -32,6 +32,7 @@ def assert_same(adoption: Adoption, robot: RobotDescription) -> None:
     np.testing.assert_allclose(found.imu.T_body_imu[:3, :3], robot.imu.T_body_imu[:3, :3], atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in robot_names()]
 )
@@ -84,6 +85,7 @@ def test_joints_without_speaking_names_are_found_by_the_data(write_walk) -> None
     assert f"# ? joints = {joints.value}" in adoption.to_yaml(log.parent)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rotation", [(0.0, 0.0, 1.570796), (3.141593, 0.0, 0.0), (1.570796, 0.0, 0.0)])
 def test_an_imu_along_other_axes_is_found(rotation, write_walk) -> None:
     urdf, log, robot = write_walk("daisy", rotation=rotation)

@@ -21,6 +21,7 @@ def assert_same(adoption: Adoption, robot: RobotDescription) -> None:
     assert found.contact.off_force == pytest.approx(robot.contact.off_force, rel=0.3)
 
 
+@pytest.mark.long
 def test_the_bundled_daisy() -> None:
     adoption = adopt(urdf_path(load_robot("daisy")), sample_path())
     assert_same(adoption, load_robot("daisy"))

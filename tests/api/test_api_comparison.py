@@ -25,6 +25,7 @@ def twin(leg_log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_two_recordings_have_a_page_over_both(
     leg_log: Path, twin: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

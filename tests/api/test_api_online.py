@@ -27,6 +27,7 @@ def estimates_online(recording: cv.Recording, estimator: cv.Estimator) -> dict[s
     return states
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["coclo", "combined"])
 def test_online_estimates_equal_those_of_a_run(mode: str, go1_walk: Path, combined_run: cv.Run) -> None:
     recording = cv.open(go1_walk, robot="go1")

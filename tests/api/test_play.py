@@ -62,6 +62,7 @@ def test_it_is_evaluated_like_a_run(played: tuple[cv.Play, Noting]) -> None:
     assert play.run.metrics()["combined_coclo"].ate_m < 0.05
 
 
+@pytest.mark.long
 def test_where_the_estimator_is_behind_images_go_and_one_joint_sample_of_some_stays(
     go1_walk: Path, tmp_path: Path
 ) -> None:
@@ -78,6 +79,7 @@ def test_where_the_estimator_is_behind_images_go_and_one_joint_sample_of_some_st
     assert run.estimates < whole < run.estimates + play.latency.joints_left_out + 10, "some come before the start"
 
 
+@pytest.mark.long
 def test_joint_samples_stay_where_only_images_are_behind(go1_walk: Path, tmp_path: Path) -> None:
     recording = cv.open(go1_walk, robot="go1", settings=["bridge.vision=in_turn"])
     play = cv.play(recording, "combined", rate=paced_feed(2.0, max_lag_s=10.0), folder=tmp_path / "out")
@@ -91,6 +93,7 @@ def test_a_rate_of_zero_is_refused(go1_walk: Path) -> None:
         cv.play(go1_walk, rate=0.0)
 
 
+@pytest.mark.long
 def test_a_script_without_a_main_guard_can_play(leg_log: Path, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(

@@ -48,6 +48,7 @@ def added_by_import(use: str = "") -> list[str]:
     return [str(name) for name in json.loads(done.stdout)]
 
 
+@pytest.mark.long
 def test_the_block_of_the_contract_runs_as_written(
     go1_walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,6 +81,7 @@ def test_the_quick_start_shows_the_contract() -> None:
     assert [ast.dump(ast.parse(block)) for block in blocks] == [ast.dump(ast.parse(CONTRACT))]
 
 
+@pytest.mark.long
 def test_the_python_of_the_readme_runs(go1_walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)

@@ -3,12 +3,15 @@
 
 from pathlib import Path
 
+import pytest
+
 import coclo_vio as cv
 
 MODES = ("coclo", "inekf", "naive_rolling")
 WITHIN_M, WITHIN_PERCENT = 0.008, 2.0
 
 
+@pytest.mark.long
 def test_a_real_biped_that_sways_is_followed(shared_data: Path) -> None:
     folder = shared_data / "icub_sway"
     metrics = cv.compare(cv.open(folder, robot=folder / "icub.yaml"), modes=MODES).metrics["icub_sway"]

@@ -52,6 +52,7 @@ def poses(path: Path, entity: str) -> tuple[list[int], np.ndarray]:
     return [row[0] for row in rows], np.array([row[1] for row in rows])
 
 
+@pytest.mark.long
 def test_a_view_is_shown_all_that_goes_in_and_comes_out_and_changes_nothing(leg_log: Path, tmp_path: Path) -> None:
     view = Kept()
     seen = cv.run(leg_log, "coclo", folder=tmp_path / "seen", view=view)
@@ -68,6 +69,7 @@ def test_a_view_is_shown_all_that_goes_in_and_comes_out_and_changes_nothing(leg_
     assert not view.is_closed, "whoever opened it closes it"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "suffix", "entity"), [("foxglove", "mcap", "/{}/pose"), ("rerun", "rrd", "/world/{}/pose")]
 )

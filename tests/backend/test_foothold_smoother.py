@@ -27,6 +27,7 @@ def standing() -> FootholdSmoother:
     )
 
 
+@pytest.mark.long
 def test_with_rolling_compensated_perfect_sensors_drift_little() -> None:
     robot = RobotModel(load_robot("go1"))
     walking, perfect = BodyMotionConfig(walk_s=4.0), SensorNoiseConfig(noise_scale=0.0)

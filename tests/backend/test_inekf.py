@@ -64,6 +64,7 @@ def test_a_robot_that_stands_stays_where_it_is(go1: RobotModel) -> None:
     )  # 10 mrad/s / sqrt(250), 2 sigma
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["go1", "daisy"])
 def test_with_rolling_compensated_perfect_sensors_drift_by_a_millimetre_in_a_metre(name: str) -> None:
     robot = RobotModel(load_robot(name))
@@ -87,6 +88,7 @@ def test_as_published_it_falls_short_by_what_the_feet_roll(go1: RobotModel, walk
     assert np.linalg.norm(shortfall - rolled) < 0.2 * np.linalg.norm(rolled)
 
 
+@pytest.mark.long
 def test_the_drift_of_noisy_data_is_within_the_covariance(go1: RobotModel) -> None:
     trial = generate(AnalyticTrialConfig(body=WALKING, substeps=1), go1, seed=4)
     estimates = run(InvariantLegOdometry(go1, ROLLING), trial.measurements)
@@ -104,6 +106,7 @@ def test_only_yaw_and_position_grow_uncertain(go1: RobotModel, walk: AnalyticTri
     assert np.all(late[6:] < 1.1 * early[6:])  # velocity
 
 
+@pytest.mark.long
 def test_an_imu_off_the_origin_and_turned_gives_the_same_body(walk: AnalyticTrial) -> None:
     """Lever arm and mounting are compensated: the same walk measured with two mountings."""
     ends = []
@@ -174,6 +177,7 @@ def test_a_leg_of_nan_is_left_out_and_counted(go1: RobotModel, walk: AnalyticTri
     assert np.abs(errors(estimates, walk)[:, 3:]).max() < 5e-3
 
 
+@pytest.mark.long
 def test_stamps_that_repeat_or_go_back_are_refused_and_counted(go1: RobotModel, walk: AnalyticTrial) -> None:
     clean = run(InvariantLegOdometry(go1), walk.measurements)
     estimator = InvariantLegOdometry(go1)
@@ -218,6 +222,7 @@ def test_it_starts_in_motion_when_the_robot_never_rests(go1: RobotModel, walk: A
     assert np.linalg.norm(estimates[-150].nav.velocity_world[:2]) == pytest.approx(speed, abs=0.03)
 
 
+@pytest.mark.long
 def test_contact_from_torques_is_used_too(daisy: RobotModel) -> None:
     trial = generate(AnalyticTrialConfig(body=BodyMotionConfig(walk_s=4.0), substeps=1), daisy, seed=6)
     torques_only = tuple(sample for sample in trial.measurements if not isinstance(sample, FootForceSample))
@@ -235,6 +240,7 @@ def test_a_sample_of_another_robot_is_an_error(go1: RobotModel) -> None:
         estimator.push(FootForceSample(0, np.zeros(6)))
 
 
+@pytest.mark.long
 def test_on_the_real_go1_it_is_as_good_as_other_implementations(go1: RobotModel, shared_data: Path) -> None:
     """Another implementation reaches 0.26 to 0.37 m on this log. Mocap clock: 57.8 Hz from 1.634 s before the log."""
     table = np.loadtxt(shared_data / "go1_mocap" / "go1.csv", delimiter=",", skiprows=1)

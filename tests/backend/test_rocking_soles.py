@@ -10,6 +10,7 @@ from coclo_vio.backend.inekf import InvariantLegOdometry
 from coclo_vio.robot.model import RobotModel
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("has_corners", "within_m"), [(True, (0.0, 0.015)), (False, (0.03, 0.3))])
 def test_feet_that_rock_lift_the_body_only_where_their_corners_are_unknown(
     tmp_path: Path, has_corners: bool, within_m: tuple[float, float]

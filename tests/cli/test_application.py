@@ -52,6 +52,7 @@ def test_version_and_help_load_no_stage_and_no_numerical_library(option: str) ->
     assert sorted(loaded & (HEAVY | STAGES)) == []
 
 
+@pytest.mark.long
 def test_a_command_loads_what_it_needs_and_nothing_else() -> None:
     loaded = loaded_by("config")
     assert {"numpy", "pydantic"} <= loaded, "the probe finds what is loaded"

@@ -98,6 +98,7 @@ def test_json_is_one_object_per_estimator_and_nothing_else(coclo: Coclo, run_out
     assert values["naive"]["notes"]
 
 
+@pytest.mark.long
 def test_json_stays_json_in_a_pipe_where_colour_is_forced(run_out: Path) -> None:
     """Long notes are not folded, keys not coloured, though the terminal is narrow and colour is forced."""
     environment = {**os.environ, "FORCE_COLOR": "1", "COLUMNS": "40", "TTY_COMPATIBLE": "1"}
@@ -134,6 +135,7 @@ def test_robots_lists_them_all(coclo: Coclo) -> None:
     assert [name for name in robot_names() if name not in answer.out] == []
 
 
+@pytest.mark.long
 def test_benchmark_gives_figures_as_json(coclo: Coclo, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")  # restored afterwards; the command sets its own
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -189,6 +191,7 @@ def test_an_error_that_a_user_can_correct_is_one_sentence(
     assert is_one_sentence(answer)
 
 
+@pytest.mark.long
 def test_the_process_itself_shows_no_traceback(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from coclo_vio.cli import main; main()", "run", str(tmp_path / "nowhere")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -52,6 +52,7 @@ def shown(capsys: pytest.CaptureFixture[str]) -> Callable[[], str]:
     return lambda: capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_two_recordings_of_one_name_have_a_page_over_both(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     twin = tmp_path / "again" / "walk"

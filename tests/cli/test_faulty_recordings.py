@@ -68,6 +68,7 @@ def faulty_bag(fault: str, path: Path, walk: list[Measurement]) -> Path:
             return write(path, swapped(walk))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "message", "has_usable_part"),
     [

@@ -19,6 +19,7 @@ from coclo_vio.runs.run_folder import read_estimates
 from coclo_vio.values.trajectory import write_tum
 
 
+@pytest.mark.long
 def test_a_file_that_is_complete_is_run_to_its_end(coclo: Coclo, short_recording: Path, tmp_path: Path) -> None:
     answer = coclo(
         "live", "-s", "file", "--endpoint", short_recording, "-m", "coclo", "-r", "daisy", "-o", "out",
@@ -56,6 +57,7 @@ def test_messages_that_are_left_out_before_the_start_are_counted_and_a_run_can_b
     assert taken == sum(one.received - one.dropped for one in topics.values())
 
 
+@pytest.mark.long
 def test_what_a_kill_leaves_can_be_evaluated(coclo: Coclo, short_recording: Path, tmp_path: Path) -> None:
     data = short_recording.read_bytes()
     (tmp_path / "growing.mcap").write_bytes(data[: len(data) * 4 // 5])  # its writer goes on, as it seems

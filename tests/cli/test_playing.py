@@ -4,9 +4,11 @@
 import json
 from pathlib import Path
 
+import pytest
 from console import Coclo, is_one_sentence
 
 
+@pytest.mark.long
 def test_play_prints_times_and_writes_them(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     answer = coclo("play", leg_log, "--mode", "coclo", "--rate", 20, "--seconds", 6, "-o", tmp_path / "out")
     assert answer.status == 0, answer.err
@@ -18,6 +20,7 @@ def test_play_prints_times_and_writes_them(coclo: Coclo, leg_log: Path, tmp_path
     assert "process estimator: " in answer.err
 
 
+@pytest.mark.long
 def test_a_play_can_be_seen(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     shown = ("--view", "foxglove", "--view-file", "play.mcap")
     answer = coclo("play", leg_log, "-m", "naive", "--rate", 20, "--seconds", 2, *shown)
@@ -26,6 +29,7 @@ def test_a_play_can_be_seen(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None
     assert (tmp_path / "play.mcap").stat().st_size > 50_000, "the robot and its joints"
 
 
+@pytest.mark.long
 def test_what_was_played_is_replaced_only_on_request(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     arguments = ("play", leg_log, "-m", "naive", "--rate", 20, "--seconds", 1)
     assert coclo(*arguments).status == 0

@@ -36,6 +36,7 @@ def test_it_prints_the_paths_of_the_recording_and_of_its_truth(coclo: Coclo, tmp
     assert (tmp_path / "walk.mcap").read_bytes().startswith(b"\x89MCAP")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "written"),
     [
@@ -197,6 +198,7 @@ def test_options_of_other_trials_are_refused(arguments: list[str], words: str, c
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_robot_that_falls_is_status_1(coclo: Coclo, tmp_path: Path) -> None:
     answer = coclo("simulate", "flat", "-o", "walk", "--no-images", "--set", "trial.body.spring_nm_per_rad=[1, 1, 1]")
     assert answer.status == 1
@@ -222,6 +224,7 @@ def test_the_choices_are_those_of_the_simulator() -> None:
     assert set(get_args(choices(simulating.FormatOption)[0])) == {kind.value for kind in RecordingFormat}
 
 
+@pytest.mark.long
 def test_without_mujoco_only_simulate_is_missing(tmp_path: Path) -> None:
     """In a process where MuJoCo cannot be imported, all other commands are there; this one names the extra."""
     code = "import sys; sys.modules['mujoco'] = None; from coclo_vio.cli import main; main()"
@@ -239,6 +242,7 @@ def test_without_mujoco_only_simulate_is_missing(tmp_path: Path) -> None:
     assert is_one_sentence(answer)
 
 
+@pytest.mark.long
 def test_a_seed_makes_the_same_bytes_with_and_without_numba(tmp_path: Path) -> None:
     """Contacts make much of rounding, and kernels round otherwise: the simulator takes none."""
     arguments = ["simulate", "stairs", "--seed", "4", "--no-images", "--duration", "1.5"]

@@ -26,6 +26,7 @@ def _signal_at(monkeypatch: pytest.MonkeyPatch, number: signal.Signals, stamp_ns
     monkeypatch.setattr(ModeRun, "_advance", advanced)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_a_run_in_order_and_resume_goes_on(
     number: signal.Signals, status: int, coclo: Coclo, leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -55,6 +56,7 @@ def test_a_signal_ends_a_run_in_order_and_resume_goes_on(
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
+@pytest.mark.long
 def test_a_signal_ends_a_comparison_and_resume_finishes_it(
     coclo: Coclo, leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,7 @@ pytest.importorskip("foxglove")
 pytest.importorskip("rerun")
 
 
+@pytest.mark.long
 def test_run_and_compare_write_the_file_of_a_view(coclo: Coclo, leg_log: Path, tmp_path: Path) -> None:
     answer = coclo("run", leg_log, "--mode", "coclo", "-o", "out", "--view", "rerun", "--view-file", "walk.rrd")
     assert answer.status == 0

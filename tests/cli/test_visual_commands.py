@@ -71,6 +71,7 @@ def test_a_recording_without_a_robot_is_run_by_vins(coclo: Coclo, camera_recordi
     assert values["coverage"] > 0.6
 
 
+@pytest.mark.long
 def test_its_modes_are_compared_by_default(coclo: Coclo, camera_recording: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     answer = coclo("compare", camera_recording, "-o", "both")

@@ -28,6 +28,8 @@ from coclo_vio.values.measurements import (
 )
 from coclo_vio.values.units import NS_PER_S
 
+pytestmark = pytest.mark.long
+
 MOST_BYTES = 14_500_000
 FIRST_S = 10.0
 DRAWN_S = 3.0  # drawing takes most of the time

@@ -115,6 +115,7 @@ def test_a_sound_walk_has_no_findings(walk: Walk, go1_walk: Walk, tmp_path: Path
     assert go1_walk.findings(go1_walk.written(tmp_path / "go1")) == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in _DEFECTS if name != "sign of one joint"])
 def test_a_defect_of_the_joints_is_found_and_cured(walk: Walk, tmp_path: Path, name: str) -> None:
     change, kind, is_refused, settings = _DEFECTS[name]
@@ -129,6 +130,7 @@ def test_a_defect_of_the_joints_is_found_and_cured(walk: Walk, tmp_path: Path, n
         assert altered.findings(path, settings) == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["torques negated", "sign of one joint"])
 def test_the_same_is_found_in_a_bag(walk: Walk, tmp_path: Path, name: str) -> None:
     change, kind, is_refused, settings = _DEFECTS[name]
@@ -139,6 +141,7 @@ def test_the_same_is_found_in_a_bag(walk: Walk, tmp_path: Path, name: str) -> No
     assert altered.findings(path, settings) == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("order", "words"),
     [(_LEFT_RIGHT, "leg1 from leg2"), (_OUTSIDE_IN, "leg1_base from leg1_elbow")],
@@ -203,6 +206,7 @@ _FORCES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", _FORCES)
 def test_feet_that_cannot_stand_or_always_do_are_found(go1_walk: Walk, tmp_path: Path, name: str) -> None:
     change, kind, settings = _FORCES[name]

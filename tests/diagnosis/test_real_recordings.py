@@ -15,6 +15,7 @@ from coclo_vio.robot.description import load_robot
 _STAGES = {Stage.JOINTS, Stage.CONTACT, Stage.GROUND_TRUTH}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "robot_name"),
     [("go1_mocap", "go1"), ("icub_sway", "icub_sway/icub.yaml"), ("euroc_v1_01_start", None)],

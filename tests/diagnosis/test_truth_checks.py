@@ -103,6 +103,7 @@ def _of_truth(walk: Walk, path: Path, settings: tuple[str, ...] = ()) -> list:
     return [finding for finding in walk.findings(path, settings) if finding.stage is Stage.GROUND_TRUTH]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", _DEFECTS)
 def test_a_defect_of_the_ground_truth_is_found_and_cured(turning_walk: Walk, tmp_path: Path, name: str) -> None:
     change, kind, is_wrong, settings = _DEFECTS[name]

@@ -48,6 +48,7 @@ def _found(bag: Path, camchain: Path) -> list[str]:
     return [finding.sentence for finding in recording.inspect().findings if finding.kind in _KINDS]
 
 
+@pytest.mark.long
 def test_a_camchain_that_agrees_is_silent_and_one_that_does_not_is_named(bag: Path, tmp_path: Path) -> None:
     calibration = cv.open(bag, robot="daisy").calibration
     stereo, imu = calibration.stereo, calibration.imu

@@ -85,6 +85,7 @@ def test_rate_and_offset_with_dropped_rows(walk, seed):
     assert fit.correlation > 0.97
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_uneven_rows_are_stamped_better_than_evenly(walk, seed):
     rows = -1.0 + np.arange(1600) / 60.0

@@ -30,6 +30,7 @@ def drawn(estimates, references, folder) -> list[int]:
     return [coloured(save_png(figure, folder / f"{index}.png")) for index, figure in enumerate(figures)]
 
 
+@pytest.mark.long
 def test_every_figure_shows_every_estimate(walk, tmp_path):
     truth = walk(np.arange(0.0, 25.0, 0.02))
     first = {"legs": walk(np.arange(0.0, 25.0, 0.02), 1)}

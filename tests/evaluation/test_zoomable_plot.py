@@ -91,6 +91,7 @@ def test_bands_of_a_long_log_are_means_of_stretches():
     assert unpacked(heat["z"]).reshape(2, 10).tolist() == [[100] * 5 + [0] * 5, [0] * 10]
 
 
+@pytest.mark.long
 def test_the_data_of_long_recordings_stay_small():
     rng = np.random.default_rng(3)
     times = np.linspace(0.0, 3600.0, 30_000)

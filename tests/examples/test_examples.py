@@ -47,6 +47,7 @@ def numbers(pattern: str, text: str) -> list[float]:
     return found
 
 
+@pytest.mark.long
 def test_a_recording_is_run_and_saved(run: Example, tmp_path: Path) -> None:
     shown = run("run_bag")
     assert "walk: robot daisy; enough for coclo, " in shown
@@ -55,6 +56,7 @@ def test_a_recording_is_run_and_saved(run: Example, tmp_path: Path) -> None:
     assert run("run_bag") == shown, "a second time"
 
 
+@pytest.mark.long
 def test_a_bag_is_run_by_the_mode_that_is_named(run: Example, short_recording: Path, tmp_path: Path) -> None:
     shown = run("run_bag", short_recording, "naive", tmp_path / "naive")
     assert "walk.mcap: robot daisy; enough for coclo, vins, combined" in shown
@@ -88,6 +90,7 @@ def test_any_two_files_are_evaluated(run: Example, leg_log: Path) -> None:
     assert numbers(r"ATE ([\d.]+) m", shown) == [0.0]
 
 
+@pytest.mark.long
 def test_modes_are_ranked(run: Example, short_recording: Path, tmp_path: Path) -> None:
     shown = run("compare_modes", short_recording, "coclo,vins", "ranked")
     assert len(numbers(r"walk.mcap, \w+: ATE ([\d.]+) mm, ANEES", shown)) == 2
@@ -109,6 +112,7 @@ def test_a_simulated_walk_is_estimated(run: Example) -> None:
     assert numbers(r"daisy: ([\d.]+) mm off", run("simulate_walk", "daisy"))[0] < 15.0
 
 
+@pytest.mark.long
 def test_a_contact_estimator_of_ones_own_is_used(run: Example) -> None:
     shown = run("own_contact_estimator")
     assert "relative_load" in shown

@@ -20,6 +20,7 @@ from coclo_vio.robot.description import load_robot
 from coclo_vio.robot.model import RobotModel
 
 
+@pytest.mark.long
 def test_filterpy_runs_the_same_models() -> None:
     """Both filters end with the same pose and sigmas, where the start is certain enough for a plain state."""
     pytest.importorskip("filterpy")

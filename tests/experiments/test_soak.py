@@ -14,6 +14,7 @@ from coclo_vio.experiments.soak.soak_record import SoakRecord, growth_of, rounds
 from coclo_vio.runs.latency import IntervalRecord
 
 
+@pytest.mark.long
 def test_a_soak_plays_rounds_and_measures_each(leg_log: Path, tmp_path: Path) -> None:
     recording = cv.open(leg_log)
     record = soak(recording.path, recording.config, "coclo", minutes=0.05, rate=4.0, output=tmp_path)

@@ -163,6 +163,7 @@ def test_frames_that_are_remembered_change_nothing_that_is_measured(daisy: Robot
         np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-5, atol=1e-12)
 
 
+@pytest.mark.long
 def test_tilt_is_better_with_a_good_imu_beside_a_cheap_one(daisy: RobotModel) -> None:
     """By the sigmas of the two biases: 20 mrad alone, a quarter of that with the camera's."""
     alone, both, sigmas = [], [], []
@@ -176,6 +177,7 @@ def test_tilt_is_better_with_a_good_imu_beside_a_cheap_one(daisy: RobotModel) ->
     assert 0.003 < np.mean(sigmas) < 0.01
 
 
+@pytest.mark.long
 def test_the_sigmas_of_the_second_imu_are_honest(daisy: RobotModel) -> None:
     squared = []
     for seed in range(1, 7):

@@ -178,6 +178,7 @@ def test_rotation_kernels_equal_those_of_stacks() -> None:
         np.testing.assert_allclose(vector, so3.log_below_pi(R), rtol=1e-14, atol=1e-300)
 
 
+@pytest.mark.long
 def test_without_numba_the_models_in_numpy_are_taken() -> None:
     program = (
         "from collections import Counter; from coclo_vio.filter.config import RobustConfig;"

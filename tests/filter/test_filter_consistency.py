@@ -86,6 +86,7 @@ def over_seeds(robot: RobotModel, config: FilterConfig, seeds: range) -> tuple[f
     return pose, delta
 
 
+@pytest.mark.long
 def test_anees_with_the_generators_noise(daisy: RobotModel) -> None:
     pose, delta = over_seeds(daisy, MATCHED, range(4))
     assert 0.5 < pose < 2.0

@@ -124,6 +124,7 @@ def tilt_errors_deg(trial: AnalyticTrial, robot: RobotModel, config: FilterConfi
     return np.array(errors)
 
 
+@pytest.mark.long
 def test_tilt_stays_on_a_swaying_walk(daisy: RobotModel) -> None:
     """The specific force itself points 2 degrees beside up while the body gathers speed and sways."""
     trial = swaying_walk(daisy, seed=1, rest_s=1.0)
@@ -133,6 +134,7 @@ def test_tilt_stays_on_a_swaying_walk(daisy: RobotModel) -> None:
     assert tilt_errors_deg(trial, daisy, FilterConfig(), lean_rad=0.0).max() < 0.2
 
 
+@pytest.mark.long
 def test_tilt_that_starts_wrong_converges_while_the_body_sways(daisy: RobotModel) -> None:
     """From 1 degree, with as large a sigma, to a few tenths; legs and gyroscope alone do not correct it."""
     trial = swaying_walk(daisy, seed=1, rest_s=0.5)

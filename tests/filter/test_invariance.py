@@ -161,6 +161,7 @@ def test_yaw_becomes_more_uncertain_with_time(make: Make, readings: list[Reading
     assert np.all(np.diff(variance) > 0.0)
 
 
+@pytest.mark.long
 def test_unbounded_yaw_uncertainty_does_not_break_the_filter(daisy: RobotModel) -> None:
     """After hours yaw may be anywhere: its sigma stops at a bound, and velocity stays as good as ever."""
     drifting = daisy.description.imu.model_copy(update={"gyroscope_bias_walk": 0.5})

@@ -114,6 +114,7 @@ def test_chained_motions_are_the_walk(daisy: RobotModel, noisy_walk: AnalyticTri
     assert np.abs(se3.log(se3.inverse(chained) @ last)).max() < 0.02
 
 
+@pytest.mark.long
 def test_remembering_frames_changes_no_estimate(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig
 ) -> None:

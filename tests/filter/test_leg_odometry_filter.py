@@ -120,6 +120,7 @@ def test_a_gap_ends_the_footholds_and_the_covariance_grows(
     assert np.isfinite(estimates[-1].nav.T_world_body).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["position", "velocity"])
 def test_an_unknown_joint_removes_its_own_leg_only(
     daisy: RobotModel, noisy_walk: AnalyticTrial, config: FilterConfig, what: str
@@ -188,6 +189,7 @@ def test_a_start_on_the_move_is_counted_and_starts_uncertain(
     assert speed == pytest.approx(np.linalg.norm(noisy_walk.truth.velocity_world[row]), abs=0.08)
 
 
+@pytest.mark.long
 def test_a_minute_of_standing_does_not_drift(daisy: RobotModel) -> None:
     body = BodyMotionConfig(rest_s=61.0, walk_s=0.0, stop_s=0.0)
     trial = generate(AnalyticTrialConfig(rate_hz=25.0, substeps=1, body=body), daisy, seed=4)

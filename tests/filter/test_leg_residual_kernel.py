@@ -26,6 +26,7 @@ def test_legs_that_roll_on_one_spot_measure_the_translation_of_the_body() -> Non
     np.testing.assert_allclose(carried, centres - moved, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_leg_is_predicted_by_the_least_squares_of_the_others() -> None:
     random = np.random.default_rng(4)
     moved, levers = random.normal(0.0, 0.01, (LEGS, 3)), random.uniform(-0.4, 0.4, (LEGS, 3))

@@ -64,6 +64,7 @@ def assert_same(core: SquareRootFilter, oracle: SquareRootFilter) -> None:
     np.testing.assert_allclose(apart, 0.0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "is_compiled", [False, pytest.param(True, marks=pytest.mark.skipif(not IS_COMPILED, reason="no numba"))]
 )

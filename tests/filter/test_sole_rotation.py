@@ -87,6 +87,7 @@ def errors(trial: FlatTrial, states: Sequence[StateEstimate]) -> Array:
     return np.array([se3.log(se3.inverse(state.nav.T_world_body) @ truth) for state, truth in pairs])
 
 
+@pytest.mark.long
 def test_soles_that_rest_hold_yaw_and_make_its_covariance_small(biped: RobotModel, swaying: FlatTrial) -> None:
     drifting = Noise(rate_bias_radps=0.005, rate_drift_radps2=1e-3)
     last, sigma = {}, {}
@@ -98,6 +99,7 @@ def test_soles_that_rest_hold_yaw_and_make_its_covariance_small(biped: RobotMode
     assert sigma[True] < 0.5 * sigma[False]
 
 
+@pytest.mark.long
 def test_the_covariance_with_soles_is_honest(biped: RobotModel, swaying: FlatTrial) -> None:
     normalised = []
     for seed in range(4):
@@ -121,6 +123,7 @@ def test_a_walk_over_heels_and_toes_keeps_its_length(biped: RobotModel) -> None:
     assert np.linalg.norm(errors(trial, states)[-1, 3:]) < 0.02 * WALK_M
 
 
+@pytest.mark.long
 def test_frames_that_are_remembered_change_nothing(biped: RobotModel, swaying: FlatTrial) -> None:
     config = FilterConfig.of_robot(biped.description, {"robust": {"takes_slip_for_known": False}})
     plain, remembering = (LegOdometryFilter(biped, config, remembers_frames=kept) for kept in (False, True))

@@ -96,6 +96,7 @@ def test_rows_agree_after_rectification(shared_data: Path) -> None:
     assert np.median(np.abs(errors)) < 0.5
 
 
+@pytest.mark.long
 def test_stereo_depth_agrees_from_keyframe_to_keyframe(shared_data: Path) -> None:
     """Points triangulated in one frame and moved by the true motion, against their tracks in the next frame."""
     path = shared_data / "euroc_v1_01_keyframes"

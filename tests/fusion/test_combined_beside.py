@@ -62,6 +62,7 @@ def pushed_as_vision_follows(odometry: CombinedBeside, measurements: Sequence[Me
     return [*outputs, *odometry.finish()]
 
 
+@pytest.mark.long
 def test_results_that_come_at_once_are_those_of_a_run_in_turn_without_latency() -> None:
     walk = between(stream(), 0.0, 3.0)
     expected = combined(BridgeConfig(vision_latency_s=0.0))
@@ -76,6 +77,7 @@ def test_results_that_come_at_once_are_those_of_a_run_in_turn_without_latency() 
     assert odometry.counts["feedback_accepted"] == expected.counts["feedback_accepted"] > 5
 
 
+@pytest.mark.long
 def test_a_late_result_is_applied_at_its_own_stamp() -> None:
     """Frames that wait keep the pose of their own time, so that the estimate stays where the truth is."""
     walk = between(stream(), 0.0, 4.5)
@@ -111,6 +113,7 @@ def test_no_joint_sample_waits_for_a_frame() -> None:
         assert odometry.counts["frame_left_out"] > 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_process_that_dies_is_started_anew_once(times: int, tmp_path: Path) -> None:
     marker = tmp_path / "died" if times == 1 else None
@@ -155,6 +158,7 @@ def _follow(odometry: CombinedBeside, process: VisionProcess, outputs: list[Outp
     pytest.fail("vision did not come to an end within 20 s")
 
 
+@pytest.mark.long
 def test_a_process_that_hangs_is_killed_and_started_anew(tmp_path: Path) -> None:
     recipe = partial(Scripted, 3, partial(time.sleep, 3600.0), tmp_path / "hung")
     with made(recipe, timeout_s=0.3) as (odometry, process):
@@ -192,6 +196,7 @@ def _shared_memory() -> set[Path]:
     return {each for each in Path("/dev/shm").iterdir() if not each.name.startswith("sem.")}
 
 
+@pytest.mark.long
 def test_nothing_is_left_of_an_estimator_that_ends_or_is_abandoned() -> None:
     gc.collect()
     files_before, shared_before = len(list(Path("/proc/self/fd").iterdir())), _shared_memory()

@@ -81,6 +81,7 @@ def with_images(start_s: float, end_s: float) -> list[Measurement]:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latency_s", [0.0, 0.05, 0.25])
 def test_outputs_are_the_same_to_the_bit_after_every_push(latency_s: float) -> None:
     """With the real filter and smoother; with a latency shorter than a frame's period, and longer."""

@@ -33,6 +33,7 @@ def run(mode: str, measurements: tuple[Measurement, ...]) -> tuple[dict[str, int
     return dict(of_all.counts), outputs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["combined", "tight"])
 def test_late_frames_are_used_at_their_own_stamps(mode: str) -> None:
     name = "combined_coclo" if mode == "combined" else "tight"

@@ -60,6 +60,7 @@ def findings(
     return found
 
 
+@pytest.mark.long
 def test_nothing_is_found_where_all_is_well() -> None:
     assert findings(stream(), np.zeros(3)) == []
 

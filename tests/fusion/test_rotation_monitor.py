@@ -59,6 +59,7 @@ class Run:
         return start is not None and event.stamp_ns < start.stamp_ns < event.stamp_ns + 0.3 * NS_PER_S
 
 
+@pytest.mark.long
 def test_nothing_happens_where_all_is_well() -> None:
     run = Run(stream(), np.zeros(3))
     assert run.kinds == []
@@ -66,6 +67,7 @@ def test_nothing_happens_where_all_is_well() -> None:
     assert run.smoother.start.stamp_ns < NS_PER_S
 
 
+@pytest.mark.long
 def test_a_turned_mounting_is_reported_and_becomes_the_filters_prior() -> None:
     turn = np.radians([-1.7, 1.7, 1.7])
     run = Run(stream(), turn)
@@ -105,6 +107,7 @@ def test_an_offset_of_the_gyroscope_is_reported_and_taken_out_of_bias_and_attitu
     assert np.linalg.norm(se3.log(run.last.nav.T_world_body)[3:]) > 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay_s", [0.4, -0.4])
 def test_a_large_delay_of_images_is_found_by_search_and_corrected(delay_s: float) -> None:
     run = Run(with_late_images(stream(), delay_s), np.zeros(3))

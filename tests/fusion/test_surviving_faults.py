@@ -31,6 +31,7 @@ def estimates(**values: object) -> tuple[list[StateEstimate], list[StateEstimate
     return states(outputs, "combined_coclo"), states(outputs, "combined_vins")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "faults", [{"frame_loss": 0.3}, {"frozen_legs": "leg2:2:1.5"}], ids=["lost frames", "frozen leg"]
 )

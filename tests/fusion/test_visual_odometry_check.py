@@ -56,10 +56,12 @@ def tilt_rms_rad(outputs: list[Output], since_ns: int) -> float:
     return float(np.sqrt(np.mean(squared)))
 
 
+@pytest.mark.long
 def test_nothing_is_found_where_clock_and_mounting_are_right() -> None:
     assert events(run(stream())) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late_s", [0.06, -0.06, 0.4])
 def test_a_delay_is_reported_and_corrected_and_the_window_starts_anew(late_s: float) -> None:
     late = with_late_images(stream(), late_s)
@@ -77,6 +79,7 @@ def test_a_delay_is_reported_and_corrected_and_the_window_starts_anew(late_s: fl
     assert tilt_rms_rad(corrected, settled_ns) < 0.5 * tilt_rms_rad(as_they_come, settled_ns)
 
 
+@pytest.mark.long
 def test_an_imu_that_contradicts_the_cameras_is_set_aside_until_it_agrees() -> None:
     """All its axes have the wrong sign for 4 s; without a comparison gravity turns the path over."""
     reversed_imu = with_reversed_gyroscope(stream(), 3.0, 7.0)
@@ -88,6 +91,7 @@ def test_an_imu_that_contradicts_the_cameras_is_set_aside_until_it_agrees() -> N
     assert error_m(states(compared, "vins")[-1]) < 0.2 * error_m(states(as_they_come, "vins")[-1])
 
 
+@pytest.mark.long
 def test_a_turned_mounting_is_reported() -> None:
     turn = np.radians([-1.7, 1.7, 1.7])
     found = [event for event in events(run(stream(), turn)) if event.kind == "camera_mounting_off"]

@@ -47,6 +47,7 @@ def _answer(folder: Path, *, first: int, factor: int) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.long
 @needs_numba
 def test_a_kernel_is_compiled_anew_when_a_constant_or_a_kernel_of_another_file_changes(tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(_KERNEL)

@@ -33,6 +33,7 @@ def _delayed(messages, longest_s, seed):
     return sorted(late, key=lambda message: message.monotonic_ns)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("has_arrivals", [True, False])
 def test_messages_that_overtake_each_other_are_put_in_order(messages, clean, tmp_path, has_arrivals):
     delayed = _delayed(messages, {"/joint_states": 0.025, "/imu": 0.025, "/camera/imu": 0.004}, seed=3)
@@ -46,6 +47,7 @@ def test_messages_that_overtake_each_other_are_put_in_order(messages, clean, tmp
     np.testing.assert_allclose(found.positions, clean.positions, atol=1e-9)
 
 
+@pytest.mark.long
 def test_velocities_are_estimated_of_joints_in_order(messages, tmp_path):
     settings = ["dataset.corrections.joints.velocity=from_position"]
     last_ns = messages[0].arrived_ns + 4 * NS_PER_S
@@ -57,6 +59,7 @@ def test_velocities_are_estimated_of_joints_in_order(messages, tmp_path):
     np.testing.assert_allclose(*positions, atol=1e-9)
 
 
+@pytest.mark.long
 def test_stamps_of_the_future_are_refused_and_nothing_else_is(messages, clean, tmp_path):
     numbers = [i for i, m in enumerate(messages) if m.topic == "/joint_states"][200:500:100]
     wrong = [stamped_later(m, 3600 * NS_PER_S) if i in numbers else m for i, m in enumerate(messages)]
@@ -72,6 +75,7 @@ def test_stamps_of_the_future_are_refused_and_nothing_else_is(messages, clean, t
     np.testing.assert_allclose(found.positions[-1], clean.positions[-1], atol=2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step_s", [-600, 600])
 def test_a_clock_that_steps_on_the_wire_is_followed(messages, clean, tmp_path, step_s):
     at_ns = messages[-1].monotonic_ns - 2 * NS_PER_S
@@ -90,6 +94,7 @@ def test_a_clock_that_steps_on_the_wire_is_followed(messages, clean, tmp_path, s
     np.testing.assert_allclose(found.trajectory.positions[-1], clean.positions[-1], atol=2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stall_s", [1.2, 2.5])
 def test_what_a_network_held_back_is_used_as_if_it_had_not(messages, clean, tmp_path, stall_s):
     """For a while nothing comes, then everything at once, and then as before."""

@@ -18,6 +18,7 @@ from coclo_vio.values.units import NS_PER_S
 pytest.importorskip("rerun")
 
 
+@pytest.mark.long
 def test_poses_joints_tracks_and_events_are_in_the_file_of_the_view(short_recording: Path, tmp_path: Path) -> None:
     messages = messages_of(short_recording)
     some = [m for m in messages if m.arrived_ns < messages[0].arrived_ns + 3 * NS_PER_S]

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 from live_processes import children_of
 from played_source import messages_of, run_played
 
@@ -12,6 +13,7 @@ from coclo_vio.runs.run_folder import read_estimates
 from coclo_vio.values.units import NS_PER_S
 
 
+@pytest.mark.long
 def test_joints_do_not_wait_for_a_process_that_has_not_loaded_yet_and_it_ends_with_the_run(
     short_recording: Path, tmp_path: Path
 ) -> None:

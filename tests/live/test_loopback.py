@@ -44,6 +44,7 @@ def _check(sent, record, topics):
         assert came.latency.p50_ms < 100.0
 
 
+@pytest.mark.long
 def test_zenoh_accounts_for_every_message_and_gets_estimates_back(short_recording, tmp_path):
     pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -86,6 +87,7 @@ def test_images_are_processed_beside_the_filter_and_come_back_as_a_trajectory(sh
     assert read_live_record(folder).estimates["combined_coclo"].p95_ms < 1500.0
 
 
+@pytest.mark.long
 def test_dds_accounts_for_every_message(short_recording, tmp_path, dds_domain):
     publisher = [str(short_recording), "--wire", "dds", "--domain", str(dds_domain), *_PLAYED]
     sent, record = run_beside(publisher, "dds", tmp_path / "out", domain=dds_domain)
@@ -125,6 +127,7 @@ def _played(recording, *arguments):
     return _started("coclo_vio.live.publish_recording", recording, "--wait", 40, *arguments)
 
 
+@pytest.mark.long
 def test_a_fuzzed_message_on_the_wire_ends_nothing(short_recording, tmp_path):
     pytest.importorskip("zenoh", reason="zenoh is an extra (live-zenoh)")
     from coclo_vio.live.zenoh_wire import ZenohWire  # noqa: PLC0415 -- an extra
@@ -185,6 +188,7 @@ def _mutated(data, random):
     return bytes(mutable)
 
 
+@pytest.mark.long
 def test_an_interrupt_finishes_the_files(short_recording, tmp_path):
     growing, folder = tmp_path / "growing.mcap", tmp_path / "out"
     data = short_recording.read_bytes()

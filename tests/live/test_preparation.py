@@ -111,6 +111,7 @@ def test_held_messages_are_bounded(messages):
     assert arrived.released() == []
 
 
+@pytest.mark.long
 def test_a_run_on_low_states_of_unitree_is_that_on_the_samples_in_them(short_recording, tmp_path):
     found = [came(message, message.at_ns) for message in low_states(short_recording, "daisy", _TYPES)]
     record, counted = run_played(found, tmp_path, source="unitree")

@@ -52,6 +52,7 @@ def stamped(sample: Measurement, stamp: object) -> Measurement:
     return sample
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(
     garbage=st.lists(

@@ -49,6 +49,7 @@ def runnable(mode: str) -> bool:
     return cv.Need.BODY_TWIST not in mode_of(mode).needs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", [name for name in modes() if runnable(name)])
 def test_on_samples_in_order_the_guard_changes_nothing(
     mode: str, sample: cv.Recording, walk: Stream, walk_with_images: Stream
@@ -107,6 +108,7 @@ def clean_end(recording: cv.Recording) -> cv.StateEstimate:
     return states(outputs_of(estimator("coclo", recording), walk), "coclo")[-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_leg_odometry_survives_it_and_an_event_names_it(fault: str, sample: cv.Recording, walk: Stream) -> None:
     damage, named, lost = FAULTS[fault]
@@ -143,6 +145,7 @@ def test_where_a_filter_does_not_allow_for_it_the_guard_does(mode: str, sample: 
     assert sigma_m[at] > sigma_m[at - 1] + 0.001
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["combined", "vins"])
 def test_vision_goes_on_over_a_step(mode: str, sample: cv.Recording, walk_with_images: Stream) -> None:
     name = "combined_vins" if mode == "combined" else "vins"

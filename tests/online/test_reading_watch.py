@@ -93,6 +93,7 @@ def left_out(readings: list[ImuSample], **values: bool) -> tuple[np.ndarray, lis
     return np.array(amiss), events
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limit", [0.1, 0.3, 0.45])
 @pytest.mark.parametrize("start_s", [0.0, 5.0])
 def test_readings_at_the_limit_of_a_gyroscope_are_found_and_left_out(limit: float, start_s: float) -> None:
@@ -119,6 +120,7 @@ def test_where_the_limit_is_exceeded_it_was_none() -> None:
     assert "is within its range again; " in events[1].detail
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [1e-9, STEP, 0.005, 0.02])
 def test_a_gyroscope_within_its_range_has_no_limit(step: float) -> None:
     """Coarse converters repeat values, and so do the turning points of a regular gait."""

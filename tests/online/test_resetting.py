@@ -73,6 +73,7 @@ def test_reset_without_a_pose_goes_on_at_the_last_one(sample: cv.Recording, walk
     assert states[0].covariance[3:6, 3:6].trace() >= 0.99 * before[1][3:, 3:].trace()
 
 
+@pytest.mark.long
 def test_reanchoring_moves_the_world_and_nothing_else(sample: cv.Recording, walk: Sequence[cv.Measurement]) -> None:
     plain, index = walked(sample, walk, 5.0)
     moved, _ = walked(sample, walk, 5.0)
@@ -112,6 +113,7 @@ def test_the_window_is_shown_in_the_world_that_was_chosen() -> None:
     )
 
 
+@pytest.mark.long
 def test_an_anchor_without_uncertainty_makes_positions_certain_again(
     sample: cv.Recording, walk: Sequence[cv.Measurement]
 ) -> None:

@@ -25,6 +25,7 @@ def compared(recording: Path, folder: Path, modes: list[str], config: RunConfig)
     return evaluate_run(folder, config.evaluation)[0]
 
 
+@pytest.mark.long
 def test_a_comparison_writes_numbers_figures_and_a_report(leg_log: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     evaluations = compared(leg_log, tmp_path, ["naive", "naive_rolling"], CONFIG)
@@ -68,6 +69,7 @@ def test_without_plotly_the_report_has_the_figures_as_pictures(
     assert "<script" not in text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [400, 1280])
 def test_a_browser_draws_the_report(leg_log: Path, tmp_path: Path, width: int) -> None:
     chromium()

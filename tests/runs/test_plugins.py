@@ -37,6 +37,8 @@ DAISY = load_robot("daisy")
 DRIVER = """
 import contextlib, io, json, sys
 from coclo_vio import cli
+
+pytestmark = pytest.mark.long
 answers = []
 for arguments in json.loads(sys.argv[1]):
     sys.argv, out, err, status = ["coclo-vio", *arguments], io.StringIO(), io.StringIO(), 0

@@ -45,6 +45,7 @@ def _files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in {".tum", ".csv", ".yaml"}}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mode", "at_ns", "from_ns"),
     [
@@ -126,6 +127,7 @@ def test_what_a_kill_left_is_evaluated_with_all_but_the_last_moment(leg_log: Pat
     assert "the run of coclo was killed, or is still going on" in " ".join(evaluations["coclo"].notes)
 
 
+@pytest.mark.long
 def test_modes_that_had_finished_stay_and_the_others_go_on(leg_log: Path, tmp_path: Path) -> None:
     modes = ["naive", "naive_weighted", "naive_rolling"]
     left = _killed(leg_log, tmp_path, modes, ("naive_weighted", 1_040_000_000))
@@ -139,6 +141,7 @@ def test_modes_that_had_finished_stay_and_the_others_go_on(leg_log: Path, tmp_pa
     assert (again, record.status) == ([], "finished")
 
 
+@pytest.mark.long
 def test_a_run_that_was_asked_to_stop_goes_on_exactly_there_and_may_stop_again(leg_log: Path, tmp_path: Path) -> None:
     run_modes(leg_log, ["coclo"], CONFIG, tmp_path / "whole")
     record = None
@@ -188,6 +191,7 @@ def test_another_configuration_recording_or_version_is_refused_by_name(leg_log: 
         run_modes(leg_log, ["naive"], CONFIG, left, ending=RESUME)
 
 
+@pytest.mark.long
 def test_a_checkpoint_of_another_format_or_code_is_refused(
     leg_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,6 +57,7 @@ def straight(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step_s", [-1000.0, 1000.0])
 def test_files_have_the_first_clock_and_outputs_that_of_the_samples(
     step_s: float, log: Path, straight: Path, tmp_path: Path
@@ -121,6 +122,7 @@ def test_a_truth_has_stepped_too_where_it_has_a_hole_there() -> None:
     assert not has_stepped_too(Trajectory(jumped, poses), ())
 
 
+@pytest.mark.long
 def test_a_run_that_was_killed_after_the_step_goes_on_with_it(log: Path, tmp_path: Path) -> None:
     config, left = _config(-1000.0), tmp_path / "killed"
     at_ns = BEGIN_NS - 1000 * NS + 2_470_000_000

@@ -72,6 +72,7 @@ def test_kinematics_of_the_true_joints_reproduce_the_feet(robot: RobotModel, tri
         )
 
 
+@pytest.mark.long
 def test_joint_velocity_is_the_derivative_of_joint_position(robot: RobotModel) -> None:
     fine = walk(robot, rate_hz=500.0, substeps=1, body=BRIEF)
     differences = (fine.joint_position[2:] - fine.joint_position[:-2]) / 4e-3
@@ -193,6 +194,7 @@ def test_standing_still_is_exactly_still(daisy: RobotModel) -> None:
     assert np.abs(trial.joint_velocity).max() < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["daisy", "go1"])
 def test_wave_gait_lifts_one_foot_at_a_time(name: str) -> None:
     robot = RobotModel(load_robot(name))
@@ -209,6 +211,7 @@ def test_alternating_gait_of_six_legs_is_a_tripod(daisy: RobotModel) -> None:
     assert swings == {(), (0, 3, 4), (1, 2, 5)}
 
 
+@pytest.mark.long
 def test_a_walk_of_ten_metres_keeps_rolling(daisy: RobotModel) -> None:
     body = BodyMotionConfig(walk_s=51.0, speed_mps=0.2)
     trial = walk(daisy, body=body, rate_hz=15.0, substeps=3)

@@ -72,6 +72,7 @@ def test_exact_legs_and_exact_vision_make_the_ideal_robot() -> None:
     assert configured("legs_exact").trial.imperfection != IDEAL
 
 
+@pytest.mark.long
 def test_one_encoder_is_5_deg_off_in_all_samples(walk: Callable[..., Trial]) -> None:
     plain, off = walk(), walk("encoder_off")
     moved = readings(off, JointSample, "position") - readings(plain, JointSample, "position")
@@ -115,6 +116,7 @@ def test_a_cheap_imu_has_larger_biases(walk: Callable[..., Trial], name: str, ki
     np.testing.assert_allclose(cheap.gyroscope_bias[0], plain.gyroscope_bias[0] * 2.0, atol=2e-4)
 
 
+@pytest.mark.long
 def test_slippery_ground_moves_feet_that_touch_it(walk: Callable[..., Trial]) -> None:
     plain, slippery = walk("legs_exact"), walk("legs_exact", "legs_slippery")
     assert not np.array_equal(plain.frame_qpos, slippery.frame_qpos)

@@ -80,6 +80,7 @@ def test_a_bag_and_a_folder_of_one_seed_hold_the_same_samples(recorded) -> None:
     assert samples == len(trial.measurements) + frames
 
 
+@pytest.mark.long
 def test_the_written_samples_are_the_measurements(recorded) -> None:
     path, trial = recorded("walk.bag")
     read = [
@@ -92,6 +93,7 @@ def test_the_written_samples_are_the_measurements(recorded) -> None:
     assert all(same(*pair) for pair in zip(sorted(read, key=order), sorted(trial.measurements, key=order), strict=True))
 
 
+@pytest.mark.long
 def test_calibrations_are_the_nominal_ones_not_the_true_ones(recorded) -> None:
     for name in ("walk.bag", "walk_folder"):
         path, trial = recorded(name)
@@ -107,6 +109,7 @@ def test_calibrations_are_the_nominal_ones_not_the_true_ones(recorded) -> None:
             assert found.gyroscope_noise_density == pytest.approx(known.gyroscope_noise_density)
 
 
+@pytest.mark.long
 def test_the_same_seed_makes_the_same_bytes(recorded, tmp_path) -> None:
     path, _ = recorded("walk.bag")
     again = tmp_path / "again.bag"
@@ -163,6 +166,7 @@ def test_progress_of_the_simulation_is_reported(tmp_path) -> None:
     assert len(reports) >= 2
 
 
+@pytest.mark.long
 def test_a_failed_rendering_leaves_no_file(tmp_path, monkeypatch) -> None:
     def dies(*_: object, **__: object) -> None:
         raise RenderingError("a rendering process died")

@@ -236,6 +236,7 @@ def motorway(seed: int, speed_mps: float = 25.0) -> Iterator[StereoTracks]:
         yield StereoTracks(frame * FRAME_NS, ahead[inside], left_px, right_px)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 2, 5])
 def test_on_a_motorway_with_distant_points_the_window_never_starts_anew(seed: int) -> None:
     """With a baseline of 10 cm most points have no disparity, and many of them lie near the epipole."""

@@ -140,6 +140,7 @@ def fitted(pairs: list[Pair]) -> tuple[Array, Array, list[Array]]:
     return found[:6], found[6:], covariances
 
 
+@pytest.mark.long
 def test_preintegration_agrees_with_the_truth_and_its_noise_is_neither_too_small_nor_too_large(
     recording: tuple[list[InertialReading], Array, Trajectory],
 ) -> None:
@@ -155,6 +156,7 @@ def test_preintegration_agrees_with_the_truth_and_its_noise_is_neither_too_small
     assert 0.6 < np.mean(nees) < 1.6
 
 
+@pytest.mark.long
 def test_the_noise_of_the_data_sheet_alone_would_be_too_small(
     recording: tuple[list[InertialReading], Array, Trajectory],
 ) -> None:

@@ -293,6 +293,7 @@ def lengths(thing: object, visited: set[int], depth: int = 0) -> dict[str, int]:
     return found
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_over_a_thousand_frames() -> None:
     """An endless corridor: points that repeat under new identities."""
     random = np.random.default_rng(5)

@@ -134,6 +134,7 @@ def test_undisturbed_it_follows_without_any_event(has_imu: bool) -> None:
     assert None not in estimates.values()
 
 
+@pytest.mark.long
 @BOTH_MODES
 @pytest.mark.parametrize("dark_s", [1.0, 10.0])
 def test_a_blackout_is_an_event_and_vision_recovers(dark_s: float, has_imu: bool) -> None:
@@ -175,6 +176,7 @@ def test_the_reason_of_the_front_end_is_in_the_event() -> None:
     assert "a hand" in played.events[0].detail
 
 
+@pytest.mark.long
 @BOTH_MODES
 @pytest.mark.parametrize("new_identities", [False, True])
 def test_two_seconds_of_wrong_tracks_are_an_event_and_are_recovered_from(new_identities: bool, has_imu: bool) -> None:
@@ -194,6 +196,7 @@ def test_with_an_imu_the_error_from_wrong_tracks_is_bounded() -> None:
     assert np.linalg.norm((se3.inverse(truth) @ travelled)[:3, 3]) < 0.3
 
 
+@pytest.mark.long
 @BOTH_MODES
 @pytest.mark.parametrize("change", [behind, without_right])
 def test_without_usable_disparities_frames_are_localised_by_the_left_camera_and_known_points(
@@ -205,6 +208,7 @@ def test_without_usable_disparities_frames_are_localised_by_the_left_camera_and_
     assert played.kinds == []
 
 
+@pytest.mark.long
 @BOTH_MODES
 @pytest.mark.parametrize("change", [behind, without_right, without_tracks])
 def test_without_any_disparity_from_the_start_the_loss_of_vision_is_an_event(
@@ -217,6 +221,7 @@ def test_without_any_disparity_from_the_start_the_loss_of_vision_is_an_event(
     assert_follows(estimates, 6.0)  # once there are disparities
 
 
+@pytest.mark.long
 @BOTH_MODES
 @pytest.mark.parametrize("at_s", [0.0, 4.0])
 def test_one_frame_whose_disparities_are_all_wrong_is_detected(at_s: float, has_imu: bool) -> None:
@@ -264,6 +269,7 @@ def test_without_any_reading_vision_alone_is_used() -> None:
     assert_follows(estimates, 3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1e6, 1e200])
 @pytest.mark.parametrize("at_s", [-0.4, 4.0], ids=["before the start", "on the way"])
 def test_impossible_readings_have_no_effect(at_s: float, size: float) -> None:

@@ -48,6 +48,7 @@ def one_sentence(error):
     return message
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "options"), [(kind, options) for kind in WRITING for options in WRITING[kind]])
 @pytest.mark.parametrize("part", [0.4, 0.7, 0.999])
 def test_a_bag_that_was_cut_off_is_read_up_to_the_cut_if_allowed(tmp_path, biped, assert_same, kind, options, part):

@@ -16,6 +16,7 @@ from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.measurements import CameraImuSample, StereoTracks
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("legs", [2, 5])
 def test_a_robot_of_any_number_of_legs_walks_and_is_estimated(legs: int, tmp_path: Path) -> None:
     robot = RobotModel(robot_with_legs(legs, tmp_path))

@@ -20,6 +20,7 @@ _CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("member", _CASES)
 def test_a_contradiction_is_named_and_its_run_refused(member: Member, tmp_path: Path) -> None:
     recording = _written(member, tmp_path)
@@ -32,6 +33,7 @@ def test_a_contradiction_is_named_and_its_run_refused(member: Member, tmp_path: 
         assert (refusal(diagnosis, mode.sensors) is not None) == member.is_error
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "mode"), [("body accelerations in g", "coclo"), ("baseline of 0", "vins"), ("no such URDF", "coclo")]
 )
@@ -47,6 +49,7 @@ def _written(member: Member, folder: Path) -> cv.Recording:
     return cv.open(content.write(folder / "recording", member.form), robot=content.description or content.robot)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["bag", "folder", "leg log"])
 def test_a_sound_recording_is_good_in_every_form(form: Form, tmp_path: Path) -> None:
     content = sample_content()
@@ -54,6 +57,7 @@ def test_a_sound_recording_is_good_in_every_form(form: Form, tmp_path: Path) -> 
     assert recording.inspect().findings == ()
 
 
+@pytest.mark.long
 def test_what_is_certain_corrects_the_recording(tmp_path: Path) -> None:
     wrong = [member for member in MEMBERS if member.name in {"body accelerations in g", "camera axes turned by 90 deg"}]
     content = sample_content(has_frames=False)

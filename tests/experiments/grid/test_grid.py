@@ -58,6 +58,7 @@ def test_fused_modes_are_run_with_every_feedback_policy() -> None:
     assert table.simulation_of("ramp").trial.imperfection.link_length == 0.0
 
 
+@pytest.mark.long
 def test_it_goes_on_where_it_was_stopped_and_shares_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     walks = []
     walk = Simulator.walk
@@ -79,6 +80,7 @@ def test_it_goes_on_where_it_was_stopped_and_shares_motions(tmp_path: Path, monk
     assert not any((tmp_path / "abc1234").rglob("*.tum"))
 
 
+@pytest.mark.long
 def test_another_commit_begins_anew_and_a_damaged_record_is_made_again(tmp_path: Path) -> None:
     run_work(plan_in(tmp_path, "abc1234", SLIPPERY).work(), 1, None, lambda step: None)
     assert [unit.name for unit in plan_in(tmp_path, "def5678", SLIPPERY).work()] == ["slippery/flat_1"]
@@ -189,6 +191,7 @@ def test_shares_count_cells_and_a_failure_is_worse_than_anything() -> None:
     assert shares(every)["combined_coclo:ci"].within_1_1 == pytest.approx(0.6667)
 
 
+@pytest.mark.long
 def test_the_command_runs_and_sums_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     grid = [
         "-o",

@@ -204,6 +204,7 @@ def test_all_commands_are_in_one_session_and_a_table_goes_on_by_itself(tmp_path:
     assert table.resuming(tmp_path) == table.arguments(tmp_path)
 
 
+@pytest.mark.long
 def test_a_killed_run_in_another_process_is_resumed_and_compared(leg_log: Path, tmp_path: Path) -> None:
     more = (str(leg_log), "--robot", "daisy", "--set", "checkpoints.interval_s=0.5")
     config = resolve("daisy", settings=["checkpoints.interval_s=0.5"])

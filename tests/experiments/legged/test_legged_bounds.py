@@ -12,6 +12,8 @@ from coclo_vio.experiments.legged.legged_recording import LeggedRecording, Legge
 from coclo_vio.experiments.legged.smoother_mode import GTSAM_SMOOTHER
 from coclo_vio.experiments.results.provenance import Provenance
 
+pytestmark = pytest.mark.long
+
 ORIGIN = Provenance(commit="abc1234", date="2026-01-02", machine="one", versions={}, command="a command")
 SHORT = LeggedRecording(
     *("trot", "go1 flat 2 m", "go1", "flat", 11),

@@ -56,6 +56,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.long
 def test_a_failed_job_is_reported_stored_and_run_again(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     table = made(seeds=3)
     whole = job.run_modes
@@ -129,6 +130,7 @@ def test_a_run_that_is_killed_takes_its_processes_with_it_and_goes_on(made: Made
     assert missing(table.plan, table.store) == []
 
 
+@pytest.mark.long
 def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on(made: Made) -> None:
     table = made(seeds=2)
 
@@ -146,6 +148,7 @@ def test_a_run_that_is_stopped_leaves_nothing_half_and_goes_on(made: Made) -> No
     assert dict(os.environ) == threads
 
 
+@pytest.mark.long
 def test_a_process_that_is_killed_is_replaced_and_finished_jobs_are_not_done_again(made: Made) -> None:
     table = made(seeds=2)
     steps: list[WorkProgress] = []
@@ -175,6 +178,7 @@ def test_processes_that_die_again_and_again_are_an_error_with_the_next_step(made
         run_in_processes([slow], 1, kill)
 
 
+@pytest.mark.long
 def test_a_cluster_does_the_same_work_and_reports_its_steps(made: Made, tmp_path: Path) -> None:
     table = made(seeds=2)
     steps: list[WorkProgress] = []
@@ -197,6 +201,7 @@ def test_without_dask_the_error_has_the_command_that_installs_it(made: Made, mon
         run_work(work_of(made()), 1, "tcp://127.0.0.1:9", lambda _: None)
 
 
+@pytest.mark.long
 def test_a_worker_of_a_cluster_that_is_killed_is_survived(made: Made, tmp_path: Path) -> None:
     table = made(seeds=3)
     killed: list[int] = []

@@ -49,6 +49,7 @@ def test_an_imu_measures_what_mujocos_sensors_measure_at_its_place(monkeypatch) 
     np.testing.assert_allclose(motion.inertial(T_BODY_IMU), measured, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_motion_from_its_file_makes_the_same_trial(tmp_path) -> None:
     config = simulation_config("ramp", SOON).trial
     direct = simulate("ramp", DAISY, config, 4, until_s=UNTIL_S)

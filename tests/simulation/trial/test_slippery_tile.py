@@ -67,6 +67,7 @@ def test_feet_slide_on_the_tile_and_not_beside_it(plain: Trial, monkeypatch: pyt
     assert abs(slid[~IS_LEFT].sum()) < 0.1 * slid[IS_LEFT].sum()
 
 
+@pytest.mark.long
 def test_before_the_first_step_on_the_tile_the_trial_is_identical(
     plain: Trial, monkeypatch: pytest.MonkeyPatch
 ) -> None:

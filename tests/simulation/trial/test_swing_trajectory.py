@@ -47,6 +47,7 @@ def test_it_never_jumps_and_keeps_its_speed(swing) -> None:
     assert np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1).max() < 0.15 * reach + 1e-12
 
 
+@pytest.mark.long
 @given(swings())
 def test_it_touches_down_at_its_speed_and_continues_below_the_expected_ground(swing) -> None:
     before, after = (swing.position(swing.duration_s + offset)[2] for offset in (-1e-5, 1e-5))

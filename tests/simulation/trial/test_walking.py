@@ -35,6 +35,7 @@ def same_measurements(first: Trial, second: Trial) -> bool:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TERRAINS)
 def test_the_robot_walks_its_path_on_its_feet(name, walk) -> None:
     trial = walk(name, until_s=FEW_S)
@@ -51,6 +52,7 @@ def test_the_robot_walks_its_path_on_its_feet(name, walk) -> None:
     assert np.mean(feet_down[2000:] == 5) > 0.3
 
 
+@pytest.mark.long
 def test_standing_feet_carry_the_weight_and_springs_show_it(walk) -> None:
     """Estimators have no touch sensors, but the springs' torques through the described kinematics."""
     trial = walk("flat", IDEAL_ROBOT, SOON, until_s=UNTIL_S)
@@ -97,6 +99,7 @@ def test_velocity_of_the_truth_is_that_of_its_positions(walk) -> None:
     np.testing.assert_allclose(truth.velocity_world[1:-1], by_differences, atol=0.03)
 
 
+@pytest.mark.long
 def test_a_seed_repeats_the_trial_and_another_seed_differs(walk) -> None:
     first = walk("flat", SOON, until_s=UNTIL_S)
     again = simulate("flat", first.robot, simulation_config("flat", SOON).trial, 1, until_s=UNTIL_S)
@@ -111,6 +114,7 @@ def test_a_seed_repeats_the_trial_and_another_seed_differs(walk) -> None:
     assert not np.array_equal(first.truth.contact, other.truth.contact)
 
 
+@pytest.mark.long
 def test_each_part_has_its_own_random_stream(walk) -> None:
     """Another Vicon changes neither the motion nor the measurements of the robot."""
     slow_vicon = {"trial": {"vicon": {"rate_hz": 50.0, "dropout_s": 0.0}}}
@@ -150,6 +154,7 @@ def feet_in_the_world(trial: Trial) -> np.ndarray:
     return np.einsum("nij,nlj->nli", poses[:, :3, :3], feet) + poses[:, None, :3, 3]
 
 
+@pytest.mark.long
 def test_pushes_shake_the_trunk(walk) -> None:
     hard = {"trial": {"push": {"force_n": 60.0, "torque_nm": 5.0, "every_s": 0.2}}}
     plain, pushed = walk("flat", SOON, until_s=UNTIL_S), walk("flat", SOON, hard, until_s=UNTIL_S)
@@ -158,6 +163,7 @@ def test_pushes_shake_the_trunk(walk) -> None:
     assert 0.005 < apart.max() < 0.2
 
 
+@pytest.mark.long
 def test_progress_is_reported(walk) -> None:
     reports: list[float] = []
     config = simulation_config("flat", SOON).trial
@@ -167,6 +173,7 @@ def test_progress_is_reported(walk) -> None:
     assert reports[-1] > 1.9
 
 
+@pytest.mark.long
 def test_a_robot_with_soft_joints_falls_and_the_error_gives_time_and_position() -> None:
     soft = {"trial": {"body": {"spring_nm_per_rad": (1.0, 1.0, 1.0)}}}
     with pytest.raises(SimulationError, match=r"the robot fell after .* s at x = "):

@@ -95,6 +95,7 @@ def test_torques_hold_the_weight(trot) -> None:
     assert np.mean(forces) == pytest.approx(robot.mass_kg * 9.81, rel=0.15)
 
 
+@pytest.mark.long
 def test_the_recording_is_read_with_the_name_of_the_robot_only(trot) -> None:
     path, trial, _ = trot
     recording = open_recording(path, robot="go1")
@@ -110,6 +111,7 @@ def test_the_recording_is_read_with_the_name_of_the_robot_only(trot) -> None:
             assert np.array_equal(getattr(mine[7], name), getattr(wrote[7], name))
 
 
+@pytest.mark.long
 def test_the_same_seed_makes_the_same_bytes(tmp_path) -> None:
     config = trot_config(SHORT)
     for folder in ("one", "two"):

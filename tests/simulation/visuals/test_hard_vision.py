@@ -116,6 +116,7 @@ def test_surfaces_are_bare_on_the_last_part_of_the_way() -> None:
     assert (bareness(with_visuals(SEED).compile(), qpos, stamps) == 0.0).all()
 
 
+@pytest.mark.long
 def test_images_of_bare_surfaces_have_little_gradient(opengl: str, tmp_path: Path) -> None:
     path = tmp_path / "model.mjb"
     mujoco.mj_saveModel(with_visuals(SEED, SceneConfig(bare_from=0.5, texture="rich")).compile(), str(path))

@@ -119,12 +119,14 @@ def test_images_are_neither_black_nor_saturated(frames: list[EncodedStereoFrame]
             assert (image < 5).mean() < 0.02
 
 
+@pytest.mark.long
 def test_same_seed_same_bytes_whatever_the_number_of_processes(
     frames: list[EncodedStereoFrame], model_path: Path
 ) -> None:
     assert render(model_path, workers=2) == frames
 
 
+@pytest.mark.long
 def test_another_seed_has_other_noise(frames: list[EncodedStereoFrame], model_path: Path) -> None:
     other = render(model_path, seed=SEED + 1)
     assert all(a.left != b.left and a.right != b.right for a, b in zip(frames, other, strict=True))
