@@ -42,6 +42,15 @@ class PixelNoiseConfig(StageConfig):
     least_scale: Annotated[
         float, Field(gt=0, le=1, description="least scale of the sigmas: errors that repeat do not show in residuals")
     ] = 0.5
+    ample_tracks: Annotated[
+        int,
+        Field(
+            ge=1,
+            le=1000,
+            description="with fewer tracks than this in a keyframe their errors repeat more: the least scale grows as "
+            "the root of the ratio",
+        ),
+    ] = 80
     least_shown: Annotated[
         float, Field(gt=0, le=1, description="least scale of the limits of wrong matches, which follow the residuals")
     ] = 0.2

@@ -38,6 +38,11 @@ class LandmarkMap:
     def __getitem__(self, landmark_id: int) -> Landmark:
         return self._by_id[landmark_id]
 
+    def matched(self, number: int) -> int:
+        """How many landmarks both cameras of a keyframe observe."""
+        observed = (each.observations.get(number) for each in self._by_id.values())
+        return sum(each is not None and not np.isnan(each[2]) for each in observed)
+
     def point(self, landmark_id: int) -> Array:
         """Position of a placed landmark, m, world frame, (3,)."""
         point = self._by_id[landmark_id].point_world

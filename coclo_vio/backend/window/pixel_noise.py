@@ -26,20 +26,24 @@ class PixelNoise:
 
     Errors that repeat, such as the drift of a track off its point, hardly enter residuals. So a weight follows the
     residuals down to ``least_scale`` only, the limits from which an observation counts as a wrong match further down.
+    Where a front end finds few points, those are the ends of edges and the crossings of lines at different depths: a
+    large share of them moves together, and not as a point of the world does. The mean of their errors does not shrink
+    with their number, so ``least_scale`` grows as the root of ``ample_tracks`` over the number of tracks.
 
     Attributes:
         shown: scale that the residuals show, as applied.
+        scarcity: factor on ``least_scale``, as applied.
     """
 
     def __init__(self, config: PixelNoiseConfig) -> None:
         self._config = config
-        self.shown = 1.0
+        self.shown, self.scarcity = 1.0, 1.0
         self._weight, self._sum = 0.0, 0.0  # of logarithms of the windows' scales
 
     @property
     def scale(self) -> float:
         """Of the configured sigmas."""
-        return max(self.shown, self._config.least_scale)
+        return max(self.shown, self._config.least_scale * self.scarcity)
 
     @property
     def track_px(self) -> float:
@@ -65,6 +69,15 @@ class PixelNoise:
     def outlier(self) -> float:
         """In sigmas, as in the configuration of what the residuals show."""
         return self._config.outlier * self.shown / self.scale
+
+    def count(self, tracks: int) -> None:
+        """Take the number of tracks of a keyframe."""
+        if not self._config.is_learnt:
+            return
+        fewest = self._config.ample_tracks * (self._config.least_scale / self._config.largest_scale) ** 2
+        scarcity = float(np.sqrt(max(1.0, self._config.ample_tracks / max(tracks, fewest))))
+        if abs(np.log(scarcity / self.scarcity)) > _APPLIED_STEP:
+            self.scarcity = scarcity
 
     def learn(self, residuals_px: Array, landmarks: int) -> None:
         """Take the residuals at the minimum of a window.

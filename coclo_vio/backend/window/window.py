@@ -270,6 +270,7 @@ class Window:
             self.solver.observations.forget(number, landmark_id)
             self.landmarks[landmark_id].is_retired |= number == self.newest.number
         self._noise.learn(residuals, len(points_world))
+        self._noise.count(self.landmarks.matched(self.newest.number))
         residuals = residuals[~is_wrong]
         return float(np.sqrt(np.nanmean(np.square(residuals)))) if len(residuals) else 0.0
 

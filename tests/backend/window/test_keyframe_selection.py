@@ -45,6 +45,27 @@ def test_too_many_new_tracks_make_a_keyframe(new: int, expected: bool) -> None:
     assert has_lost_overlap(CONFIG, BEFORE, now) == expected
 
 
+@pytest.mark.parametrize(("matched", "expected"), [(12, False), (4, True)])
+def test_new_tracks_without_a_match_make_no_keyframe_unless_few_have_one(matched: int, expected: bool) -> None:
+    def frame(stamp_ns: int, first_unmatched: int) -> StereoTracks:
+        left_px = np.tile(GRID, (3, 1))[:50]
+        right_px = left_px - [10.0, 0.0]
+        right_px[matched:] = np.nan
+        ids = np.concatenate((np.arange(matched), first_unmatched + np.arange(50 - matched)))
+        return StereoTracks(stamp_ns, ids, left_px, right_px)
+
+    assert has_lost_overlap(CONFIG, frame(0, 1000), frame(1, 2000)) == expected
+
+
+def test_matched_tracks_that_are_lost_make_a_keyframe_however_many_others_stay() -> None:
+    left_px = np.tile(GRID, (3, 1))[:60]
+    right_px = left_px - [10.0, 0.0]
+    right_px[20:] = np.nan
+    before = StereoTracks(0, np.arange(60), left_px, right_px)
+    now = StereoTracks(1, np.concatenate((np.arange(11), np.arange(20, 60))), left_px[:51], right_px[:51])
+    assert has_lost_overlap(CONFIG, before, now)
+
+
 @pytest.mark.parametrize(("stamp_ns", "expected"), [(999_999_999, False), (1_000_000_000, True)])
 def test_after_the_longest_time_there_is_a_keyframe_in_any_case(stamp_ns: int, expected: bool) -> None:
     assert is_keyframe(CONFIG, BEFORE, tracks(range(20), stamp_ns=stamp_ns), FOCAL_PX) == expected

@@ -272,3 +272,12 @@ def test_the_point_nearest_to_the_rays_is_the_least_squares_one(seed: int) -> No
         np.testing.assert_allclose(points[index], np.linalg.lstsq(across, measured)[0], rtol=1e-9)
         assert depths[index] == pytest.approx(rays[own][-1] @ (points[index] - centres[own][-1]))
     assert np.isnan(depths[19])
+
+
+def test_points_that_both_cameras_of_a_keyframe_observe_are_counted() -> None:
+    landmarks = LandmarkMap(RIG, SmootherConfig())
+    points = ahead((0.0, 0.0, 3.0), (0.5, 0.0, 3.0))
+    observed(landmarks, 0, tracks_of(points, np.eye(4)))
+    observed(landmarks, 1, tracks_of(points, np.eye(4), has_right=False))
+    observed(landmarks, 2, tracks_of(points[:1], np.eye(4)))
+    assert [landmarks.matched(number) for number in range(4)] == [2, 0, 1, 0]

@@ -61,3 +61,28 @@ def test_nothing_is_learnt_where_that_is_switched_off_or_little_is_redundant() -
     noise = PixelNoise(PixelNoiseConfig())
     noise.learn(residuals(5.0, 0)[:30], 20)
     assert noise.scale == 1.0
+
+
+@pytest.mark.parametrize(("tracks", "sigma_px"), [(150, 0.5), (80, 0.5), (20, 1.0), (5, 2.0), (0, 4.0)])
+def test_few_tracks_weigh_less_than_their_residuals_show(tracks: int, sigma_px: float) -> None:
+    config = PixelNoiseConfig(least_scale=0.5, least_shown=0.2, prior_windows=0.01, ample_tracks=80)
+    noise = learnt(0.02, config)
+    limit_px = noise.outlier * noise.track_px
+    noise.count(tracks)
+    assert noise.track_px == pytest.approx(sigma_px)
+    assert noise.outlier * noise.track_px == pytest.approx(limit_px)  # limits follow the residuals alone
+
+
+def test_many_tracks_weigh_again_what_they_did() -> None:
+    noise = learnt(0.02, PixelNoiseConfig(prior_windows=0.01))
+    before = noise.scale
+    noise.count(10)
+    noise.count(150)
+    assert noise.scale == before
+
+
+def test_few_tracks_whose_residuals_are_large_get_no_further_factor() -> None:
+    noise = learnt(2.0, PixelNoiseConfig(prior_windows=0.01))
+    before = noise.scale
+    noise.count(20)
+    assert noise.scale == before
