@@ -67,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--first-seed", type=int, default=1, help="the first of the seeds")
     parser.add_argument("--trials", default=",".join(TERRAINS), help="terrains, separated by commas")
     parser.add_argument("--modes", default=",".join(default_modes()), help="modes, separated by commas")
+    parser.add_argument("--no-policies", action="store_true", help="of the feedback policies run the default one only")
     parser.add_argument("--until", type=float, default=UNTIL_S, help="end of each trial, s; 0 for whole trials")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the estimators")
     parser.add_argument("--commit", help="sum up the results of this commit, not of the present one")
@@ -84,6 +85,7 @@ def _plan(options: argparse.Namespace) -> GridPlan:
         first_seed=options.first_seed,
         trials=checked_trials(_names(options.trials)),
         modes=checked_modes(_names(options.modes)),
+        has_policies=not options.no_policies,
         until_s=options.until or None,
         config=resolve(SIMULATED_ROBOT, settings=options.set),
     )
@@ -98,6 +100,7 @@ def _command(options: argparse.Namespace) -> str:
     words = ["python", "-m", "coclo_vio.experiments.grid", "run", "--seeds", str(options.seeds)]
     words += ["--first-seed", str(options.first_seed), "--trials", options.trials, "--modes", options.modes]
     words += ["--until", f"{options.until:g}", *(["--cells", options.cells] if options.cells else [])]
+    words += ["--no-policies"] if options.no_policies else []
     return shlex.join([*words, *(word for setting in options.set for word in ("--set", setting))])
 
 

@@ -52,7 +52,8 @@ class GridPlan:
         seeds: how many.
         first_seed: the first of them; the others follow.
         trials: names of the terrains.
-        modes: their names; those with feedback are run with every policy.
+        modes: their names.
+        has_policies: whether modes with feedback are run with every policy, not with the default one only.
         until_s: trials end after this long, s; None for whole trials.
         config: of the estimators.
     """
@@ -64,6 +65,7 @@ class GridPlan:
     first_seed: int = 1
     trials: tuple[TerrainName, ...] = TERRAINS
     modes: tuple[str, ...] = field(default_factory=default_modes)
+    has_policies: bool = True
     until_s: float | None = UNTIL_S
     config: RunConfig = field(default_factory=lambda: resolve(SIMULATED_ROBOT))
 
@@ -75,7 +77,7 @@ class GridPlan:
             first_seed=self.first_seed,
             trials=self.trials,
             modes=self.modes,
-            policy_seeds=self.seeds,
+            policy_seeds=self.seeds if self.has_policies else 0,
             simulation=merged({"trial": {"frame_rate_hz": FRAME_RATE_HZ}}, cell.changes),
             images=any(mode_of(name).has_cameras for name in self.modes),
             until_s=self.until_s,

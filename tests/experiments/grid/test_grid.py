@@ -3,6 +3,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,13 @@ EXACT = Cell("good", "exact", ("legs_exact",))
 def plan_in(folder: Path, commit: str = "abc1234", *cells: Cell) -> GridPlan:
     """One flat trial of 1.6 s without images."""
     return GridPlan(folder, commit, cells or (EXACT, ENCODER), trials=("flat",), modes=("naive",), until_s=1.6)
+
+
+def test_policies_are_run_unless_left_out(tmp_path: Path) -> None:
+    everything = GridPlan(tmp_path, "abc1234", (EXACT,), trials=("flat",), modes=("combined",))
+    alone = replace(everything, has_policies=False)
+    assert len(list(everything.table(EXACT).jobs())) > 1
+    assert [job.variant.feedback for job in alone.table(EXACT).jobs()] == [None]
 
 
 def test_every_condition_is_in_both_groups_by_itself_and_the_names_are_unique() -> None:
