@@ -263,6 +263,23 @@ def test_silent_joints_leave_the_imu_which_gives_estimates_of_honest_covariance(
     assert after[-1].feet.is_stance.any()
 
 
+def test_a_time_without_joints_is_no_time_without_support(daisy: RobotModel, noisy_walk: AnalyticTrial) -> None:
+    """No joints for 2 s, and no foot in stance for 0.2 s after it, as in the flight phase of a trot."""
+    silent, flight = range(2_000_000_000, 4_000_000_000), range(4_000_000_000, 4_200_000_000)
+    odometry, events = LegOdometryFilter(daisy), []
+    for sample in noisy_walk.measurements:
+        changed = sample
+        if isinstance(sample, JointSample | FootForceSample) and sample.stamp_ns in silent:
+            continue
+        if isinstance(sample, JointSample) and sample.stamp_ns in flight:
+            changed = replace(sample, effort=np.zeros_like(sample.position))
+        elif isinstance(sample, FootForceSample) and sample.stamp_ns in flight:
+            changed = replace(sample, force=np.zeros_like(sample.force))
+        if odometry.push(changed) is not None:
+            events += odometry.take_events()
+    assert "no_support" not in [event.kind for event in events]
+
+
 def test_a_robot_without_any_foot_in_stance_is_reported_and_its_covariance_grows(
     daisy: RobotModel, noisy_walk: AnalyticTrial
 ) -> None:
