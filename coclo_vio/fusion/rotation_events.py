@@ -19,14 +19,17 @@ def delay_event(stamp_ns: int, found: ImageDelay) -> Event:
     return Event(stamp_ns, "image_delay", detail)
 
 
-def mounting_sentence(found: CameraMounting, expected_rad: float) -> str:
-    """How far the cameras are turned, and what one sigma of their calibrated mounting allows, rad."""
+def mounting_sentence(found: CameraMounting, expected_rad: float | None = None) -> str:
+    """How far the cameras are turned, and what one sigma of their mounting allows, rad, where it is known."""
     degrees = np.degrees(found.rotation)
     sigma = float(np.degrees(np.sqrt(found.covariance.trace() / 3.0)))
-    return (
+    measured = (
         f"the cameras are turned by ({degrees[0]:.2f}, {degrees[1]:.2f}, {degrees[2]:.2f}) +- {sigma:.2f} deg "
-        f"against the gyroscope, where {np.degrees(expected_rad):.2f} deg is expected of the cameras' mounting"
+        "against the gyroscope"
     )
+    if expected_rad is None:
+        return measured
+    return f"{measured}, where {np.degrees(expected_rad):.2f} deg is expected of the cameras' mounting"
 
 
 def suspicion_event(stamp_ns: int, found: VisionSuspect) -> Event:

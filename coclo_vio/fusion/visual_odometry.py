@@ -137,7 +137,7 @@ class VisualOdometry(StreamingEstimator):
                 detail = "stamps of images have been corrected; the window starts anew with this frame"
                 self._smoother.begin_anew(detail, found.delay_s)
             case CameraMounting() as found:
-                detail = f"{mounting_sentence(found, 0.0)}; nothing was changed: mend the cameras' calibration"
+                detail = f"{mounting_sentence(found)}; nothing was changed: mend the cameras' calibration"
                 yield Event(stamp_ns, "camera_mounting_off", detail)
             case VisionSuspect() as found:
                 yield suspicion_event(stamp_ns, found)
