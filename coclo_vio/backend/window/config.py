@@ -213,6 +213,10 @@ class SmootherConfig(StageConfig):
     stereo_scale_sigma: Annotated[
         float, Field(ge=0, lt=0.2, description="relative error of lengths by stereo, in the covariance of vision alone")
     ] = 0.005
+    camera_rotation_sigma_rad: Annotated[
+        float,
+        Field(ge=0, lt=0.2, description="error of the cameras' mounting, each axis, in the covariance of vins, rad"),
+    ] = 0.004
     noise: Annotated[PixelNoiseConfig, Field(description="noise of the tracks")] = PixelNoiseConfig()
     keyframe: Annotated[KeyframeConfig, Field(description="choice of keyframes")] = KeyframeConfig()
     motion: Annotated[MotionPriorConfig, Field(description="the constant-velocity model")] = MotionPriorConfig()

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from coclo_vio.backend.window.calibration_errors import CalibrationErrors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.event_log import EventLog
 from coclo_vio.backend.window.frame_estimate import FrameEstimate
@@ -85,7 +86,8 @@ class SlidingWindowSmoother:
         self._given_velocity = np.zeros(3), self.config.start.rest_velocity_mps
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
-        self._origin: Array | None = None  # where the path began, world, m
+        turned_rad = self.config.camera_rotation_sigma_rad if measures_gravity else 0.0
+        self._calibration_errors = CalibrationErrors(self.config.stereo_scale_sigma, turned_rad)
         self._anew: tuple[str, float] | None = None  # why the next frame begins a window, and how much later it is
         self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 
@@ -322,19 +324,6 @@ class SlidingWindowSmoother:
             gyroscope, accelerometer = source.biases_body
             rate = source.rate_body
         if self._updater.given_start is None:
-            covariance += self._scale_covariance(frame)
+            covariance += self._calibration_errors.covariance(frame)
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)
         return StateEstimate(frame.stamp_ns, nav, covariance)
-
-    def _scale_covariance(self, frame: FrameEstimate) -> Array:
-        """What the error of the stereo scale does to position and velocity, (9, 9), where nothing else measures them.
-
-        The window takes its cameras for exact. A wrong baseline or focal length stretches the path from its begin on by
-        a constant share: a way in a straight line is wrong by that, and a loop that is closed is not.
-        """
-        if self._origin is None:
-            self._origin = frame.T_world_body[:3, 3].copy()
-        stretch, sigma = np.zeros(9), self.config.stereo_scale_sigma
-        stretch[3:6] = frame.T_world_body[:3, :3].T @ (frame.T_world_body[:3, 3] - self._origin)
-        stretch[6:] = frame.velocity_world
-        return np.outer(sigma * stretch, sigma * stretch)

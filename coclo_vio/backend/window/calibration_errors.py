@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What errors of the cameras' calibration do to a path by vision, which the window takes for exact.
+
+A wrong baseline or focal length stretches the path from its begin on by a constant share: a way in a straight line is
+wrong by that, and a loop that is closed is not. Cameras that are turned on the body by a small rotation e, while an IMU
+levels the body, measure each displacement d of the body, in body axes, as ``d + e x d``: a robot that walks forwards
+climbs or sinks, and walks aside, by a constant share of its way.
+"""
+
+import numpy as np
+
+from coclo_vio.backend.window.frame_estimate import FrameEstimate
+from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
+
+
+class CalibrationErrors:
+    """Follows a path, and holds the covariance that errors of the calibration add to it."""
+
+    def __init__(self, scale_sigma: float, rotation_sigma_rad: float) -> None:
+        """Take the relative error of lengths, and the rotation of the cameras on the body, each axis."""
+        self._sigmas = np.array([scale_sigma, *[rotation_sigma_rad] * 3])
+        self._position: Array | None = None  # of the last frame, world, m
+        self._changes = np.zeros((3, 4))  # of the position, world, by the scale and by the rotation
+
+    def covariance(self, frame: FrameEstimate) -> Array:
+        """What the errors do to position (body axes) and velocity (world axes) of a frame, right/local, (9, 9).
+
+        Args:
+            frame: the next one of the path; the first one is where it begins.
+        """
+        R, position = frame.T_world_body[:3, :3], frame.T_world_body[:3, 3]
+        if self._position is not None:
+            self._changes = self._changes + _changes(R, position - self._position)
+        self._position = position.copy()
+        errors = np.zeros((9, 4))
+        errors[3:6] = R.T @ self._changes
+        errors[6:] = _changes(R, frame.velocity_world)
+        errors *= self._sigmas
+        return np.asarray(errors @ errors.T)
+
+
+def _changes(R_world_body: Array, vector_world: Array) -> Array:
+    """Of a vector by the scale and by a rotation of the cameras on the body, world, (3, 4)."""
+    by_rotation = -R_world_body @ so3.hat(R_world_body.T @ vector_world)
+    return np.column_stack((vector_world, by_rotation))

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Errors of the cameras' calibration in the covariance of a path, against paths of cameras that have them."""
+
+import numpy as np
+import pytest
+
+from coclo_vio.backend.window.calibration_errors import CalibrationErrors
+from coclo_vio.backend.window.frame_estimate import FrameEstimate
+from coclo_vio.geometry import so3
+from coclo_vio.values.arrays import Array
+
+SCALE, TURNED_RAD = 0.005, 0.004
+FORWARDS = np.array([0.1, 0.0, 0.0])
+
+
+def frame(R: Array, position: Array, velocity: Array) -> FrameEstimate:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, position
+    return FrameEstimate(0, T, velocity, np.zeros((9, 9)))
+
+
+def walked(errors: CalibrationErrors, turns: Array) -> tuple[Array, Array]:
+    """The last covariance, and the last rotation, of a walk of 0.1 m a frame with headings ``turns``, rad."""
+    position, covariance, R = np.array([1.0, 2.0, 3.0]), np.zeros((9, 9)), np.eye(3)
+    covariance = errors.covariance(frame(R, position, np.zeros(3)))
+    np.testing.assert_array_equal(covariance, 0.0)
+    for heading in turns:
+        R = so3.exp(np.array([0.0, 0.0, heading]))
+        position = position + R @ FORWARDS
+        covariance = errors.covariance(frame(R, position, R @ FORWARDS))
+    return covariance, R
+
+
+def test_a_straight_way_is_wrong_by_constant_shares() -> None:
+    covariance, _ = walked(CalibrationErrors(SCALE, TURNED_RAD), np.zeros(50))
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)[3:6]), [5.0 * SCALE, 5.0 * TURNED_RAD, 5.0 * TURNED_RAD])
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)[6:]), [0.1 * SCALE, 0.1 * TURNED_RAD, 0.1 * TURNED_RAD])
+    np.testing.assert_array_equal(covariance[:3], 0.0)
+
+
+def test_a_closed_loop_is_wrong_by_the_height_alone() -> None:
+    turns = 2.0 * np.pi * np.arange(1, 61) / 60.0
+    covariance, _ = walked(CalibrationErrors(SCALE, TURNED_RAD), turns)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)[3:6]), [0.0, 0.0, 6.0 * TURNED_RAD], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_it_is_the_path_of_cameras_that_are_turned(seed: int) -> None:
+    """Displacements that are measured by cameras turned by a drawn rotation, in the mean over draws."""
+    random = np.random.default_rng(seed)
+    turns = np.cumsum(random.normal(scale=0.1, size=40))
+    covariance, R_last = walked(CalibrationErrors(0.0, TURNED_RAD), turns)
+    ends = []
+    for rotation in random.normal(scale=TURNED_RAD, size=(4000, 3)):
+        turned = so3.exp(rotation)
+        rotations = [so3.exp(np.array([0.0, 0.0, heading])) for heading in turns]
+        ends.append(R_last.T @ sum(R @ (turned @ FORWARDS - FORWARDS) for R in rotations))
+    np.testing.assert_allclose(np.cov(np.array(ends).T), covariance[3:6, 3:6], atol=0.1 * covariance[3:6, 3:6].max())
