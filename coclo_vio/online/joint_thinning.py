@@ -2,9 +2,7 @@
 """Joint samples and foot forces at a lower rate than they come, for computers that do not keep pace with them all."""
 
 from coclo_vio.values.measurements import FootForceSample, JointSample, Measurement
-from coclo_vio.values.units import NS_PER_S
-
-_JITTER = 0.1  # of the interval, by which a sample may come too soon
+from coclo_vio.values.thinning import Thinning
 
 
 class JointThinning:
@@ -15,15 +13,9 @@ class JointThinning:
 
     def __init__(self, interval_s: float) -> None:
         """Take the interval, s; 0: nothing is left out."""
-        self._interval_ns = round((1.0 - _JITTER) * interval_s * NS_PER_S)
-        self._used_ns: dict[type, int] = {}
+        self._of_kind: dict[type, Thinning] = {kind: Thinning(interval_s) for kind in (JointSample, FootForceSample)}
 
     def leaves_out(self, measurement: Measurement, stamp_ns: int) -> bool:
         """Whether a sample of this stamp, by the clock of the estimator, is left out."""
-        if not self._interval_ns or not isinstance(measurement, JointSample | FootForceSample):
-            return False
-        last_ns = self._used_ns.get(type(measurement))
-        if last_ns is not None and 0 <= stamp_ns - last_ns < self._interval_ns:
-            return True
-        self._used_ns[type(measurement)] = stamp_ns
-        return False
+        thinning = self._of_kind.get(type(measurement))
+        return thinning is not None and thinning.leaves_out(stamp_ns)

@@ -8,9 +8,8 @@ from coclo_vio.robot.kinematic_contact import MOST_LEGS
 from coclo_vio.robot.leg_sensing import Reading
 from coclo_vio.robot.slip import SlipConfig, SlipSearch
 from coclo_vio.values.outputs import SlipEvent
-from coclo_vio.values.units import NS_PER_S
+from coclo_vio.values.thinning import Thinning
 
-_JITTER = 0.1  # of the interval, by which a sample may come too soon
 _LEGS_BY_DEFAULT = 4  # the search goes through all sets of legs: twice as long with one leg more
 
 
@@ -29,17 +28,13 @@ class SlipReport:
         is_wanted = len(self._names) <= _LEGS_BY_DEFAULT if config.is_enabled is None else config.is_enabled
         is_possible = is_wanted and len(self._names) <= MOST_LEGS
         self._search = SlipSearch(config, contact.kinematic, len(self._names)) if is_possible else None
-        self._interval_ns = round((1.0 - _JITTER) * config.interval_s * NS_PER_S)
-        self._searched_ns: int | None = None
+        self._thinning = Thinning(config.interval_s)
         self._events: list[SlipEvent] = []
 
     def push(self, reading: Reading) -> None:
         """Take a reading."""
-        if self._search is None or reading.motion is None:
+        if self._search is None or reading.motion is None or self._thinning.leaves_out(reading.stamp_ns):
             return
-        if self._searched_ns is not None and 0 <= reading.stamp_ns - self._searched_ns < self._interval_ns:
-            return
-        self._searched_ns = reading.stamp_ns
         for slip in self._search.push(reading.motion, reading.contact.is_stance):
             foot = self._names[slip.leg]
             detail = (

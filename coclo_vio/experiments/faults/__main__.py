@@ -14,7 +14,7 @@ from pathlib import Path
 
 from coclo_vio.experiments.bench.compilation import run_all_kernels
 from coclo_vio.experiments.faults.fault_cases import MODES
-from coclo_vio.experiments.faults.fault_plan import FaultPlan, run_units
+from coclo_vio.experiments.faults.fault_plan import FaultPlan
 from coclo_vio.experiments.faults.fault_record import FaultsRecord
 from coclo_vio.experiments.faults.fault_recording import ROBOTS
 from coclo_vio.experiments.faults.fault_summary import summarise
@@ -29,6 +29,7 @@ from coclo_vio.experiments.faults.fault_text import (
 from coclo_vio.experiments.results.measuring import RESULTS
 from coclo_vio.experiments.results.pages import render
 from coclo_vio.experiments.results.provenance import Provenance, Provenances
+from coclo_vio.experiments.resumable_jobs import run_units
 from coclo_vio.experiments.studies.study import report
 from coclo_vio.runs.modes.registry import mode_of
 from coclo_vio.values.errors import CocloError
@@ -66,7 +67,9 @@ def _run(plan: FaultPlan, command: str, options: argparse.Namespace) -> None:
     report(f"commit {plan.commit}: {sum(len(unit.jobs) for unit in work)} jobs are left")
     if work:
         run_all_kernels()  # compiles them once, not in each worker
-    run_units(work, Provenance.now(command, Path.cwd()), min(options.workers, _MOST_WORKERS), report)
+    origin, workers = Provenance.now(command, Path.cwd()), min(options.workers, _MOST_WORKERS)
+    for is_nominal in (True, False):  # runs without a fault come first: the others are compared with them
+        run_units([unit for unit in work if unit.is_nominal is is_nominal], origin, workers, report)
 
 
 def _print(record: FaultsRecord) -> None:

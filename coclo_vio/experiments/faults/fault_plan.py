@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the matrix consists of, and what of it is left to do."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import groupby
@@ -11,13 +11,11 @@ from coclo_vio.experiments.faults.fault_cases import CASES, NOMINAL
 from coclo_vio.experiments.faults.fault_job import FaultJob, run_fault_job
 from coclo_vio.experiments.faults.fault_record import FaultJobRecord
 from coclo_vio.experiments.faults.fault_recording import FaultRecording
-from coclo_vio.experiments.grid.grid_plan import commit_of_code
 from coclo_vio.experiments.results.provenance import Provenance
-from coclo_vio.experiments.studies.study import Row, run_jobs
+from coclo_vio.experiments.resumable_jobs import CODE_OF_RECORDINGS, commit_of_code
+from coclo_vio.experiments.studies.study import Row
 from coclo_vio.experiments.table.job import reason_of
 from coclo_vio.experiments.table.job_store import JobFiles
-
-_CODE_OF_RECORDINGS = ("coclo_vio/simulation", "coclo_vio/robot", "coclo_vio/datasets/rosbag/writing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,7 @@ class FaultPlan:
     seeds: tuple[int, ...]
     modes: tuple[str, ...]
     commit: str = field(default_factory=commit_of_code)
-    recorder_commit: str = field(default_factory=lambda: commit_of_code(code=_CODE_OF_RECORDINGS))
+    recorder_commit: str = field(default_factory=lambda: commit_of_code(code=CODE_OF_RECORDINGS))
 
     @property
     def files(self) -> JobFiles[FaultJobRecord]:
@@ -115,30 +113,6 @@ class FaultUnit:
             self.files.write(job.name, record)
             lines.append(f"{job.name}: {_outcome(record)}")
         return {"lines": lines}
-
-
-def run_units(work: Sequence[FaultUnit], origin: Provenance, workers: int, report: Callable[[str], None]) -> None:
-    """Run the work, in this process with one worker; recordings and runs without a fault come first.
-
-    Args:
-        work: that is left.
-        origin: of the results.
-        workers: how many processes.
-        report: called with lines of progress.
-
-    Raises:
-        DatasetError: a finished job cannot be stored.
-    """
-    for is_nominal in (True, False):
-        units = [unit for unit in work if unit.is_nominal is is_nominal]
-        rows = (
-            (unit.run(origin) for unit in units)
-            if workers == 1
-            else run_jobs(FaultUnit.run, [(unit, origin) for unit in units], workers)
-        )
-        for row in rows:
-            for line in row["lines"]:
-                report(line)
 
 
 def _not_recorded(job: FaultJob, reason: str, origin: Provenance) -> FaultJobRecord:

@@ -13,11 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from coclo_vio.experiments.grid.cells import chosen_cells
-from coclo_vio.experiments.grid.grid_plan import UNTIL_S, GridPlan, commit_of_code
+from coclo_vio.experiments.grid.grid_plan import UNTIL_S, GridPlan
 from coclo_vio.experiments.grid.grid_summary import summarise
 from coclo_vio.experiments.grid.grid_text import cell_rows, share_rows
 from coclo_vio.experiments.results.measuring import RESULTS
 from coclo_vio.experiments.results.provenance import Provenance, Provenances
+from coclo_vio.experiments.resumable_jobs import commit_of_code
 from coclo_vio.experiments.table.build import run_work
 from coclo_vio.experiments.table.plan import checked_modes, checked_trials, default_modes
 from coclo_vio.experiments.table.work_unit import WorkProgress

@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a grid consists of: a table of trials, seeds and modes for each cell, of one commit of the code."""
 
-import hashlib
-import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import coclo_vio
 from coclo_vio.experiments.grid.cells import CELLS, Cell
 from coclo_vio.experiments.table.job_store import JobStore
 from coclo_vio.experiments.table.plan import Job, TablePlan, default_modes
@@ -19,13 +15,9 @@ from coclo_vio.runs.run_config import RunConfig, resolve
 from coclo_vio.simulation.simulated_recording import SIMULATED_ROBOT
 from coclo_vio.simulation.trial.terrain import TERRAINS, TerrainName
 from coclo_vio.values.config import merged
-from coclo_vio.values.errors import DatasetError
 
 UNTIL_S = 60.0  # of each trial: the whole ramp, half of the square and of the stairs
 FRAME_RATE_HZ = 7.5  # costs nothing in accuracy at this walking speed, and half of the time
-_ROOT = Path(coclo_vio.__file__).resolve().parents[1]
-CODE = ("coclo_vio", ":!coclo_vio/cli", ":!coclo_vio/experiments")
-"""What decides the results of a plan, as paths of git."""
 
 
 class GridStore(JobStore):
@@ -111,26 +103,3 @@ class GridPlan:
             DatasetError: they were made with other settings.
         """
         return list(self.store(cell).kept(self.table(cell)).values())
-
-
-def commit_of_code(root: Path = _ROOT, code: Sequence[str] = CODE) -> str:
-    """The last commit that changed what decides results; with a digest of changes that are not committed.
-
-    Args:
-        root: of the checkout.
-        code: paths of git.
-
-    Raises:
-        DatasetError: it is no git checkout.
-    """
-    try:
-        commit = _git(root, "log", "-1", "--format=%h", "--", *code)
-        changes = _git(root, "diff", "HEAD", "--", *code)
-    except (OSError, subprocess.CalledProcessError) as error:
-        raise DatasetError(f"{root} is no git checkout, so results cannot be kept by commit: {error}") from error
-    return commit + (f"+{hashlib.sha256(changes.encode()).hexdigest()[:6]}" if changes else "")
-
-
-def _git(root: Path, *arguments: str) -> str:
-    done = subprocess.run(["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True)
-    return done.stdout.strip()

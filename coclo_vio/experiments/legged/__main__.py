@@ -14,7 +14,7 @@ from pathlib import Path
 from coclo_vio.evaluation.figure_style import save_png
 from coclo_vio.experiments.bench.compilation import run_all_kernels
 from coclo_vio.experiments.legged.impact_figure import impact_figure
-from coclo_vio.experiments.legged.legged_plan import LeggedPlan, run_units
+from coclo_vio.experiments.legged.legged_plan import LeggedPlan
 from coclo_vio.experiments.legged.legged_record import LeggedRecord
 from coclo_vio.experiments.legged.legged_recording import recordings_of
 from coclo_vio.experiments.legged.legged_summary import differences, summarise
@@ -28,6 +28,7 @@ from coclo_vio.experiments.legged.legged_text import (
 from coclo_vio.experiments.results.measuring import IMAGES, RESULTS
 from coclo_vio.experiments.results.pages import render
 from coclo_vio.experiments.results.provenance import Provenance, Provenances, committed_text
+from coclo_vio.experiments.resumable_jobs import run_units
 from coclo_vio.experiments.studies.study import report
 from coclo_vio.values.errors import CocloError, DatasetError
 

@@ -1,25 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the benchmark consists of, and what of it is left to do."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import groupby
 from pathlib import Path
 
-from coclo_vio.experiments.grid.grid_plan import commit_of_code
 from coclo_vio.experiments.legged.legged_job import LeggedJob, recorded, run_legged_job
 from coclo_vio.experiments.legged.legged_record import LeggedJobRecord
 from coclo_vio.experiments.legged.legged_recording import LeggedRecording, LeggedRecordings
 from coclo_vio.experiments.legged.smoother_mode import GTSAM_SMOOTHER
 from coclo_vio.experiments.results.provenance import Provenance
-from coclo_vio.experiments.studies.study import Row, run_jobs
+from coclo_vio.experiments.resumable_jobs import CODE_OF_RECORDINGS, commit_of_code
+from coclo_vio.experiments.studies.study import Row
 from coclo_vio.experiments.table.job_store import JobFiles
 
 LEG_ESTIMATORS = ("coclo", "coclo_paper", "inekf", GTSAM_SMOOTHER, "naive", "naive_rolling")
 IMAGE_ESTIMATORS = ("vins", "combined", "tight")
 IMPACT_ESTIMATORS = ("coclo", "inekf")
-_CODE_OF_RECORDINGS = ("coclo_vio/simulation", "coclo_vio/robot", "coclo_vio/datasets/rosbag/writing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class LeggedPlan:
     folder: Path
     recordings: tuple[LeggedRecording, ...]
     commit: str = field(default_factory=commit_of_code)
-    recorder_commit: str = field(default_factory=lambda: commit_of_code(code=_CODE_OF_RECORDINGS))
+    recorder_commit: str = field(default_factory=lambda: commit_of_code(code=CODE_OF_RECORDINGS))
 
     @property
     def files(self) -> JobFiles[LeggedJobRecord]:
@@ -108,28 +107,6 @@ class LeggedUnit:
             self.files.write(job.name, record)
             lines.append(f"{job.name}: {_outcome(record)}")
         return {"lines": lines}
-
-
-def run_units(work: Sequence[LeggedUnit], origin: Provenance, workers: int, report: Callable[[str], None]) -> None:
-    """Run the work, in this process with one worker.
-
-    Args:
-        work: that is left.
-        origin: of the results.
-        workers: how many processes.
-        report: called with lines of progress.
-
-    Raises:
-        DatasetError: a finished job cannot be stored.
-    """
-    rows = (
-        (unit.run(origin) for unit in work)
-        if workers == 1
-        else run_jobs(LeggedUnit.run, [(unit, origin) for unit in work], workers)
-    )
-    for row in rows:
-        for line in row["lines"]:
-            report(line)
 
 
 def _outcome(record: LeggedJobRecord) -> str:

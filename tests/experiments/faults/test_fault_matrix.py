@@ -238,6 +238,22 @@ def test_a_recording_that_cannot_be_made_is_the_result_of_its_jobs(
     ]
 
 
+def test_all_recordings_are_run_without_a_fault_before_any_is_run_with_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(self: FaultRecording) -> None:
+        raise ValueError("no OpenGL")
+
+    monkeypatch.setattr(FaultRecording, "make", refuse)
+    monkeypatch.setattr(command, "run_all_kernels", lambda: None)
+    only = ("--robots", "go1", "--modes", "coclo", "--only", "blackout")
+    command.main(["-o", str(tmp_path), "--seeds", "2", *only])
+    head, *lines = capsys.readouterr().err.splitlines()
+    assert head.endswith(": 4 jobs are left")
+    names = ("go1_1-nominal", "go1_2-nominal", "go1_1-blackout_4_s", "go1_2-blackout_4_s")
+    assert lines == [f"{name}-coclo: not recorded: ValueError: no OpenGL" for name in names]
+
+
 def test_a_mode_that_reads_nothing_with_the_fault_has_the_figures_without_it(tmp_path: Path) -> None:
     recording = FaultRecording("go1", 1, tmp_path)
     before = job(NOMINAL, "coclo", trajectory(0.7, mode="coclo"))

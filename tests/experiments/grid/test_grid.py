@@ -2,7 +2,6 @@
 """The grid: what its cells are, that it goes on where it was stopped, and its summary with answers known by hand."""
 
 import json
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,15 +10,16 @@ import pytest
 from coclo_vio.evaluation.evaluation_record import EvaluationRecord, GapsRecord
 from coclo_vio.experiments.grid.__main__ import main
 from coclo_vio.experiments.grid.cells import CELLS, Cell, chosen_cells
-from coclo_vio.experiments.grid.grid_plan import GridPlan, commit_of_code
+from coclo_vio.experiments.grid.grid_plan import GridPlan
 from coclo_vio.experiments.grid.grid_summary import cell_summary, shares
+from coclo_vio.experiments.resumable_jobs import commit_of_code
 from coclo_vio.experiments.table.build import run_work
 from coclo_vio.experiments.table.table_record import Fingerprint, JobRecord, JobTrajectory
 from coclo_vio.runs.modes.registry import modes
 from coclo_vio.simulation.conditions import CONDITIONS
 from coclo_vio.simulation.simulated_recording import simulation_config
 from coclo_vio.simulation.trial.physics import Simulator
-from coclo_vio.values.errors import ConfigError, DatasetError
+from coclo_vio.values.errors import ConfigError
 
 SLIPPERY = Cell("good", "slippery", ("legs_exact", "legs_slippery"))
 ENCODER = Cell("good", "encoder", ("legs_exact", "encoder_off"))
@@ -95,30 +95,6 @@ def test_another_commit_begins_anew_and_a_damaged_record_is_made_again(tmp_path:
     record = tmp_path / "abc1234" / "slippery" / "jobs" / "flat_1_naive.json"
     record.write_text(record.read_text(encoding="utf-8")[:50], encoding="utf-8")
     assert len(plan_in(tmp_path, "abc1234", SLIPPERY).work()) == 1
-
-
-def test_the_commit_of_the_code_has_a_digest_of_what_is_not_committed(tmp_path: Path) -> None:
-    def git(*arguments: str) -> None:
-        name = ("-c", "user.name=a", "-c", "user.email=a@b.c")
-        subprocess.run(["git", "-C", str(tmp_path), *name, *arguments], check=True, capture_output=True)
-
-    git("init", "-q")
-    for part in ("filter", "cli"):
-        (tmp_path / "coclo_vio" / part).mkdir(parents=True)
-        (tmp_path / "coclo_vio" / part / "a.py").write_text("1\n", encoding="utf-8")
-    git("add", "-A")
-    git("commit", "-qm", "one")
-    first = commit_of_code(tmp_path)
-    (tmp_path / "coclo_vio" / "cli" / "a.py").write_text("2\n", encoding="utf-8")
-    git("commit", "-qam", "two")
-    assert commit_of_code(tmp_path) == first, "the command line decides no result"
-    (tmp_path / "coclo_vio" / "filter" / "a.py").write_text("2\n", encoding="utf-8")
-    changed = commit_of_code(tmp_path)
-    assert changed.startswith(f"{first}+")
-    git("commit", "-qam", "three")
-    assert "+" not in commit_of_code(tmp_path) != first
-    with pytest.raises(DatasetError, match="no git checkout"):
-        commit_of_code(tmp_path / "coclo_vio" / "none")
 
 
 def record(trial: str, seed: int, variant: str, **errors: float | None) -> JobRecord:
