@@ -50,7 +50,7 @@ class PixelNoiseConfig(StageConfig):
             description="with fewer tracks than this in a keyframe their errors repeat more: the least scale grows as "
             "the root of the ratio",
         ),
-    ] = 80
+    ] = 40
     least_shown: Annotated[
         float, Field(gt=0, le=1, description="least scale of the limits of wrong matches, which follow the residuals")
     ] = 0.2
