@@ -22,12 +22,14 @@ class LegConsistency:
         lasting_share: root mean square of what remains of a stance, as a share of the way of the body in it: slip,
             wrong geometry, rolling. The part of fast noise is subtracted; 0 where noise explains all.
         stances: effective number of stances in it.
+        legs: how many were compared at a time, in the mean.
         noise_m: root mean square of the fast noise of a leg over an interval, each axis, m.
     """
 
     noise_factor: float
     lasting_share: float
     stances: float
+    legs: float
     noise_m: float
 
 
@@ -42,6 +44,7 @@ class ConsistencyMeter:
         self._stance, self._stance_m = np.zeros((legs, 3)), np.zeros(legs)
         self._fast = np.array([0.0, 0.0, 0.0])  # squares, expected squares, number of axes
         self._slow = np.array([0.0, 0.0, 0.0])  # squares of stances less noise, squared ways, number
+        self._compared = np.array([0.0, 0.0])  # legs, intervals
 
     @property
     def value(self) -> LegConsistency:
@@ -53,7 +56,9 @@ class ConsistencyMeter:
         slow, way, stances = self._slow
         share = math.sqrt(max(slow, 0.0) / way) if way > 0.0 else 0.0
         noise_m = math.sqrt(squares / count) if count else 0.0
-        return LegConsistency(float(factor), float(share), float(stances), float(noise_m))
+        legs, intervals = self._compared
+        legs = legs / intervals if intervals else 0.0
+        return LegConsistency(float(factor), float(share), float(stances), float(legs), float(noise_m))
 
     def push(self, interval: LegInterval, in_use: BoolArray) -> None:
         """Take the residuals of an interval; only legs in use (n,) count."""
@@ -61,6 +66,7 @@ class ConsistencyMeter:
         kept = math.exp(-interval.duration_s / _MEMORY_S)
         self._fast *= kept
         self._slow *= kept
+        self._compared = kept * self._compared + np.array([np.count_nonzero(compared), 1.0])
         both = compared & self._has_last
         differences = interval.residual[both] - self._last[both]
         expected = interval.variance[both] + self._last_variance[both]

@@ -27,7 +27,7 @@ from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import GYROSCOPE_BIAS, RATE
 from coclo_vio.filter.state_blocks import StateBlock
 from coclo_vio.filter.state_estimate import ADVICE, coasting_estimate, estimate_of
-from coclo_vio.filter.state_level import StateLevel, levels_of
+from coclo_vio.filter.state_level import StateLevel, largest_level, levels_of
 from coclo_vio.robot.foot_events import FootEvents
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
@@ -300,16 +300,13 @@ class LegOdometryFilter:
         shift_gyroscope(core, bias, sigma)
 
     def learn_levels(self) -> None:
-        """Learn how large slip is in this recording; call it after a correction from outside.
-
-        Raises:
-            FilterError: the filter has not started yet.
-        """
+        """Learn how large slip is here, after a correction from outside; raises ``FilterError`` before the start."""
         core = self._started()
         if not self._levels and self.config.profile == "robust" and self.config.robust.learns_slip:
             self._levels = levels_of(core.mean.layout)
+        largest = largest_level(self.leg_consistency, self.config.robust.slip_share)
         for level in self._levels:
-            level.learn(core, self._stamp_ns)
+            level.learn(core, self._stamp_ns, largest)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.

@@ -5,11 +5,16 @@ How much feet slip differs by a factor of ten from ground to ground, and decides
 ``x`` that decays to zero, with a random walk that keeps its variance at ``s^2``, has ``E[x^2] = s^2``, and given the
 data ``E[x^2] = mean^2 + variance``. The mean of that over time is the next ``s^2`` (expectation maximisation). Where
 nothing observes the state its variance is ``s^2``, and the level stays where it is.
+
+Vision of weak texture does not observe a slip of a few per mille, so by that alone exact legs would weigh no more than
+poor ones. Redundant legs show it: where four feet or more stand at a time and agree, a slip that they have in common is
+no larger than how they differ, unless the ground moves as a whole.
 Source: Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977.
 """
 
 import numpy as np
 
+from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import StateLayout
 from coclo_vio.filter.state_blocks import StateBlock
@@ -17,6 +22,8 @@ from coclo_vio.filter.state_blocks import StateBlock
 _LIMITS = (0.2, 4.0)  # of the level
 _PRIOR_MEMORIES = 2.0  # the declared sigma counts as much as data of so many time constants of the state
 _FADING_MEMORIES = 6.0  # data fade with so many time constants
+_LEAST_LEGS, _LEAST_STANCES = 3.5, 8.0  # of a comparison of legs that says how much they slip in common
+_COMMON = 1.5  # most of a common slip, as a multiple of how legs differ
 
 
 class StateLevel:
@@ -34,12 +41,13 @@ class StateLevel:
         self._weight, self._sum = 0.0, 0.0
         self._stamp_ns: int | None = None
 
-    def learn(self, core: SquareRootFilter, stamp_ns: int) -> None:
+    def learn(self, core: SquareRootFilter, stamp_ns: int, largest: float = np.inf) -> None:
         """Take the state after a correction from outside, and set its random walk.
 
         Args:
             core: the filter; its layout's walks are set in place.
             stamp_ns: of the filter, in nanoseconds.
+            largest: level, by other evidence.
         """
         before, self._stamp_ns = self._stamp_ns, stamp_ns
         if before is None or stamp_ns <= before:
@@ -51,10 +59,22 @@ class StateLevel:
         kept = float(np.exp(-new / _FADING_MEMORIES))
         self._weight, self._sum = kept * self._weight + new, kept * self._sum + new * squared
         self.level = float(np.sqrt((_PRIOR_MEMORIES + self._sum) / (_PRIOR_MEMORIES + self._weight)))
-        self.level = float(np.clip(self.level, *_LIMITS))
+        self.level = float(np.clip(min(self.level, largest), *_LIMITS))
         layout.walks[at] = self._block.walk * self.level
 
 
 def levels_of(layout: StateLayout) -> list[StateLevel]:
     """One for each block of a state that decays and has a random walk."""
     return [StateLevel(block) for block in layout.blocks if np.isfinite(block.memory_s) and block.walk > 0.0]
+
+
+def largest_level(consistency: LegConsistency | None, slip_share: float) -> float:
+    """The largest level of slip by how legs differ; infinite where they are too few or were compared too seldom.
+
+    Args:
+        consistency: of the legs; None where they are not compared.
+        slip_share: the declared sigma of the slip.
+    """
+    if consistency is None or consistency.legs < _LEAST_LEGS or consistency.stances < _LEAST_STANCES or slip_share == 0:
+        return np.inf
+    return _COMMON * consistency.lasting_share / slip_share

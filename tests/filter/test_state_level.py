@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from coclo_vio.filter.config import InitialConfig, RobustConfig
+from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import State, StateLayout
 from coclo_vio.filter.state_blocks import StateBlock, robust_blocks
-from coclo_vio.filter.state_level import StateLevel
+from coclo_vio.filter.state_level import StateLevel, largest_level
 from coclo_vio.values.calibration import ImuCalibration
 
 SECONDS = 600
@@ -71,3 +72,34 @@ def test_less_slip_means_less_level_before_it_is_well_observed() -> None:
 
 def test_the_level_has_limits() -> None:
     assert learnt(60.0, 0.05, seed=7)[0] == 4.0
+
+
+def consistency(lasting_share: float, stances: float = 20.0, legs: float = 5.0) -> LegConsistency:
+    return LegConsistency(1.0, lasting_share, stances, legs, 1e-4)
+
+
+def test_legs_that_agree_bound_the_slip_that_they_have_in_common() -> None:
+    assert largest_level(consistency(0.002), 0.015) == pytest.approx(1.5 * 0.002 / 0.015)
+    assert largest_level(consistency(0.03), 0.015) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    "shown", [None, consistency(0.002, stances=5.0), consistency(0.002, legs=2.0)], ids=["none", "seldom", "trot"]
+)
+def test_legs_that_are_few_or_seldom_compared_bound_nothing(shown: LegConsistency | None) -> None:
+    assert largest_level(shown, 0.015) == np.inf
+
+
+def test_a_slip_that_is_declared_as_none_has_no_bound() -> None:
+    assert largest_level(consistency(0.002), 0.0) == np.inf
+
+
+def test_the_level_is_no_larger_than_the_bound_and_no_smaller_than_a_fifth() -> None:
+    core, block = core_of_six_legs()
+    core.replace_active(np.diag(core.mean.layout.sigmas(is_moving=False)))
+    level = StateLevel(block)
+    for second, largest in enumerate((np.inf, 0.5, 0.01, np.inf), start=1):
+        level.learn(core, second * 1_000_000_000, largest)
+        expected = {0.5: 0.5, 0.01: 0.2}.get(largest, 1.0)
+        assert level.level == pytest.approx(expected, rel=0.2)
+        assert core.mean.layout.walks[core.mean.layout.at("slip")] == pytest.approx(block.walk * level.level)
