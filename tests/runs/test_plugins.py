@@ -27,6 +27,8 @@ from coclo_vio.runs.run_folder import read_estimates
 from coclo_vio.values.errors import ConfigError
 from coclo_vio.values.measurements import ImuSample, JointSample
 
+pytestmark = pytest.mark.long
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "extending" / "examples"
 MODE, FORMAT, CONTACT, FEEDBACK = (
     EXAMPLES / f"{name}_plugin.py" for name in ("mode", "format", "contact_estimator", "feedback_policy")
@@ -37,8 +39,6 @@ DAISY = load_robot("daisy")
 DRIVER = """
 import contextlib, io, json, sys
 from coclo_vio import cli
-
-pytestmark = pytest.mark.long
 answers = []
 for arguments in json.loads(sys.argv[1]):
     sys.argv, out, err, status = ["coclo-vio", *arguments], io.StringIO(), io.StringIO(), 0
