@@ -9,7 +9,7 @@ import pytest
 from rotating_walk import stream, trial, turned_rig, with_late_images, with_reversed_gyroscope
 from walk_among_points import DAISY, outputs_of, states
 
-from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.smoother import SlidingWindowSmoother
 from coclo_vio.fusion.rotation_check import RotationCheck
@@ -22,7 +22,7 @@ from coclo_vio.values.outputs import Event, Output
 from coclo_vio.values.units import NS_PER_S
 
 IMU = DAISY.description.imu
-WALK = SmootherConfig()
+WALK = SmootherConfig(noise=PixelNoiseConfig(ample_tracks=1))  # few tracks, all of points of the world
 
 
 def run(measurements: Iterable[Measurement], turn: Array | None = None, *, checks: bool = True) -> list[Output]:
