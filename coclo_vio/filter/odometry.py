@@ -300,13 +300,16 @@ class LegOdometryFilter:
         shift_gyroscope(core, bias, sigma)
 
     def learn_levels(self) -> None:
-        """Learn how large slip is here, after a correction from outside; raises ``FilterError`` before the start."""
+        """Learn how large slip is in this recording; call it after a correction from outside.
+
+        Raises:
+            FilterError: the filter has not started yet.
+        """
         core = self._started()
         if not self._levels and self.config.profile == "robust" and self.config.robust.learns_slip:
             self._levels = levels_of(core.mean.layout)
-        largest = largest_level(self.leg_consistency, self.config.robust.slip_share)
         for level in self._levels:
-            level.learn(core, self._stamp_ns, largest)
+            level.learn(core, self._stamp_ns, largest_level(self.leg_consistency, self.config.robust.slip_share))
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.

@@ -7,8 +7,9 @@ data ``E[x^2] = mean^2 + variance``. The mean of that over time is the next ``s^
 nothing observes the state its variance is ``s^2``, and the level stays where it is.
 
 Vision of weak texture does not observe a slip of a few per mille, so by that alone exact legs would weigh no more than
-poor ones. Redundant legs show it: where four feet or more stand at a time and agree, a slip that they have in common is
-no larger than how they differ, unless the ground moves as a whole.
+poor ones. Redundant legs show it: n feet that slip by ``s`` each, independently, differ by about ``s`` and have
+``s / sqrt(n)`` in common. So where four feet or more stand at a time, how they differ bounds the level, with a margin.
+Slip that is the same for all feet, as on ground that moves, does not show.
 Source: Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977.
 """
 

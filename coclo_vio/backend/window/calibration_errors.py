@@ -23,8 +23,8 @@ class CalibrationErrors:
         self._position: Array | None = None  # of the last frame, world, m
         self._changes = np.zeros((3, 4))  # of the position, world, by the scale and by the rotation
 
-    def covariance(self, frame: FrameEstimate) -> Array:
-        """What the errors do to position (body axes) and velocity (world axes) of a frame, right/local, (9, 9).
+    def advance(self, frame: FrameEstimate) -> Array:
+        """Follow the path to a frame; the covariance that the errors add there, as that of ``StateEstimate``, (9, 9).
 
         Args:
             frame: the next one of the path; the first one is where it begins.

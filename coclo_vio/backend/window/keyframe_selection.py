@@ -29,7 +29,7 @@ def has_lost_overlap(config: KeyframeConfig, before: StereoTracks, now: StereoTr
     """Whether too many tracks of ``before`` are lost, or too many of the present ones are new.
 
     Tracks that both cameras observe count; all of them, where those are few. In front of walls without texture a front
-    end also tracks image noise, for a few frames, which would make every frame a keyframe and the window short.
+    end also tracks image noise, for a frame or two, which would make every frame a keyframe and the window short.
     """
     ids_before, ids_now = _matched_ids(before), _matched_ids(now)
     if min(len(ids_before), len(ids_now)) < _FEWEST_MATCHED:

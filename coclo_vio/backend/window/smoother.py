@@ -324,6 +324,6 @@ class SlidingWindowSmoother:
             gyroscope, accelerometer = source.biases_body
             rate = source.rate_body
         if self._updater.given_start is None:
-            covariance += self._calibration_errors.covariance(frame)
+            covariance += self._calibration_errors.advance(frame)
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)
         return StateEstimate(frame.stamp_ns, nav, covariance)

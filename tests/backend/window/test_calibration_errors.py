@@ -22,12 +22,12 @@ def frame(R: Array, position: Array, velocity: Array) -> FrameEstimate:
 def walked(errors: CalibrationErrors, turns: Array) -> tuple[Array, Array]:
     """The last covariance, and the last rotation, of a walk of 0.1 m a frame with headings ``turns``, rad."""
     position, covariance, R = np.array([1.0, 2.0, 3.0]), np.zeros((9, 9)), np.eye(3)
-    covariance = errors.covariance(frame(R, position, np.zeros(3)))
+    covariance = errors.advance(frame(R, position, np.zeros(3)))
     np.testing.assert_array_equal(covariance, 0.0)
     for heading in turns:
         R = so3.exp(np.array([0.0, 0.0, heading]))
         position = position + R @ FORWARDS
-        covariance = errors.covariance(frame(R, position, R @ FORWARDS))
+        covariance = errors.advance(frame(R, position, R @ FORWARDS))
     return covariance, R
 
 

@@ -174,7 +174,7 @@ def test_a_wrong_baseline_is_in_the_covariance_along_the_way_from_the_begin() ->
         replace(each, right_px=each.left_px - (each.left_px - each.right_px) * np.array([1.0 / 1.01, 1.0]))
         for each in tracks
     ]
-    noise = PixelNoiseConfig(ample_tracks=1)
+    noise = PixelNoiseConfig(ample_tracks=1)  # few tracks, all of points of the world
     exact, open_scale = (
         play(stereo(SmootherConfig(stereo_scale_sigma=sigma, noise=noise)), stretched).estimates
         for sigma in (0.0, 0.005)
