@@ -198,13 +198,14 @@ class FilterpyRival:
     def _process_noise(self, inputs: _Inputs) -> Array:
         """Q of ``process_model.noise_rows``."""
         mean = replace(self._mean, rotation=_rotation(self.ukf.x[ROTATION]), vector=self.ukf.x)
+        config = self._config
         rows = process_model.noise_rows(
             mean,
-            inputs.dt_s,
+            process_model.Interval(inputs.dt_s, 0.0, config.acceleration_density, config.foothold_creep),
             inputs.motion,
             radii_m=self._radii_m,
             foot_noise=inputs.foot_noise,
-            config=self._config,
+            angular_acceleration=config.angular_acceleration_density,
         )
         rows = _plain(mean, rows)
         return np.asarray(rows.T @ rows)

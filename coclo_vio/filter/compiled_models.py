@@ -17,7 +17,8 @@ from coclo_vio.filter import (
 )
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.measurement_table import Measured, Sensed, SensingConstants, gravity_table
-from coclo_vio.filter.process_kernel import Interval, ProcessConstants
+from coclo_vio.filter.process_kernel import ProcessConstants
+from coclo_vio.filter.process_model import Interval
 from coclo_vio.filter.robust_models import innovation_squared_of, mean_excess_of, noise_rows_of
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
@@ -40,6 +41,7 @@ class CompiledModels:
         self._config = config = sensing.config
         self._is_conditional = sensing.takes_slip_for_known
         self.imu_delay_s, self.acceleration_density = 0.0, float(config.acceleration_density)
+        self.foothold_creep = float(config.foothold_creep)
         self._encoder_noise_rad = float(encoder_noise_rad)
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
         self._sensing = SensingConstants(
@@ -55,7 +57,6 @@ class CompiledModels:
             radii_m,
             hips_body,
             float(config.angular_acceleration_density),
-            float(config.foothold_creep),
             layout.walks,
             layout.walking,
             layout.memories_s,
@@ -78,7 +79,7 @@ class CompiledModels:
             motion,
             foot_noise,
             self._process,
-            Interval(dt_s, self.imu_delay_s, self.acceleration_density),
+            Interval(dt_s, self.imu_delay_s, self.acceleration_density, self.foothold_creep),
             core.spread(layout.curved_in_process).width_squared,
         )
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)

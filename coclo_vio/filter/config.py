@@ -158,7 +158,11 @@ class RobustConfig(StageConfig):
         ),
     ] = None
     learns_slip: Annotated[
-        bool, Field(description="whether the size of that slip is learnt where vision corrects the filter")
+        bool,
+        Field(
+            description="whether the sizes of that slip and of the creep of feet are learnt where vision corrects the "
+            "filter"
+        ),
     ] = True
     gyroscope_noise_density: Annotated[
         float,

@@ -27,7 +27,7 @@ from coclo_vio.filter.stance import Reading
 from coclo_vio.filter.state import GYROSCOPE_BIAS, RATE
 from coclo_vio.filter.state_blocks import StateBlock
 from coclo_vio.filter.state_estimate import ADVICE, coasting_estimate, estimate_of
-from coclo_vio.filter.state_level import StateLevel, largest_level, levels_of
+from coclo_vio.filter.state_level import SlipLevels
 from coclo_vio.robot.foot_events import FootEvents
 from coclo_vio.robot.leg_sensing import LegSensing
 from coclo_vio.robot.model import RobotModel
@@ -111,7 +111,7 @@ class LegOdometryFilter:
         self._start_rule, self._stamp_ns, self._is_interrupted = StartRule(self.config.rest_timeout_s), 0, False
         self._core: SquareRootFilter | None = None
         self._exchange: KeyframeExchange | None = None
-        self._levels: list[StateLevel] = []
+        self._levels: SlipLevels | None = None
         self._gate = EvidenceGate(self.config.feedback_gate)
         self._trail = BodyTrail(self.config)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
@@ -305,11 +305,10 @@ class LegOdometryFilter:
         Raises:
             FilterError: the filter has not started yet.
         """
-        core = self._started()
-        if not self._levels and self.config.profile == "robust" and self.config.robust.learns_slip:
-            self._levels = levels_of(core.mean.layout)
-        for level in self._levels:
-            level.learn(core, self._stamp_ns, largest_level(self.leg_consistency, self.config.robust.slip_share))
+        core, robust = self._started(), self.config.robust
+        if self.config.profile == "robust" and robust.learns_slip:
+            self._levels = self._levels or SlipLevels(core.mean.layout, robust.slip_share)
+            self._profile.creep_level = self._levels.learn(core, self._stamp_ns, self.leg_consistency)
 
     def camera_calibration(self, stamp_ns: int) -> Calibration:
         """The estimated errors of the cameras' mounting and stereo scale, with their sigmas.

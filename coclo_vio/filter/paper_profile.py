@@ -63,6 +63,7 @@ class PaperProfile:
         self.can_coast = False
         self.leg_check: LegCheck | None = None
         self.imu_delay: ImuDelay | None = None
+        self.creep_level = 1.0
         self._config = config
         self._counts = counts
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coclo_vio.filter.process_model import UNKNOWN_LEG_NOISE_M
+from coclo_vio.filter.process_model import UNKNOWN_LEG_NOISE_M, Interval
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     BODY_ERRORS as BODY,
@@ -43,26 +43,11 @@ class ProcessConstants(NamedTuple):
     radii_m: Array
     hips_body: Array
     angular_acceleration: float
-    foothold_creep: float
     walks: Array
     walking: IntArray
     memories_s: Array
     world_stop: int
     active: int
-
-
-class Interval(NamedTuple):
-    """The time from one sample to the next, s, and what changes from one such time to another.
-
-    Attributes:
-        dt_s: its length.
-        imu_delay_s: delay of the rate behind the rotation.
-        acceleration: density of the body's white acceleration, m/s^2/sqrt(Hz).
-    """
-
-    dt_s: float
-    imu_delay_s: float
-    acceleration: float
 
 
 class Step(NamedTuple):
@@ -181,7 +166,7 @@ def predicted(
     noise = rows[length + CURVED + 1 :]
     _set_body_noise(noise, R, interval, constants)
     _set_world_noise(noise, R, mean, motion, constants)
-    _set_foot_noise(rows[feet_at:], R, motion, foot_noise, constants.foothold_creep * math.sqrt(dt_s))
+    _set_foot_noise(rows[feet_at:], R, motion, foot_noise, interval.foothold_creep * math.sqrt(dt_s))
     return R, mean, rows, new_cross
 
 

@@ -10,10 +10,10 @@ is the integral of its joint velocities (paper section III-C) without their nois
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     LEG_COMPLIANCE,
@@ -34,6 +34,22 @@ UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its 
 _ACCELERATIONS = 6  # rows of noise of the body: angular and linear acceleration
 _HAT_UP = so3.hat(UP)
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])
+
+
+class Interval(NamedTuple):
+    """The time from one sample to the next, s, and what changes from one such time to another.
+
+    Attributes:
+        dt_s: its length.
+        imu_delay_s: delay of the rate behind the rotation.
+        acceleration: density of the body's white acceleration, m/s^2/sqrt(Hz).
+        foothold_creep: density of the random walk of a foot in stance, m/sqrt(s).
+    """
+
+    dt_s: float
+    imu_delay_s: float
+    acceleration: float
+    foothold_creep: float
 
 
 def leg_scale_offset(scale: Array, position_body: Array, hips_body: Array) -> Array:
@@ -86,14 +102,12 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_
 
 def noise_rows(
     mean: State,
-    dt_s: float,
+    interval: Interval,
     motion: FootMotion,
     *,
     radii_m: Array,
     foot_noise: Array,
-    config: RobustConfig,
-    imu_delay_s: float = 0.0,
-    acceleration_density: float | None = None,
+    angular_acceleration: float,
 ) -> Array:
     """Rows ``N``, (6 + walks + 3 n, L), of the process noise ``Q = N^T N`` in the errors of ``State``.
 
@@ -104,26 +118,23 @@ def noise_rows(
 
     Args:
         mean: the predicted mean.
-        dt_s: the step, s.
+        interval: the step.
         motion: as in ``predict``.
         radii_m: as in ``predict``.
         foot_noise: lower factors of the covariance of each foot position in the body frame, m, (n, 3, 3).
-        config: densities of the accelerations and of the feet; those of random walks are declared with their blocks.
-        imu_delay_s: of the rate behind the rotation, s.
-        acceleration_density: of the white acceleration, m/s^2/sqrt(Hz); that without an accelerometer if None.
+        angular_acceleration: density of the white angular acceleration, rad/s^2/sqrt(Hz).
     """
     layout = mean.layout
     own_rows = slice(_ACCELERATIONS + len(layout.walking), None)
     rows = np.zeros((own_rows.start + 3 * layout.legs, layout.dimension))
-    acceleration = config.acceleration_density if acceleration_density is None else acceleration_density
-    _set_body_rows(rows, mean, (dt_s, imu_delay_s), config.angular_acceleration_density, acceleration)
+    _set_body_rows(rows, mean, interval, angular_acceleration)
     world_turn, moved = rows[0:3, ROTATION], rows[3:6, POSITION]
     lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
     feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
     feet[3:6, ~motion.holds] = moved[:, None]
     carried = np.where(motion.is_known[:, None, None], foot_noise, UNKNOWN_LEG_NOISE_M * np.eye(3))
-    creep = config.foothold_creep * np.sqrt(dt_s) * np.eye(3)
+    creep = interval.foothold_creep * np.sqrt(interval.dt_s) * np.eye(3)
     own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
     each = np.arange(layout.legs)
     feet[own_rows].reshape(layout.legs, 3, layout.legs, 3)[each, :, each] = own
@@ -134,9 +145,9 @@ def noise_rows(
     return rows
 
 
-def _set_body_rows(rows: Array, mean: State, times_s: tuple[float, float], angular: float, linear: float) -> None:
+def _set_body_rows(rows: Array, mean: State, interval: Interval, angular: float) -> None:
     """Write the noise of the body's accelerations, and a row for each error that has a random walk."""
-    dt_s, imu_delay_s = times_s
+    dt_s, imu_delay_s, linear, _ = interval
     root, identity, layout = np.sqrt(dt_s), np.eye(3), mean.layout
     rows[0:3, ROTATION] = angular * root * (0.5 * dt_s + imu_delay_s) * mean.rotation.T
     rows[0:3, RATE] = angular * root * identity

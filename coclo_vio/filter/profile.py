@@ -21,6 +21,7 @@ class Profile(Protocol):
         is_wide: sigma points as far away as in the paper, see ``SquareRootFilter``.
         can_coast: whether ``coast`` is there, which predicts across gaps of the joints.
         leg_check: compares each leg with the others; None before the start, and where the profile has none.
+        creep_level: the random walk of a foot in stance, as a multiple of the declared one; 1 until others set it.
         imu_delay: of the gyroscope behind the joints; None before the start, and where the profile knows none.
     """
 
@@ -29,6 +30,7 @@ class Profile(Protocol):
     can_coast: bool
     leg_check: LegCheck | None
     imu_delay: ImuDelay | None
+    creep_level: float
 
     def start(self, reading: Reading) -> None:
         """Take the first reading."""

@@ -43,10 +43,12 @@ class RobustModels(Protocol):
     Attributes:
         imu_delay_s: of the gyroscope behind the joints, s: the state's rate is late by it, its rotation is not.
         acceleration_density: of the body's white acceleration in the next prediction, m/s^2/sqrt(Hz).
+        foothold_creep: density of the random walk of a foot in stance in the next prediction, m/sqrt(s).
     """
 
     imu_delay_s: float
     acceleration_density: float
+    foothold_creep: float
 
     def foot_noise(self, reading: Reading) -> Array:
         """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; of an unknown leg any."""
@@ -82,6 +84,7 @@ class DirectModels:
     def __init__(self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float]) -> None:
         self._sensing, self._encoder_noise_rad, self._gate = sensing, encoder_noise_rad, gate
         self.imu_delay_s, self.acceleration_density = 0.0, sensing.config.acceleration_density
+        self.foothold_creep = sensing.config.foothold_creep
 
     def foot_noise(self, reading: Reading) -> Array:
         """Encoders through the Jacobian, and bending."""
@@ -92,18 +95,17 @@ class DirectModels:
 
     def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         """By ``process_model``."""
-        sensing, config = self._sensing, self._sensing.config
+        sensing = self._sensing
+        interval = process_model.Interval(dt_s, self.imu_delay_s, self.acceleration_density, self.foothold_creep)
         core.predict(
             lambda stack: process_model.predict(stack, dt_s, motion, sensing.radii_m, sensing.hips_body),
             lambda mean: process_model.noise_rows(
                 mean,
-                dt_s,
+                interval,
                 motion,
                 radii_m=sensing.radii_m,
                 foot_noise=foot_noise,
-                config=config,
-                imu_delay_s=self.imu_delay_s,
-                acceleration_density=self.acceleration_density,
+                angular_acceleration=sensing.config.angular_acceleration_density,
             ),
         )
 

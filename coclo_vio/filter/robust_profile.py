@@ -78,6 +78,7 @@ class RobustProfile:
         self.is_wide = False
         self.can_coast = True
         self.leg_check: LegCheck | None = None
+        self.creep_level = 1.0
         self.imu_delay: ImuDelay | None = None
         self.watch: Callable[[int, Expectation], None] | None = None  # called before each update, with its stamp
         self._robot: RobotDescription = robot.description
@@ -132,6 +133,7 @@ class RobustProfile:
         rotation_before = core.mean.rotation
         self._acceleration.predict(core, reading, dt_s, is_gap=is_gap)
         self._models.acceleration_density = self._acceleration.density
+        self._models.foothold_creep = self.creep_level * self._config.foothold_creep
         self._models.predict(core, motion, dt_s, foot_noise)
         if reading.contact_shift_body is not None:
             _move_footholds(core, rotation_before, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))

@@ -9,9 +9,13 @@ nothing observes the state its variance is ``s^2``, and the level stays where it
 Vision of weak texture does not observe a slip of a few per mille, so by that alone exact legs would weigh no more than
 poor ones. Redundant legs show it: n feet that slip by ``s`` each, independently, differ by about ``s`` and have
 ``s / sqrt(n)`` in common. So where four feet or more stand at a time, how they differ bounds the level, with a margin.
-Slip that is the same for all feet, as on ground that moves, does not show.
+Slip that is the same for all feet, as on ground that moves, does not show. The random walk of a foot in stance is
+learnt in the same way: as much of it as the differences of legs from interval to interval show, and all of it where
+legs differ for long too: feet that slide down a slope in jumps do both, and what they have in common shows nowhere.
 Source: Dempster, Laird and Rubin, "Maximum likelihood from incomplete data via the EM algorithm", 1977.
 """
+
+from typing import TypeGuard
 
 import numpy as np
 
@@ -64,9 +68,43 @@ class StateLevel:
         layout.walks[at] = self._block.walk * self.level
 
 
-def levels_of(layout: StateLayout) -> list[StateLevel]:
-    """One for each block of a state that decays and has a random walk."""
-    return [StateLevel(block) for block in layout.blocks if np.isfinite(block.memory_s) and block.walk > 0.0]
+class SlipLevels:
+    """The levels of all blocks of a state that decay and have a random walk, and that of a foot in stance."""
+
+    def __init__(self, layout: StateLayout, slip_share: float) -> None:
+        """Take the state, and the declared sigma of the slip."""
+        self._levels = [StateLevel(each) for each in layout.blocks if np.isfinite(each.memory_s) and each.walk > 0.0]
+        self._slip_share = slip_share
+
+    def learn(self, core: SquareRootFilter, stamp_ns: int, consistency: LegConsistency | None) -> float:
+        """Learn them after a correction from outside; returns ``creep_level``.
+
+        Args:
+            core: the filter.
+            stamp_ns: of the filter, in nanoseconds.
+            consistency: of the legs; None where they are not compared.
+        """
+        largest = largest_level(consistency, self._slip_share)
+        for level in self._levels:
+            level.learn(core, stamp_ns, largest)
+        return creep_level(consistency, self._slip_share)
+
+
+def _is_comparison(consistency: LegConsistency | None) -> TypeGuard[LegConsistency]:
+    """Whether it says how much legs have in common."""
+    return consistency is not None and consistency.legs >= _LEAST_LEGS and consistency.stances >= _LEAST_STANCES
+
+
+def creep_level(consistency: LegConsistency | None, slip_share: float) -> float:
+    """The random walk of a foot in stance by how legs differ, as a multiple of the declared one, at most 1.
+
+    Args:
+        consistency: of the legs; None where they are not compared.
+        slip_share: the declared sigma of the slip.
+    """
+    if not _is_comparison(consistency) or slip_share == 0.0:
+        return 1.0
+    return float(np.sqrt(min(1.0, consistency.noise_factor + (consistency.lasting_share / slip_share) ** 2)))
 
 
 def largest_level(consistency: LegConsistency | None, slip_share: float) -> float:
@@ -76,6 +114,6 @@ def largest_level(consistency: LegConsistency | None, slip_share: float) -> floa
         consistency: of the legs; None where they are not compared.
         slip_share: the declared sigma of the slip.
     """
-    if consistency is None or consistency.legs < _LEAST_LEGS or consistency.stances < _LEAST_STANCES or slip_share == 0:
+    if not _is_comparison(consistency) or slip_share == 0.0:
         return np.inf
     return _COMMON * consistency.lasting_share / slip_share

@@ -11,6 +11,7 @@ from state_layouts import layout_of, state_of
 
 from coclo_vio.filter import process_model
 from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.process_model import Interval
 from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import LEG_SCALE, POSITION, RATE, ROTATION, VELOCITY, State, StateLayout
 from coclo_vio.filter.state_blocks import ANCHOR, FRAME, KEYFRAME
@@ -163,7 +164,15 @@ def test_noise_rows_against_finite_differences() -> None:
     )
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
-    rows = process_model.noise_rows(mean, 0.01, motion, radii_m=radii_m, foot_noise=foot_noise, config=config)
+    interval = Interval(0.01, 0.0, config.acceleration_density, config.foothold_creep)
+    rows = process_model.noise_rows(
+        mean,
+        interval,
+        motion,
+        radii_m=radii_m,
+        foot_noise=foot_noise,
+        angular_acceleration=config.angular_acceleration_density,
+    )
     density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0), np.array([0.0, 0.0, 1.0])
     for axis in range(3):
         turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, in world axes
@@ -194,7 +203,12 @@ def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None
     motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1))
     config, dt_s = RobustConfig(), 0.02
     rows = process_model.noise_rows(
-        mean, dt_s, motion, radii_m=np.zeros(1), foot_noise=np.zeros((1, 3, 3)), config=config
+        mean,
+        Interval(dt_s, 0.0, config.acceleration_density, config.foothold_creep),
+        motion,
+        radii_m=np.zeros(1),
+        foot_noise=np.zeros((1, 3, 3)),
+        angular_acceleration=config.angular_acceleration_density,
     )
     Q = rows.T @ rows
     for first, second, density in (

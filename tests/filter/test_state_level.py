@@ -11,7 +11,7 @@ from coclo_vio.filter.leg_consistency import LegConsistency
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.state import State, StateLayout
 from coclo_vio.filter.state_blocks import StateBlock, robust_blocks
-from coclo_vio.filter.state_level import StateLevel, largest_level
+from coclo_vio.filter.state_level import SlipLevels, StateLevel, creep_level, largest_level
 from coclo_vio.values.calibration import ImuCalibration
 
 SECONDS = 600
@@ -74,8 +74,10 @@ def test_the_level_has_limits() -> None:
     assert learnt(60.0, 0.05, seed=7)[0] == 4.0
 
 
-def consistency(lasting_share: float, stances: float = 20.0, legs: float = 5.0) -> LegConsistency:
-    return LegConsistency(1.0, lasting_share, stances, legs, 1e-4)
+def consistency(
+    lasting_share: float, stances: float = 20.0, legs: float = 5.0, *, noise_factor: float = 0.09
+) -> LegConsistency:
+    return LegConsistency(noise_factor, lasting_share, stances, legs, 1e-4)
 
 
 def test_legs_that_agree_bound_the_slip_that_they_have_in_common() -> None:
@@ -88,10 +90,31 @@ def test_legs_that_agree_bound_the_slip_that_they_have_in_common() -> None:
 )
 def test_legs_that_are_few_or_seldom_compared_bound_nothing(shown: LegConsistency | None) -> None:
     assert largest_level(shown, 0.015) == np.inf
+    assert creep_level(shown, 0.015) == 1.0
 
 
 def test_a_slip_that_is_declared_as_none_has_no_bound() -> None:
     assert largest_level(consistency(0.002), 0.0) == np.inf
+    assert creep_level(consistency(0.002), 0.0) == 1.0
+
+
+def test_feet_creep_as_little_as_legs_differ_from_interval_to_interval() -> None:
+    assert creep_level(consistency(0.0), 0.015) == pytest.approx(0.3)
+    assert creep_level(consistency(0.006), 0.015) == pytest.approx(0.5)
+
+
+def test_feet_that_differ_for_long_or_from_interval_to_interval_creep_as_declared() -> None:
+    assert creep_level(consistency(0.03), 0.015) == 1.0
+    assert creep_level(consistency(0.0, noise_factor=3.0), 0.015) == 1.0
+
+
+def test_all_levels_are_learnt_together() -> None:
+    core, block = core_of_six_legs()
+    core.replace_active(np.diag(core.mean.layout.sigmas(is_moving=False)))
+    levels = SlipLevels(core.mean.layout, 0.015)
+    assert levels.learn(core, 1_000_000_000, None) == 1.0
+    assert levels.learn(core, 2_000_000_000, consistency(0.006)) == pytest.approx(0.5)
+    assert core.mean.layout.walks[core.mean.layout.at("slip")] == pytest.approx(0.6 * block.walk)
 
 
 def test_the_level_is_no_larger_than_the_bound_and_no_smaller_than_a_fifth() -> None:
