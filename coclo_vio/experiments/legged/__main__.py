@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> None:
             impacts=options.impacts,
         )
         plan = LeggedPlan(options.output.resolve(), tuple(recordings))
-        command, work = _command(options), plan.work(options.only)
+        command, work = _command(options), plan.work(options.only, [name for name in options.estimators.split(",") if name])
         report(f"commit {plan.commit}: {sum(len(unit.jobs) for unit in work)} jobs on {len(work)} recordings are left")
         if work:
             run_all_kernels()  # compiles them, which is not to count as the time of a job
@@ -110,6 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--distance", type=float, help="length of every trot, m; by its ground if not given")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of the real logs")
     parser.add_argument("--only", default="", metavar="PATTERN", help="run only jobs whose name has this in it")
+    parser.add_argument("--estimators", default="", metavar="A,B", help="run only jobs of these")
     parser.add_argument("--images", action="store_true", help="with cameras, and the modes that need them")
     parser.add_argument("--impacts", action="store_true", help="trots of softer and harder impacts too, and the figure")
     parser.add_argument("--workers", type=int, default=1, help="processes, two at most")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the benchmark consists of, and what of it is left to do."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import groupby
@@ -60,14 +60,19 @@ class LeggedPlan:
                 if fnmatchcase(job.name, f"*{only}*"):
                     yield job
 
-    def work(self, only: str = "") -> list["LeggedUnit"]:
+    def work(self, only: str = "", estimators: Collection[str] = ()) -> list["LeggedUnit"]:
         """What is left to do, a recording each; failed jobs are finished ones, those without a recording are not.
+
+        Args:
+            only: as of ``jobs``.
+            estimators: those whose jobs are run; all if none is named.
 
         Raises:
             DatasetError: a folder cannot be made, or a job was written by another release.
         """
         self.files.prepare()
-        left = [job for job in self.jobs(only) if not self._is_finished(job)]
+        wanted = [job for job in self.jobs(only) if not estimators or job.estimator in estimators]
+        left = [job for job in wanted if not self._is_finished(job)]
         return [
             LeggedUnit(tuple(jobs), self.places, self.files) for _, jobs in groupby(left, lambda job: job.recording)
         ]

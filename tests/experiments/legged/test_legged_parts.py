@@ -86,6 +86,7 @@ def test_jobs_are_chosen_by_a_part_of_their_name_and_finished_ones_are_left_out(
     assert {job.estimator for job in plan.jobs("rough")} == set(LEG_ESTIMATORS)
     assert {job.estimator for job in plan.jobs("touch-down")} == set(IMPACT_ESTIMATORS)
     assert len(plan.work("go1_flat")[0].jobs) == len(LEG_ESTIMATORS)
+    assert [job.estimator for job in plan.work("go1_flat", ["coclo", "naive"])[0].jobs] == ["coclo", "naive"]
     plan.files.write("go1_flat_3_m_11-coclo", job_record("go1 flat 3 m", 11, {"coclo": 1.0}))
     assert [job.estimator for job in plan.work("go1_flat")[0].jobs] == list(LEG_ESTIMATORS[1:])
     record = summarise(plan, "a command")
