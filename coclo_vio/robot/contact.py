@@ -53,6 +53,14 @@ class ContactConfig(StageConfig):
     off_force: Annotated[float, Field(ge=0, description="load below which a stance foot swings, N or counts")] = 12.0
     on_dwell_s: Annotated[float, Field(ge=0, le=1, description="time above on_force before stance, s")] = 0.0
     off_dwell_s: Annotated[float, Field(ge=0, le=1, description="time below off_force before swing, s")] = 0.0
+    unloaded_force: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="beside a force sensor: a foot lifts off where its load by joint torques falls below this, N; "
+            "null: torques are not used",
+        ),
+    ] = None
     logistic_centre: Annotated[
         float | None, Field(description="load of probability 0.5, N or counts; null: midway between off and on")
     ] = None
@@ -111,7 +119,9 @@ class ContactConfig(StageConfig):
         """The same by the paper's measure of contact, |F| / (|Fmax| - |Fmin|), unless contact is by motion."""
         if self.uses_motion:
             return self
-        return self.model_copy(update={"method": "paper", "parameters": {}, "compensation": "none"})
+        return self.model_copy(
+            update={"method": "paper", "parameters": {}, "compensation": "none", "unloaded_force": None}
+        )
 
     @property
     def centre(self) -> float:

@@ -69,6 +69,26 @@ class FootLoad:
         acceleration = None
         if self._config.compensation == "inertia" and before is not None:
             acceleration = (sample.velocity - before.velocity) / ((sample.stamp_ns - before.stamp_ns) / NS_PER_S)
+        return self._by_torques(sample, up_body, angular_velocity_body, acceleration, jacobian)
+
+    def by_torques(self, sample: JointSample, up_body: Array, jacobian: Array) -> Array:
+        """Vertical loads by joint torques and the legs' weight, whatever the source, N, (legs,); NaN without torques.
+
+        Args:
+            sample: the joints.
+            up_body: upward direction in the body frame, (3,).
+            jacobian: of the feet at the sample, (n, 6, J).
+        """
+        return self._by_torques(sample, up_body, None, None, jacobian)
+
+    def _by_torques(
+        self,
+        sample: JointSample,
+        up_body: Array,
+        angular_velocity_body: Array | None,
+        acceleration: Array | None,
+        jacobian: Array | None,
+    ) -> Array:
         forces = self._robot.foot_forces(
             sample.position,
             sample.velocity,

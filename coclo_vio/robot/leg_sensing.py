@@ -19,6 +19,7 @@ from coclo_vio.robot.foot_motion_model import FootMotionModel
 from coclo_vio.robot.model import FeetKinematics, RobotModel
 from coclo_vio.robot.sole_contact import SoleContact
 from coclo_vio.robot.standstill import ImuMeans, StandstillConfig, StandstillDetector
+from coclo_vio.robot.unloading import Unloading
 from coclo_vio.values.arrays import Array, BoolArray, frozen
 from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
@@ -108,6 +109,8 @@ class LegSensing:
         self._contact = ContactDetector(contact, len(robot.leg_names))
         self._standstill = StandstillDetector(standstill.limits_of(has_flat_feet=robot.description.has_flat_feet))
         self._load = FootLoad(robot, contact, force_timeout_s)
+        is_used = contact.source == "force_sensor" and contact.unloaded_force is not None
+        self._unloading = Unloading(contact.unloaded_force or 0.0, len(robot.leg_names)) if is_used else None
         self._motion = FootMotionModel(robot)
         self._counts: Counter[str] = Counter()
         self._rotation_body_imu = robot.description.imu.T_body_imu[:3, :3]
@@ -212,6 +215,10 @@ class LegSensing:
         stamp_ns, is_stationary = sample.stamp_ns, self._rest is not None
         motion = self._motion.at(stamp_ns, feet, rate, force, up_body, is_stationary=is_stationary)
         contact = self._contact.update(stamp_ns, load, motion)
+        if self._unloading is not None:
+            contact = self._unloading.corrected(
+                stamp_ns, contact, self._load.by_torques(sample, up_body, feet.jacobian)
+            )
         feet, shift = self._soles.moved(feet, up_body) if self._soles else (feet, None)
         self._counts["imu_missing"] += rate is None
         self._inertial = []

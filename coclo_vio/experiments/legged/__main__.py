@@ -49,7 +49,10 @@ def main(arguments: list[str] | None = None) -> None:
             impacts=options.impacts,
         )
         plan = LeggedPlan(options.output.resolve(), tuple(recordings))
-        command, work = _command(options), plan.work(options.only, [name for name in options.estimators.split(",") if name])
+        command, work = (
+            _command(options),
+            plan.work(options.only, [name for name in options.estimators.split(",") if name]),
+        )
         report(f"commit {plan.commit}: {sum(len(unit.jobs) for unit in work)} jobs on {len(work)} recordings are left")
         if work:
             run_all_kernels()  # compiles them, which is not to count as the time of a job
