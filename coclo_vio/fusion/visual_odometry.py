@@ -18,7 +18,14 @@ from coclo_vio.fusion.streaming import StreamingEstimator
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain, prefixed
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration, RectifiedStereo, StereoCalibration
-from coclo_vio.values.measurements import BodyTwistSample, InertialReading, Measurement, StereoFrame, StereoTracks
+from coclo_vio.values.measurements import (
+    BodyTwistSample,
+    CameraImuSample,
+    InertialReading,
+    Measurement,
+    StereoFrame,
+    StereoTracks,
+)
 from coclo_vio.values.outputs import Estimate, Event, Output
 
 if TYPE_CHECKING:
@@ -201,7 +208,14 @@ def visual_odometry(
     }
     return VisualOdometry(
         name,
-        SlidingWindowSmoother(rig, smoother, calibration, sources[ties](), gives_snapshots=pictures_every is not None),
+        SlidingWindowSmoother(
+            rig,
+            smoother,
+            calibration,
+            sources[ties](),
+            imu_on_cameras=kind is CameraImuSample,
+            gives_snapshots=pictures_every is not None,
+        ),
         stages,
         imu_kind=kind,
         check=None if imu is None or ties != "imu" else RotationCheck(rig, imu[1].T_body_imu[:3, :3]),

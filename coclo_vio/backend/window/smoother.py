@@ -54,6 +54,7 @@ class SlidingWindowSmoother:
         imu: ImuCalibration | None = None,
         sources: Sequence[KeyframeSource] = (),
         *,
+        imu_on_cameras: bool = False,
         gives_snapshots: bool = False,
     ) -> None:
         """Make a smoother.
@@ -64,6 +65,7 @@ class SlidingWindowSmoother:
             imu: of the readings that level the first pose.
             sources: of motion between keyframes, the first one that measures a frame predicts it; without any, what
                 comes with a frame, or steady motion.
+            imu_on_cameras: whether that IMU is in the housing of the cameras.
             gives_snapshots: give a ``WindowSnapshot`` at each keyframe.
         """
         self.config = config or SmootherConfig()
@@ -87,7 +89,9 @@ class SlidingWindowSmoother:
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
         turned_rad = self.config.camera_rotation_sigma_rad if measures_gravity else 0.0
-        self._calibration_errors = CalibrationErrors(self.config.stereo_scale_sigma, turned_rad)
+        self._calibration_errors = CalibrationErrors(
+            self.config.stereo_scale_sigma, turned_rad, imu_on_cameras=imu_on_cameras
+        )
         self._anew: tuple[str, float] | None = None  # why the next frame begins a window, and how much later it is
         self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 

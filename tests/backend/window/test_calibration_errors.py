@@ -45,6 +45,29 @@ def test_a_closed_loop_is_wrong_by_the_height_alone() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
+def test_it_is_the_body_on_cameras_that_are_turned_with_their_imu(seed: int) -> None:
+    """A level path of the cameras, and a body that is turned in it, seen from the body's first heading."""
+    random = np.random.default_rng(seed)
+    turns = np.cumsum(random.normal(scale=0.3, size=40))
+    covariance = np.zeros((9, 9))
+    errors = CalibrationErrors(0.0, TURNED_RAD, imu_on_cameras=True)
+    rotations = [so3.exp(np.array([0.0, 0.0, heading])) for heading in (0.0, *turns)]
+    ways = np.cumsum([R @ FORWARDS for R in rotations], axis=0)
+    for R, way in zip(rotations, ways, strict=True):
+        covariance = errors.advance(frame(R, way, R @ FORWARDS))
+    R, way, found = rotations[-1], ways[-1] - ways[0], []
+    for rotation in random.normal(scale=TURNED_RAD, size=(4000, 3)):
+        to_heading = so3.exp(np.array([0.0, 0.0, -rotation[2]]))
+        turned = to_heading @ R @ so3.exp(rotation)
+        found.append(
+            np.concatenate(
+                (so3.log(R.T @ turned), R.T @ (to_heading @ way - way), to_heading @ R @ FORWARDS - R @ FORWARDS)
+            )
+        )
+    np.testing.assert_allclose(np.cov(np.array(found).T), covariance, atol=0.1 * covariance.max())
+
+
+@pytest.mark.parametrize("seed", range(3))
 def test_it_is_the_path_of_cameras_that_are_turned(seed: int) -> None:
     """Displacements that are measured by cameras turned by a drawn rotation, in the mean over draws."""
     random = np.random.default_rng(seed)
