@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coclo_vio.robot.contact import ContactConfig, ContactDetector, logistic_probability, paper_probability
+from coclo_vio.robot.contact import ContactConfig, ContactDetector
+from coclo_vio.robot.contact_probability import logistic_probability, paper_probability
 from coclo_vio.values.errors import ConfigError
 
 MS = 1_000_000

@@ -28,6 +28,7 @@ from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.start import FIXED_SIGMA, Starter
 from coclo_vio.backend.window.stereo_model import StereoModel
+from coclo_vio.backend.window.tilt_errors import TiltErrors
 from coclo_vio.backend.window.variables import VELOCITY
 from coclo_vio.backend.window.window_snapshot import snapshot_of
 from coclo_vio.backend.window.window_updater import WindowUpdater
@@ -92,6 +93,7 @@ class SlidingWindowSmoother:
         self._calibration_errors = CalibrationErrors(
             self.config.stereo_scale_sigma, turned_rad, imu_on_cameras=imu_on_cameras
         )
+        self._tilt_errors = TiltErrors()
         self._anew: tuple[str, float] | None = None  # why the next frame begins a window, and how much later it is
         self._predicted: tuple[int, PredictedMotion] | None = None  # by ``predicted_pose``, until something comes
 
@@ -329,5 +331,7 @@ class SlidingWindowSmoother:
             rate = source.rate_body
         if self._updater.given_start is None:
             covariance += self._calibration_errors.advance(frame)
+            if self._sources.measures_gravity:
+                covariance[3:6, 3:6] += self._tilt_errors.advance(frame)
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)
         return StateEstimate(frame.stamp_ns, nav, covariance)
