@@ -35,7 +35,7 @@ class CalibrationErrors:
         self._sigmas = np.array([scale_sigma, *[rotation_sigma_rad] * 3])
         self._imu_on_cameras = imu_on_cameras
         self._position: Array | None = None  # of the last frame, world, m
-        self._vertical = np.zeros(3)  # world axis in the body where the path begins
+        self._vertical = np.zeros(3)  # the upward direction in body axes where the path begins
         self._changes = np.zeros((3, 4))  # of the position, world, by the scale and by the rotation
 
     def advance(self, frame: FrameEstimate) -> Array:
