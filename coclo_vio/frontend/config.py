@@ -135,6 +135,29 @@ class StereoConfig(StageConfig):
     ] = 0.98
 
 
+class PairConfig(StageConfig):
+    """Errors of the right camera's calibration against the left one, which the rows of matches show."""
+
+    is_estimated: Annotated[bool, Field(description="whether they are estimated and corrected")] = True
+    rotation_sigma_rad: Annotated[
+        float, Field(ge=0, le=0.1, description="one sigma of the rotation about each axis, rad")
+    ] = 0.001
+    displacement_sigma: Annotated[
+        float, Field(ge=0, le=0.2, description="one sigma of the displacement across the baseline, as a share of it")
+    ] = 0.005
+    focal_sigma: Annotated[float, Field(ge=0, le=0.1, description="one sigma of the ratio of focal lengths")] = 0.001
+    row_offset_px: Annotated[float, Field(ge=0, le=20, description="one sigma of a difference of all rows, px")] = 1.0
+    row_sigma_px: Annotated[
+        float, Field(gt=0, le=5, description="one sigma of the row of a match at first; then learnt, px")
+    ] = 0.3
+    least_row_sigma_px: Annotated[
+        float, Field(gt=0, le=5, description="least of that: errors that all matches have in common do not show, px")
+    ] = 0.15
+    memory_matches: Annotated[
+        float, Field(gt=10, description="matches are forgotten after about so many, as calibrations change with warmth")
+    ] = 3000.0
+
+
 class MotionCheckConfig(StageConfig):
     """One rigid motion must explain the tracks (RANSAC)."""
 
@@ -189,5 +212,6 @@ class FrontendConfig(StageConfig):
     )
     drift: Annotated[DriftConfig, Field(description="correction of drift by reference templates")] = DriftConfig()
     stereo: Annotated[StereoConfig, Field(description="matching from left to right")] = StereoConfig()
+    pair: Annotated[PairConfig, Field(description="estimated errors of the pair")] = PairConfig()
     motion: Annotated[MotionCheckConfig, Field(description="rejection of outliers by RANSAC")] = MotionCheckConfig()
     quality: Annotated[QualityConfig, Field(description="healthy, degraded or lost tracking")] = QualityConfig()

@@ -11,6 +11,7 @@ from coclo_vio.frontend.detection import CornerDetector
 from coclo_vio.frontend.drift_correction import DriftCorrector
 from coclo_vio.frontend.expected_motion import ExpectedMotion
 from coclo_vio.frontend.overlay import draw
+from coclo_vio.frontend.pair_calibration import PairCalibration
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
 from coclo_vio.frontend.stereo_matching import StereoMatcher
@@ -43,8 +44,14 @@ class StereoFrontend:
         self.rig: RectifiedStereo = self._rectifier.rig
         self._detector = CornerDetector(self._config.detection, self._rectifier.valid_left)
         self._aligner = PatchAligner(self._config.patch)
+        self._calibration = PairCalibration(self.rig, self._config.pair)
         self._matcher = StereoMatcher(
-            self.rig, self._rectifier.valid_right, self._aligner, self._config.stereo, self._config.similarity
+            self.rig,
+            self._rectifier.valid_right,
+            self._aligner,
+            self._config.stereo,
+            self._config.similarity,
+            self._calibration,
         )
         self._counts: Counter[str] = Counter()
         self._drift_corrector = DriftCorrector(self._aligner, self._config.drift, self._config.similarity)
@@ -68,6 +75,11 @@ class StereoFrontend:
     def counts(self) -> Mapping[str, int]:
         """How many frames were processed, degraded and lost, and how many points were detected, lost and rejected."""
         return dict(self._counts)
+
+    @property
+    def pair_errors(self) -> Array:
+        """Errors of the right camera's calibration as estimated, as those of ``PairCalibration``, (7,)."""
+        return self._calibration.errors
 
     def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:
         """The tracks of a frame.
@@ -100,7 +112,8 @@ class StereoFrontend:
             previous, previous_image, pair.left, smooth.left, self._motion.T_reference_current
         )
         detected = self._detect(pair, smooth, tracked)
-        tracks = self._matcher.match(pair, smooth, tracked.joined(detected))
+        points = tracked.joined(detected)
+        tracks = self._matcher.match(pair, smooth, points)
         interchange = "" if brightness.right_fault else self._interchange(pair, smooth, tracks)
         if interchange:
             return self._lost(frame.stamp_ns, pair, interchange)
@@ -108,6 +121,7 @@ class StereoFrontend:
         quality, reason = assess(tracks, len(tracked), len(previous), motion, brightness, self._config.quality)
         if quality is TrackingQuality.LOST:
             return self._lost(frame.stamp_ns, pair, reason)
+        self._learn_calibration(points, tracks)
         self._reference, self._tracks, self._lost_frames = pair, tracks, 0
         self._motion.set_reference(motion.T_previous_current)
         return self._result(frame.stamp_ns, pair, tracks, quality, reason)
@@ -164,6 +178,12 @@ class StereoFrontend:
         self._counts["detected"] += len(detected)
         return detected
 
+    def _learn_calibration(self, before: ActiveTracks, tracks: ActiveTracks) -> None:
+        """By the points that were not matched before."""
+        if self._config.pair.is_estimated:
+            is_new = ~before.has_right & tracks.has_right
+            self._calibration.learn(tracks.left_px[is_new], tracks.right_px[is_new])
+
     def _lost(self, stamp_ns: int, pair: RectifiedPair, reason: str) -> StereoTracks:
         """A frame without tracks; those of the reference are kept for a while."""
         self._counts["lost_frames"] += 1
@@ -176,7 +196,8 @@ class StereoFrontend:
     def _result(
         self, stamp_ns: int, pair: RectifiedPair, tracks: ActiveTracks, quality: TrackingQuality, reason: str
     ) -> StereoTracks:
-        result = StereoTracks(stamp_ns, tracks.ids, tracks.left_px, tracks.right_px, tracks.ages, quality, reason)
+        right_px = self._calibration.corrected(tracks.left_px, tracks.right_px)
+        result = StereoTracks(stamp_ns, tracks.ids, tracks.left_px, right_px, tracks.ages, quality, reason)
         if quality is TrackingQuality.DEGRADED:
             self._counts["degraded_frames"] += 1
         if quality is not TrackingQuality.LOST:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from coclo_vio.frontend.config import SimilarityConfig, StereoConfig
+from coclo_vio.frontend.pair_calibration import PairCalibration
 from coclo_vio.frontend.patches import FREE_PX, PatchAligner, SmoothPair, are_similar
 from coclo_vio.frontend.rectification import RectifiedPair
 from coclo_vio.frontend.row_search import RowSearch
@@ -29,9 +30,11 @@ class StereoMatcher:
         aligner: PatchAligner,
         config: StereoConfig,
         similarity: SimilarityConfig,
+        calibration: PairCalibration,
     ) -> None:
         self._config = config
         self._similarity = similarity
+        self._calibration = calibration
         self._aligner = aligner
         self._valid_right = valid_right
         columns = valid_right.shape[1]
@@ -60,8 +63,10 @@ class StereoMatcher:
         start[:, 0], start[:, 2:4] = -disparity[known], -tracks.slants[known]
         identity = np.tile(np.eye(2), (count, 1, 1))
         templates = self._aligner.templates(smooth.left, points, self._sigmas)
-        found = self._aligner.align(templates, smooth.right, points, identity, start)
-        kept = are_similar(found, self._similarity) & self._passes_gates(points, found.centres)
+        expected = points.copy()
+        expected[:, 1] += self._calibration.rows(points, disparity[known])
+        found = self._aligner.align(templates, smooth.right, expected, identity, start)
+        kept = are_similar(found, self._similarity) & self._passes_gates(expected, found.centres)
         kept &= np.abs(points[:, 0] - found.centres[:, 0] - disparity[known]) < self._config.max_correction_px
         right_px[known[kept]] = found.centres[kept]
         slants[known[kept]] = (identity - found.warps)[kept, 0]

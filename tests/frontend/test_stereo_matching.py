@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 from textured_room import BASELINE_M, FOCAL_PX, HEIGHT, WIDTH, Room, rig
 
-from coclo_vio.frontend.config import DetectionConfig, PatchConfig, SimilarityConfig, StereoConfig
+from coclo_vio.frontend.config import DetectionConfig, PairConfig, PatchConfig, SimilarityConfig, StereoConfig
 from coclo_vio.frontend.detection import CornerDetector
+from coclo_vio.frontend.pair_calibration import PairCalibration
 from coclo_vio.frontend.patches import PatchAligner, SmoothPair
 from coclo_vio.frontend.rectification import RectifiedPair, Rectifier
 from coclo_vio.frontend.stereo_matching import StereoMatcher
@@ -22,7 +23,8 @@ def matched(left: np.ndarray, right: np.ndarray, points: np.ndarray | None = Non
     if points is None:
         points = CornerDetector(DetectionConfig(), EVERYWHERE).find(left, np.zeros((0, 2)))
     tracks = ActiveTracks.new(0, points, ALIGNER.templates(smooth.left, points, np.ones(6)))
-    matcher = StereoMatcher(RIG, EVERYWHERE, ALIGNER, StereoConfig.parse(config, "stereo"), SimilarityConfig())
+    stereo, pair = StereoConfig.parse(config, "stereo"), PairCalibration(RIG, PairConfig())
+    matcher = StereoMatcher(RIG, EVERYWHERE, ALIGNER, stereo, SimilarityConfig(), pair)
     return matcher.match(RectifiedPair(left, right), smooth, tracks)
 
 

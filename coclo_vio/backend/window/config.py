@@ -63,6 +63,26 @@ class PixelNoiseConfig(StageConfig):
     )
 
 
+class DisparityOffsetConfig(StageConfig):
+    """A disparity that is wrong by the same amount everywhere."""
+
+    is_estimated: Annotated[bool, Field(description="whether it is estimated and corrected")] = True
+    sigma_px: Annotated[float, Field(ge=0, le=10, description="one sigma of it, px")] = 0.1
+    scale_sigma: Annotated[
+        float, Field(ge=0, le=0.5, description="one sigma of the scale of the path against that of disparities")
+    ] = 0.02
+    point_sigma_px: Annotated[
+        float, Field(gt=0, le=10, description="one sigma of the disparity of a point at first; then learnt, px")
+    ] = 0.25
+    least_point_sigma_px: Annotated[
+        float, Field(gt=0, le=10, description="least of that: errors that all points have in common do not show, px")
+    ] = 0.15
+    least_parallax_rad: Annotated[
+        float, Field(gt=0, le=1, description="least angle between the rays to a point, rad")
+    ] = 0.04
+    memory_points: Annotated[float, Field(gt=10, description="points are forgotten after about so many")] = 1500.0
+
+
 class KeyframeConfig(StageConfig):
     """When a frame becomes a keyframe: enough parallax, or too few tracks in common with the last keyframe."""
 
@@ -218,6 +238,9 @@ class SmootherConfig(StageConfig):
         Field(ge=0, lt=0.2, description="error of the cameras' mounting, each axis, in the covariance of vins, rad"),
     ] = 0.004
     noise: Annotated[PixelNoiseConfig, Field(description="noise of the tracks")] = PixelNoiseConfig()
+    disparity_offset: Annotated[DisparityOffsetConfig, Field(description="estimated offset of all disparities")] = (
+        DisparityOffsetConfig()
+    )
     keyframe: Annotated[KeyframeConfig, Field(description="choice of keyframes")] = KeyframeConfig()
     motion: Annotated[MotionPriorConfig, Field(description="the constant-velocity model")] = MotionPriorConfig()
     inertial: Annotated[InertialConfig, Field(description="the IMU")] = InertialConfig()

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.landmark import Landmark
 from coclo_vio.backend.window.observation_table import ObservationTable
 from coclo_vio.backend.window.stereo_model import StereoModel
@@ -23,8 +24,9 @@ _FARTHEST = 500.0  # baselines: farther points do not show translation
 class LandmarkMap:
     """Landmarks by an identity of their own, and the landmark of each track."""
 
-    def __init__(self, rig: RectifiedStereo, config: SmootherConfig) -> None:
+    def __init__(self, rig: RectifiedStereo, config: SmootherConfig, offset: DisparityOffset | None = None) -> None:
         self._rig, self._config = rig, config
+        self._offset = offset or DisparityOffset(config.disparity_offset)
         self._by_id: dict[int, Landmark] = {}
         self._of_track: dict[int, int] = {}  # the landmark that a track observes at present
         self._next_id = 0
@@ -55,9 +57,10 @@ class LandmarkMap:
 
     def observations(self, tracks: StereoTracks) -> Array:
         """Rows (N, 3) = left column, row, right column; NaN for a right column whose disparity is out of range."""
-        disparity = tracks.left_px[:, 0] - tracks.right_px[:, 0]
+        right = tracks.right_px[:, 0] + self._offset.px
+        disparity = tracks.left_px[:, 0] - right
         is_in_range = (disparity > self._config.min_disparity_px) & (disparity < self._largest_px)
-        return np.column_stack((tracks.left_px, np.where(is_in_range, tracks.right_px[:, 0], np.nan)))
+        return np.column_stack((tracks.left_px, np.where(is_in_range, right, np.nan)))
 
     def known(self, tracks: StereoTracks) -> tuple[BoolArray, Array, Array]:
         """Which tracks (N,) have a placed landmark, positions of those, m, (M, 3), and their covariances (M, 3, 3)."""
@@ -156,14 +159,48 @@ class LandmarkMap:
     def _triangulate(self, landmarks: Mapping[int, Landmark], poses: Mapping[int, Array]) -> None:
         """Place landmarks at the points nearest to their rays, where those are usable."""
         table = ObservationTable.of(landmarks, list(poses))
-        T_world_camera = (np.array(list(poses.values())) @ self._rig.T_body_camera)[table.keyframe]
-        sides = (table.pixels[:, :2] - np.array(self._rig.principal_point_px)) / np.array(self._rig.focal_px)
-        rays = np.einsum("nij,nj->ni", T_world_camera[:, :3, :3], np.column_stack((sides, np.ones(len(sides)))))
-        rays /= np.sqrt(np.einsum("ni,ni->n", rays, rays))[:, None]
+        T_world_camera, rays = self._rays(table, poses)
         points, depths = triangulated(table.starts, T_world_camera[:, :3, 3], rays)
         is_usable = (self._config.nearest_m < depths) & (depths < _FARTHEST * self._rig.baseline_m)
         for landmark, point, usable in zip(landmarks.values(), points, is_usable.tolist(), strict=True):
             landmark.point_world = point if usable else None
+
+    def _rays(self, table: ObservationTable, poses: Mapping[int, Array]) -> tuple[Array, Array]:
+        """Pose of the camera at each observation, (N, 4, 4), and the direction of its point, world, (N, 3)."""
+        T_world_camera = (np.array(list(poses.values())) @ self._rig.T_body_camera)[table.keyframe]
+        sides = (table.pixels[:, :2] - np.array(self._rig.principal_point_px)) / np.array(self._rig.focal_px)
+        rays = np.einsum("nij,nj->ni", T_world_camera[:, :3, :3], np.column_stack((sides, np.ones(len(sides)))))
+        rays /= np.sqrt(np.einsum("ni,ni->n", rays, rays))[:, None]
+        return T_world_camera, rays
+
+    def learn_offset(self, landmark_ids: Sequence[int], poses: Mapping[int, Array], track_px: float) -> None:
+        """Learn the offset of disparities from landmarks that leave, each by its parallax in the window.
+
+        Args:
+            landmark_ids: of the landmarks.
+            poses: ``T_world_body`` by the number of the keyframe.
+            track_px: one sigma of a track, px.
+        """
+        leaving = {each: self._by_id[each] for each in landmark_ids}
+        found = {each: one for each, one in leaving.items() if len(one.observations) > 2 and not one.is_retired}
+        if not found:
+            return
+        table = ObservationTable.of(found, list(poses))
+        T_world_camera, rays = self._rays(table, poses)
+        points, _ = triangulated(table.starts, T_world_camera[:, :3, 3], rays)
+        first, last = table.starts[:-1], table.starts[1:] - 1
+        parallax = np.linalg.norm(np.cross(rays[first], rays[last]), axis=1)
+        depths = se3.apply(se3.inverse(T_world_camera), points[table.landmark])[:, 2]
+        disparities = table.pixels[:, 0] - table.pixels[:, 2]
+        is_matched = ~np.isnan(disparities) & (depths > self._config.nearest_m)
+        by_motion = self._rig.focal_px[0] * self._rig.baseline_m / np.where(is_matched, depths, np.inf)
+        counts = np.add.reduceat(is_matched.astype(np.float64), first)
+        is_used = (counts > 0.0) & (parallax > self._config.disparity_offset.least_parallax_rad)
+        measured, moved = (
+            np.add.reduceat(np.where(is_matched, each, 0.0), first)[is_used] / counts[is_used]
+            for each in (disparities, by_motion)
+        )
+        self._offset.learn(measured, moved, moved * track_px / self._rig.focal_px[0] / parallax[is_used])
 
     def leaving(self, oldest: int, newest: int) -> tuple[list[int], list[int]]:
         """Landmarks of the oldest keyframe or the prior: those to eliminate with it, and those that the prior keeps."""

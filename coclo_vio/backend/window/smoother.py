@@ -14,6 +14,7 @@ import numpy as np
 
 from coclo_vio.backend.window.calibration_errors import CalibrationErrors
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.event_log import EventLog
 from coclo_vio.backend.window.frame_estimate import FrameEstimate
 from coclo_vio.backend.window.frame_localisation import FrameLocalisation, has_enough_disparity, localise_frame
@@ -80,7 +81,8 @@ class SlidingWindowSmoother:
         self._velocity_model = ConstantVelocityModel(self.config.motion, self.config.start.moving_velocity_mps)
         self._log = EventLog()
         self._sources = SourceSet(sources, self._velocity_model)
-        self._updater = WindowUpdater(rig, self.config, self._sources, self._velocity_model, self._log, noise)
+        offset = DisparityOffset(self.config.disparity_offset)
+        self._updater = WindowUpdater(rig, self.config, self._sources, self._velocity_model, self._log, noise, offset)
         rotation, measures_gravity = calibration.T_body_imu[:3, :3], self._sources.measures_gravity
         self._starter = Starter(self.config.start, rotation, measures_gravity=measures_gravity)
         density = calibration.gyroscope_noise_density

@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 
 from coclo_vio.backend.window import factors
+from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.factors import Term
 from coclo_vio.backend.window.gauge import Gauge, HeldGauge
@@ -42,6 +43,7 @@ class Window:
         variables: KeyframeVariables | None = None,
         gauge: Gauge | None = None,
         noise: PixelNoise | None = None,
+        offset: DisparityOffset | None = None,
     ) -> None:
         """An empty window.
 
@@ -51,6 +53,7 @@ class Window:
             variables: of each keyframe; None: its pose alone.
             gauge: what becomes of directions that nothing measures; None: the oldest keyframe is held.
             noise: of tracks and disparities, which learns from this window; None: its own, from the configuration.
+            offset: of all disparities, likewise.
         """
         self._config = config
         self.variables = variables or KeyframeVariables()
@@ -58,7 +61,7 @@ class Window:
         self._noise = noise or PixelNoise(config.noise)
         self._model = StereoModel(rig, self._noise)
         self.solver = WindowSolver(rig, config, self._noise)
-        self.landmarks = LandmarkMap(rig, config)
+        self.landmarks = LandmarkMap(rig, config, offset)
         self.keyframes: list[Keyframe] = []
         self.values = gtsam.Values()
         self.prior: list[Term] = []
@@ -285,6 +288,8 @@ class Window:
         """
         oldest = self.keyframes[0]
         lost, kept = self.landmarks.leaving(oldest.number, self.newest.number)
+        poses = {each.number: self.pose(each.number) for each in self.keyframes}
+        self.landmarks.learn_offset(lost, poses, self._config.noise.track_px * self._noise.shown)
         leaving = [factors.landmark_key(each) for each in lost] + self.variables.keys(oldest.number)
         touched, untouched = self._touched(set(leaving), oldest, lost, kept)
         values = gtsam.Values(self.values)

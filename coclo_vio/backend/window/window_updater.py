@@ -17,6 +17,7 @@ from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_ev
 from coclo_vio.backend.window.keyframe_source import KeyframeState, Ties
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.odometry_source import ExternalOdometry
+from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.stereo_model import PoseFit
@@ -48,8 +49,9 @@ class WindowUpdater:
         velocity_model: ConstantVelocityModel,
         log: EventLog,
         noise: PixelNoise,
+        offset: DisparityOffset,
     ) -> None:
-        self._noise = noise
+        self._noise, self._offset = noise, offset
         self._rig, self._config, self._sources = rig, config, sources
         self._velocity_model, self._log = velocity_model, log
         self.window: Window | None = None
@@ -74,7 +76,7 @@ class WindowUpdater:
         """
         number = 0 if self.window is None else self.window.newest.number + 1
         variables, stamp_ns = self._sources.variables, tracks.stamp_ns
-        self.window = Window(self._rig, self._config, variables, self._new_gauge(), self._noise)
+        self.window = Window(self._rig, self._config, variables, self._new_gauge(), self._noise, self._offset)
         keyframe = Keyframe(number, stamp_ns, tracks)
         first = self._sources.begin(number, stamp_ns, velocity, float(np.sqrt(covariance[6, 6])))
         keyframe.terms.extend(first.terms)
