@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Errors of the right camera's calibration against the left one, found by the rows of matches.
 
-In rectified images the two pixels of a point are in one row. Where the right camera is turned by a small ``w``, displaced
-by ``t_y, t_z`` baselines, or has a focal length that is longer by a share ``s``, its pixel of a point in the direction
-``(x, y)`` and with the disparity ``d`` is off, in units of the focal length, by
+In rectified images the two pixels of a point are in one row. Where the right camera is turned by a small ``w``,
+displaced by ``t_y, t_z`` baselines, or has a focal length that is longer by a share ``s``, its pixel of a point in the
+direction ``(x, y)`` and with the disparity ``d`` is off, in units of the focal length, by
 
     row         w_x y^2 - w_y x y - w_z x - t_y d + t_z y d + s y + c
     column      w_z y + t_z x d + s x
 
 with ``c`` by a turn about x and by the principal point. Disparities are corrected by the column: a roll of half a
-milliradian, which a shock or warmth causes, makes distances at the bottom of an image too long and at its top too short
-by several percent at 3 m with a baseline of 5 cm. The column would be off by ``w_x x y - w_y (1 + x^2)`` besides; this is
-not corrected, since rows do not show whether the principal point makes up for the offset, and errors of lenses make the
-same rows: on a KITTI drive they look like a turn of 9 mrad, and disparities corrected by it are worse. The offset shows in
-the motion (``backend.window.disparity_offset``), a wrong length of the baseline nowhere.
+milliradian, as by a shock or warmth, makes distances of 3 m at the bottom of an image wrong by 1.5 % with a baseline of
+5 cm and 383 px, and those at its top by as much the other way. The column would be off by ``w_x x y - w_y (1 + x^2)``
+besides. This is not corrected: rows do not show whether the principal point makes up for the offset, and errors of
+lenses make the same rows. On a KITTI drive they look like a turn of 9 mrad, and disparities corrected by it are worse.
+The offset shows in the motion (``backend.window.disparity_offset``), a wrong length of the baseline nowhere.
 Source: Dang, Hoffmann and Stiller, "Continuous stereo self-calibration by camera parameter tracking", IEEE TIP 2009.
 """
 

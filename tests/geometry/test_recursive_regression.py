@@ -9,10 +9,8 @@ TRUTH = np.array([0.3, -0.2])
 
 def batches(rng: np.random.Generator, count: int, sigma: float, *, wrong: float = 0.0) -> list[tuple[np.ndarray, ...]]:
     rows = [np.column_stack((np.ones(20), rng.normal(size=20))) for _ in range(count)]
-    noise = [
-        np.where(rng.random(20) < wrong, rng.normal(scale=10.0, size=20), rng.normal(scale=sigma, size=20))
-        for _ in rows
-    ]
+    scales = [np.where(rng.random(20) < wrong, 10.0, sigma) for _ in rows]
+    noise = [rng.normal(scale=each) for each in scales]
     return [(each, each @ TRUTH + off) for each, off in zip(rows, noise, strict=True)]
 
 

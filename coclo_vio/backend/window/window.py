@@ -8,8 +8,8 @@ import gtsam
 import numpy as np
 
 from coclo_vio.backend.window import factors
-from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.factors import Term
 from coclo_vio.backend.window.gauge import Gauge, HeldGauge
 from coclo_vio.backend.window.indeterminate import IndeterminateError

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.event_log import EventLog
 from coclo_vio.backend.window.factors import Term
 from coclo_vio.backend.window.frame_estimate import FrameEstimate, propagated_covariance
@@ -17,7 +18,6 @@ from coclo_vio.backend.window.keyframe_marginals import newest_marginal, pair_ev
 from coclo_vio.backend.window.keyframe_source import KeyframeState, Ties
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.odometry_source import ExternalOdometry
-from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.pixel_noise import PixelNoise
 from coclo_vio.backend.window.source_set import SourceSet
 from coclo_vio.backend.window.stereo_model import PoseFit
