@@ -106,7 +106,8 @@ def test_a_point_of_known_disparity_is_searched_there(first: StereoFrame) -> Non
     known = matched(first.left, first.right)
     known = known.select(known.has_right)
     smooth = SmoothPair(ALIGNER.smooth_image(first.left), ALIGNER.smooth_image(first.right))
-    matcher = StereoMatcher(RIG, EVERYWHERE, ALIGNER, StereoConfig(min_block_correlation=0.99), SimilarityConfig())
+    stereo, pair = StereoConfig(min_block_correlation=0.99), PairCalibration(RIG, PairConfig())
+    matcher = StereoMatcher(RIG, EVERYWHERE, ALIGNER, stereo, SimilarityConfig(), pair)
     again = matcher.match(RectifiedPair(first.left, first.right), smooth, known)
     assert again.has_right.mean() > 0.95
     np.testing.assert_allclose(again.disparity[again.has_right], known.disparity[again.has_right], atol=0.05)

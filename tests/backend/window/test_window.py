@@ -9,7 +9,7 @@ import pytest
 from worlds import FRAME_NS, RIG, WALK, frames, pose_at, scattered
 
 from coclo_vio.backend.window import factors
-from coclo_vio.backend.window.config import PixelNoiseConfig, SmootherConfig
+from coclo_vio.backend.window.config import DisparityOffsetConfig, PixelNoiseConfig, SmootherConfig
 from coclo_vio.backend.window.keyframe import Keyframe, Solution
 from coclo_vio.backend.window.variables import BIASES, VELOCITY, KeyframeVariables
 from coclo_vio.backend.window.window import Window
@@ -21,7 +21,14 @@ from coclo_vio.values.measurements import StereoTracks
 PLAIN = PixelNoiseConfig(
     track_px=1.0, disparity_px=1.0, repeated_disparity_px=1.0, huber=50.0, outlier=90.0, is_learnt=False
 )
-EXACT = SmootherConfig(tolerance=0.0, iterations=4, spacing_px=0.0, most_kept_landmarks=10_000, noise=PLAIN)
+EXACT = SmootherConfig(
+    tolerance=0.0,
+    iterations=4,
+    spacing_px=0.0,
+    most_kept_landmarks=10_000,
+    noise=PLAIN,
+    disparity_offset=DisparityOffsetConfig(is_estimated=False),
+)
 WORLD = scattered(count=800)  # 60 points in view
 START_COVARIANCE = 1e-8 * np.eye(6)
 STAMPS = range(1_500_000_000, 6_500_000_000, 3 * FRAME_NS)
