@@ -153,6 +153,15 @@ class PairConfig(StageConfig):
     least_row_sigma_px: Annotated[
         float, Field(gt=0, le=5, description="least of that: errors that all matches have in common do not show, px")
     ] = 0.15
+    largest_row_share: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1,
+            description="matches count whose row is surer than this share of stereo.row_sigma_px: along an edge the "
+            "row is the expected one, and says nothing",
+        ),
+    ] = 0.3
     memory_matches: Annotated[
         float, Field(gt=10, description="matches are forgotten after about so many, as calibrations change with warmth")
     ] = 3000.0

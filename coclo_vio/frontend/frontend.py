@@ -121,7 +121,7 @@ class StereoFrontend:
         quality, reason = assess(tracks, len(tracked), len(previous), motion, brightness, self._config.quality)
         if quality is TrackingQuality.LOST:
             return self._lost(frame.stamp_ns, pair, reason)
-        self._learn_calibration(points, tracks)
+        self._learn_calibration(points, tracks, smooth)
         self._reference, self._tracks, self._lost_frames = pair, tracks, 0
         self._motion.set_reference(motion.T_previous_current)
         return self._result(frame.stamp_ns, pair, tracks, quality, reason)
@@ -178,11 +178,14 @@ class StereoFrontend:
         self._counts["detected"] += len(detected)
         return detected
 
-    def _learn_calibration(self, before: ActiveTracks, tracks: ActiveTracks) -> None:
-        """By the points that were not matched before."""
-        if self._config.pair.is_estimated:
-            is_new = ~before.has_right & tracks.has_right
-            self._calibration.learn(tracks.left_px[is_new], tracks.right_px[is_new])
+    def _learn_calibration(self, before: ActiveTracks, tracks: ActiveTracks, smooth: SmoothPair) -> None:
+        """By the points that were not matched before, and whose texture shows the row."""
+        if not self._config.pair.is_estimated:
+            return
+        is_new = np.flatnonzero(~before.has_right & tracks.has_right)
+        limit = self._config.pair.largest_row_share * self._config.stereo.row_sigma_px
+        sure = is_new[self._matcher.row_sigmas(smooth, tracks.left_px[is_new]) < limit]
+        self._calibration.learn(tracks.left_px[sure], tracks.right_px[sure])
 
     def _lost(self, stamp_ns: int, pair: RectifiedPair, reason: str) -> StereoTracks:
         """A frame without tracks; those of the reference are kept for a while."""

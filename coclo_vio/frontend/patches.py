@@ -123,6 +123,11 @@ class PatchAligner:
         prior = (self._config.noise / sigmas) ** 2 / len(self._weights)
         return Templates(weighted, variances, gradients, np.linalg.inv(hessians + np.diag(prior)), prior)
 
+    def sigmas(self, templates: Templates) -> Array:
+        """One sigma of the aligned parameters of each template by image noise and their priors, (N, k)."""
+        noise = self._config.noise / np.sqrt(len(self._weights))
+        return np.asarray(noise * np.sqrt(np.diagonal(templates.inverses, axis1=1, axis2=2)))
+
     def align(
         self, templates: Templates, image: FloatImage, centres: Array, warps: Array, start: Array | None = None
     ) -> Alignment:

@@ -72,6 +72,11 @@ class StereoMatcher:
         slants[known[kept]] = (identity - found.warps)[kept, 0]
         return replace(tracks, right_px=right_px, slants=slants)
 
+    def row_sigmas(self, smooth: SmoothPair, left_px: Array) -> Array:
+        """One sigma of the row of a match of points (N, 2), px, (N,): that of its prior where texture shows no row."""
+        templates = self._aligner.templates(smooth.left, left_px, self._sigmas)
+        return np.asarray(self._aligner.sigmas(templates)[:, 1])
+
     def _passes_gates(self, left_px: Array, right_px: Array) -> BoolArray:
         """Whether disparity, row and right pixel of matches (N, 2) are within their limits, (N,)."""
         config = self._config
