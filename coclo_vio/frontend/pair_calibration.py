@@ -24,8 +24,6 @@ from coclo_vio.geometry.recursive_regression import RecursiveRegression
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
 
-_LEAST_SIGMA = 1e-9
-
 
 class PairCalibration:
     """Follows the errors of the right camera; each match counts once, when its point is first found in both images."""
@@ -36,7 +34,7 @@ class PairCalibration:
         turn, across = config.rotation_sigma_rad, config.displacement_sigma
         sigmas = np.array([turn, turn, turn, across, across, config.focal_sigma, config.row_offset_px / self._focal[1]])
         self._regression = RecursiveRegression(
-            np.maximum(sigmas, _LEAST_SIGMA), config.row_sigma_px, config.least_row_sigma_px, config.memory_matches
+            sigmas, config.row_sigma_px, config.least_row_sigma_px, config.memory_matches
         )
 
     @property

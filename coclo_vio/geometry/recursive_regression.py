@@ -13,6 +13,7 @@ from coclo_vio.geometry.array_types import Array
 _ITERATIONS = 4
 _TAIL = 2.385  # of Cauchy's weight, in sigmas
 _MEDIAN_OF_NORMAL = 0.6745  # of absolute values, in sigmas
+_KNOWN_SIGMA = 1e-9  # least of a constant: one that is known to be zero stays there
 _FEW = 4  # values whose spread shows nothing
 
 
@@ -28,7 +29,7 @@ class RecursiveRegression:
         """Take what is known before.
 
         Args:
-            prior_sigmas: of the constants, all positive, (k,).
+            prior_sigmas: of the constants, 0 for one that is known to be zero, (k,).
             sigma: of a value at first.
             least_sigma: of a value; errors that values have in common do not show in their spread.
             memory: values are forgotten after about so many.
@@ -36,7 +37,7 @@ class RecursiveRegression:
         self.estimate: Array = np.zeros(len(prior_sigmas))
         self.sigma = sigma
         self._least_sigma, self._memory = least_sigma, memory
-        self._prior = np.diag(1.0 / np.square(prior_sigmas))
+        self._prior = np.diag(1.0 / np.square(np.maximum(prior_sigmas, _KNOWN_SIGMA)))
         self._information, self._vector = np.zeros_like(self._prior), np.zeros(len(prior_sigmas))
 
     @property

@@ -50,6 +50,10 @@ def test_constants_that_change_are_followed() -> None:
     assert regression.estimate[0] == pytest.approx(TRUTH[0] + 0.5, abs=0.05)
 
 
+def test_a_constant_that_is_known_to_be_zero_stays_zero() -> None:
+    assert np.abs(learnt(batches(np.random.default_rng(6), 50, 0.1), sigma=0.0).estimate).max() < 1e-9
+
+
 def test_nothing_changes_nothing() -> None:
     regression = learnt([(np.zeros((0, 2)), np.zeros(0))])
     np.testing.assert_array_equal(regression.estimate, 0.0)

@@ -26,7 +26,7 @@ class DisparityOffset:
         self._is_estimated = config.is_estimated
         self.px = 0.0
         self.regression = RecursiveRegression(
-            np.maximum([config.sigma_px, config.scale_sigma], 1e-9),
+            np.array([config.sigma_px, config.scale_sigma]),
             config.point_sigma_px,
             config.least_point_sigma_px,
             config.memory_points,

@@ -288,8 +288,6 @@ class Window:
         """
         oldest = self.keyframes[0]
         lost, kept = self.landmarks.leaving(oldest.number, self.newest.number)
-        poses = {each.number: self.pose(each.number) for each in self.keyframes}
-        self.landmarks.learn_offset(lost, poses, self._config.noise.track_px * self._noise.shown)
         leaving = [factors.landmark_key(each) for each in lost] + self.variables.keys(oldest.number)
         touched, untouched = self._touched(set(leaving), oldest, lost, kept)
         values = gtsam.Values(self.values)
@@ -300,6 +298,8 @@ class Window:
         pose = self.pose(following)
         covariance = self.gauge_covariance(pose) + self._next_covariance
         self.prior += self._gauge.pass_on(following, pose, covariance, self.prior, values)
+        poses = {each.number: self.pose(each.number) for each in self.keyframes}
+        self.landmarks.learn_offset(lost, poses, self._config.noise.track_px * self._noise.shown)
         self._remove(oldest, lost)
         in_prior = {key for term in self.prior for key in term.keys}
         for landmark_id, landmark in self.landmarks.items():
