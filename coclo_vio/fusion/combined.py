@@ -16,6 +16,7 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.frame_processor import FramesInTurn, VisionStages
+from coclo_vio.fusion.fused_estimates import FusedEstimates
 from coclo_vio.fusion.keyframe_bridge import InProcess, KeyframeBridge, Pending
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.vision_chain import Frontend, Smoother, VisionChain
@@ -45,7 +46,7 @@ class CombinedOdometry(KeyframeBridge[FramesInTurn]):
         frontend: Frontend | None,
         config: BridgeConfig | None = None,
         *,
-        names: tuple[str, str] = ("combined_coclo", "combined_vins"),
+        outputs: FusedEstimates | None = None,
         check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
@@ -57,7 +58,7 @@ class CombinedOdometry(KeyframeBridge[FramesInTurn]):
             smoother: a fresh one without an IMU.
             frontend: a fresh one; None where a recording has tracks, not frames.
             config: policy and latency.
-            names: of the filter's trajectory and of the smoother's.
+            outputs: fresh makers of the estimates; by the names ``combined_coclo`` and ``combined_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
@@ -69,7 +70,7 @@ class CombinedOdometry(KeyframeBridge[FramesInTurn]):
             leg_filter,
             frames,
             config,
-            names=names,
+            outputs=outputs,
             check=check,
             time_offset_s=time_offset_s,
             reports_innovations=pictures_every is not None,
@@ -198,6 +199,7 @@ def combined_odometry(
         SlidingWindowSmoother(rig, smoother, gives_snapshots=pictures_every is not None),
         stages,
         config,
+        outputs=FusedEstimates("combined_coclo", "combined_vins", smoother),
         check=RotationCheck(rig, *leg_filter.imu_rotations),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,

@@ -19,6 +19,7 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.frame_processor import Processed, VisionStages
+from coclo_vio.fusion.fused_estimates import FusedEstimates
 from coclo_vio.fusion.keyframe_bridge import InProcess, KeyframeBridge, Pending
 from coclo_vio.fusion.overload import ImageOverload
 from coclo_vio.fusion.rotation_check import RotationCheck
@@ -61,7 +62,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
         process: VisionProcess,
         config: BridgeConfig | None = None,
         *,
-        names: tuple[str, str] = ("combined_coclo", "combined_vins"),
+        outputs: FusedEstimates | None = None,
         check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         reports_innovations: bool = False,
@@ -72,7 +73,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
             leg_filter: a fresh filter that remembers frames; with ``held_frame_block`` one frame can wait.
             process: of the vision.
             config: of the exchange.
-            names: of the filter's trajectory and of the smoother's.
+            outputs: fresh makers of the estimates; by the names ``combined_coclo`` and ``combined_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             reports_innovations: whether the innovation of each keyframe's evidence is an output.
@@ -81,7 +82,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
             leg_filter,
             process,
             config,
-            names=names,
+            outputs=outputs,
             check=check,
             time_offset_s=time_offset_s,
             reports_innovations=reports_innovations,
@@ -265,6 +266,7 @@ def combined_beside(
         leg_filter,
         VisionProcess(recipe, size if has_frames else 0, config.vision_timeout_s),
         config,
+        outputs=FusedEstimates("combined_coclo", "combined_vins", smoother),
         check=RotationCheck(rig, *leg_filter.imu_rotations),
         time_offset_s=stereo.time_offset_s,
         reports_innovations=pictures_every is not None,

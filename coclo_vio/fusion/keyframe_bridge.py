@@ -20,6 +20,7 @@ from coclo_vio.fusion.config import BridgeConfig
 from coclo_vio.fusion.continuation import Continuing
 from coclo_vio.fusion.feedback import Feedback, make_feedback_policy
 from coclo_vio.fusion.frame_processor import FrameJob, FrameProcessor, Processed
+from coclo_vio.fusion.fused_estimates import FusedEstimates
 from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_monitor import RotationMonitor
@@ -45,7 +46,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
-from coclo_vio.values.outputs import Estimate, Event, Innovation, Output
+from coclo_vio.values.outputs import Event, Innovation, Output
 
 InWorld = Callable[[Array, Array], tuple[Array, Array]]
 Frames = TypeVar("Frames", bound=FrameProcessor)
@@ -103,7 +104,7 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
         frames: Frames,
         config: BridgeConfig | None = None,
         *,
-        names: tuple[str, str] = ("combined_coclo", "combined_vins"),
+        outputs: FusedEstimates | None = None,
         check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         reports_innovations: bool = False,
@@ -114,14 +115,14 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
             leg_filter: a fresh filter that remembers frames.
             frames: processes frames; its smoother is a fresh one without an IMU.
             config: of the exchange.
-            names: of the filter's trajectory and of the smoother's.
+            outputs: fresh makers of the estimates; by the names ``combined_coclo`` and ``combined_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             reports_innovations: whether the innovation of each keyframe's evidence is an output.
         """
         super().__init__(ImageClock(time_offset_s, waits=True, holds_others=self._holds_joints))
         self.config = config or BridgeConfig()
-        self._filter_name, self._smoother_name = names
+        self._made = outputs or FusedEstimates("combined_coclo", "combined_vins")
         self._filter, self._frames = leg_filter, frames
         self._reports_innovations = reports_innovations
         self._policy = make_feedback_policy(self.config.feedback, self.config.policy_parameters)
@@ -147,7 +148,7 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
             self._latest = state
             if self._monitor is not None:
                 self._monitor.follow(state)
-            yield Estimate(self._filter_name, state)
+            yield self._made.of_joints(state)
             yield from self._filter.take_events()
 
     def _submit_first(self, marked: MarkedFrame, frame: StereoFrame | StereoTracks) -> Future[Processed]:
@@ -267,7 +268,7 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
         yield from (snapshot.moved(T_world_body @ in_window) for snapshot in result.snapshots)
         covariance[6:, 6:] = latest.covariance[6:, 6:]
         nav = replace(latest.nav, T_world_body=T_world_body)
-        yield Estimate(self._smoother_name, replace(result.estimate, nav=nav, covariance=covariance))
+        yield self._made.of_frame(replace(result.estimate, nav=nav, covariance=covariance))
 
 
 def _gate_sentence(gate: GateResult, may_force: bool) -> str:

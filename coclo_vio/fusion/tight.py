@@ -20,6 +20,7 @@ from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.revision import Prior
 from coclo_vio.frontend.config import FrontendConfig
 from coclo_vio.fusion.continuation import Continuing
+from coclo_vio.fusion.fused_estimates import FusedEstimates
 from coclo_vio.fusion.image_clock import ImageClock
 from coclo_vio.fusion.rotation_check import RotationCheck
 from coclo_vio.fusion.rotation_monitor import RotationMonitor
@@ -43,7 +44,7 @@ from coclo_vio.values.measurements import (
     StereoFrame,
     StereoTracks,
 )
-from coclo_vio.values.outputs import Estimate, Event, Output
+from coclo_vio.values.outputs import Event, Output
 from coclo_vio.values.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class TightOdometry(Continuing, StreamingEstimator):
         make_smoother: SmootherOfLegs,
         frontend: Frontend | None,
         *,
-        names: tuple[str, str] = ("tight", "tight_vins"),
+        outputs: FusedEstimates | None = None,
         check: RotationCheck | None = None,
         time_offset_s: float = 0.0,
         pictures_every: int | None = None,
@@ -82,13 +83,13 @@ class TightOdometry(Continuing, StreamingEstimator):
             leg_filter: a fresh filter that can remember a keyframe's state.
             make_smoother: makes a fresh smoother once the legs' first state is known.
             frontend: a fresh one; None where a recording has tracks, not frames.
-            names: of the trajectory at the joint rate and of that at the rate of the frames.
+            outputs: fresh makers of the estimates; by the names ``tight`` and ``tight_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscopes and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.
         """
         super().__init__(ImageClock(time_offset_s, waits=True))
-        self._joint_name, self._frame_name = names
+        self._made = outputs or FusedEstimates("tight", "tight_vins")
         self._filter, self._make_smoother = leg_filter, make_smoother
         self._vision = VisionChain(frontend, pictures_every)
         self._legs: LegPreintegration | None = None
@@ -120,7 +121,7 @@ class TightOdometry(Continuing, StreamingEstimator):
                     self._latest = state
                     if self._monitor is not None:
                         self._monitor.follow(state)
-                    yield Estimate(self._joint_name, state)
+                    yield self._made.of_joints(state)
                     yield from self._filter.take_events()
             case StereoFrame() | StereoTracks():
                 yield from self._process_frame(measurement)
@@ -231,7 +232,7 @@ class TightOdometry(Continuing, StreamingEstimator):
         covariance[:6, :6] = legs.true_covariance(measured, result.estimate.covariance[:6, :6])
         covariance[6:, 6:] = latest.covariance[6:, 6:]
         nav = replace(latest.nav, T_world_body=legs.true_pose(measured))
-        yield Estimate(self._frame_name, replace(result.estimate, nav=nav, covariance=covariance))
+        yield self._made.of_frame(replace(result.estimate, nav=nav, covariance=covariance))
 
 
 def tight_odometry(
@@ -287,6 +288,7 @@ def tight_odometry(
         leg_filter,
         make_smoother,
         stages,
+        outputs=FusedEstimates("tight", "tight_vins", smoother),
         check=RotationCheck(rig, *leg_filter.imu_rotations),
         time_offset_s=stereo.time_offset_s,
         pictures_every=pictures_every,

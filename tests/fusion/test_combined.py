@@ -35,6 +35,7 @@ from coclo_vio.fusion.feedback import (
     register_feedback_policy,
     unregister_feedback_policy,
 )
+from coclo_vio.fusion.fused_estimates import FusedEstimates
 from coclo_vio.geometry import se3
 from coclo_vio.values.errors import SmootherError
 from coclo_vio.values.estimates import StateEstimate
@@ -295,7 +296,7 @@ def test_the_result_of_the_last_keyframe_corrects_the_filter_at_the_end() -> Non
 def test_trajectories_are_named_on_request() -> None:
     smoother = NotingSmoother()
     leg_filter = LegOdometryFilter(DAISY, remembers_frames=True)
-    odometry = CombinedOdometry(leg_filter, smoother, NotingFrontend(), names=("legs", "vision"))
+    odometry = CombinedOdometry(leg_filter, smoother, NotingFrontend(), outputs=FusedEstimates("legs", "vision"))
     outputs = [output for one in with_images(0.7) for output in odometry.push(one)]
     assert {output.name for output in outputs if isinstance(output, Estimate)} == {"legs", "vision"}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What errors of the cameras' calibration do to a path by vision, which the window takes for exact.
+"""What errors of vision that last do to a path, which the window takes for exact.
 
 A wrong baseline or focal length stretches the path from its begin on by a constant share: a way in a straight line is
 wrong by that, and a loop that is closed is not.
@@ -10,58 +10,76 @@ constant share of its way. An IMU in the housing of the cameras is turned with t
 cameras, level, and the body is turned in it by e. Its heading where the path begins is the heading of the world by
 definition, so the vertical part of e turns the path instead. The lever from the body to the cameras is left out, as it
 errs by itself times e.
+
+Where depths are wrong by an amount that depends on the place in the image, such as those of the floor against those of
+walls, displacements are turned too, and no rotation of the body shows it: a right camera that is rolled by 0.6 mrad
+turns them by 0.8 mrad where a gyroscope measures rotations. A wrong focal length, and the scale of a gyroscope, make
+the heading wrong by a constant share of how far the body has turned.
 """
 
 import numpy as np
 
-from coclo_vio.backend.window.frame_estimate import FrameEstimate
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
 _UP = np.array([0.0, 0.0, 1.0])
+_ERRORS = 8  # scale, mounting (3), direction (3), share of the heading
 
 
 class CalibrationErrors:
-    """Follows a path, and holds the covariance that errors of the calibration add to it."""
+    """Follows a path, and holds the covariance that errors which last add to it."""
 
-    def __init__(self, scale_sigma: float, rotation_sigma_rad: float, *, imu_on_cameras: bool = False) -> None:
-        """Take how wrong the calibration may be.
+    def __init__(
+        self,
+        *,
+        scale_sigma: float = 0.0,
+        rotation_sigma_rad: float = 0.0,
+        direction_sigma_rad: float = 0.0,
+        heading_sigma: float = 0.0,
+        imu_on_cameras: bool = False,
+    ) -> None:
+        """Take how wrong vision may be.
 
         Args:
             scale_sigma: relative error of lengths.
             rotation_sigma_rad: of the cameras on the body, each axis, rad.
+            direction_sigma_rad: of displacements, about each axis of the body, rad.
+            heading_sigma: of the heading, as a share of how far the body has turned.
             imu_on_cameras: whether the IMU that levels the path is turned on the body with the cameras.
         """
-        self._sigmas = np.array([scale_sigma, *[rotation_sigma_rad] * 3])
+        self._sigmas = np.array([scale_sigma, *[rotation_sigma_rad] * 3, *[direction_sigma_rad] * 3, heading_sigma])
         self._imu_on_cameras = imu_on_cameras
-        self._position: Array | None = None  # of the last frame, world, m
+        self._before: Array | None = None  # pose at the last frame
         self._vertical = np.zeros(3)  # the upward direction in body axes where the path begins
-        self._changes = np.zeros((3, 4))  # of the position, world, by the scale and by the rotation
+        self._turned_rad = 0.0  # about the vertical since then
+        self._changes = np.zeros((3, _ERRORS))  # of the position, world, by the errors
 
-    def advance(self, frame: FrameEstimate) -> Array:
-        """Follow the path to a frame; the covariance that the errors add there, as that of ``StateEstimate``, (9, 9).
-
-        Args:
-            frame: the next one of the path; the first one is where it begins.
-        """
-        R, position = frame.T_world_body[:3, :3], frame.T_world_body[:3, 3]
-        if self._position is None:
+    def follow(self, T_world_body: Array) -> None:
+        """Follow the path to the pose of the next frame, (4, 4); the first one is where it begins."""
+        R = T_world_body[:3, :3]
+        if self._before is None:
             self._vertical = R[2].copy()
         else:
-            self._changes = self._changes + self._changes_of(R, position - self._position)
-        self._position = position.copy()
-        errors = np.zeros((9, 4))
+            self._turned_rad += float(so3.log(R @ self._before[:3, :3].T)[2])
+            self._changes = self._changes + self._changes_of(R, T_world_body[:3, 3] - self._before[:3, 3])
+        self._before = T_world_body.copy()
+
+    def covariance(self, T_world_body: Array, velocity_world: Array) -> Array:
+        """What the errors add at a pose (4, 4) and velocity, m/s, (3,), as that of ``StateEstimate``, (9, 9)."""
+        R = T_world_body[:3, :3]
+        errors = np.zeros((9, _ERRORS))
         if self._imu_on_cameras:
-            errors[:3, 1:] = np.eye(3) - np.outer(R[2], self._vertical)
+            errors[:3, 1:4] = np.eye(3) - np.outer(R[2], self._vertical)
+        errors[:3, 7] = self._turned_rad * R[2]
         errors[3:6] = R.T @ self._changes
-        errors[6:] = self._changes_of(R, frame.velocity_world)
+        errors[6:] = self._changes_of(R, velocity_world)
         errors *= self._sigmas
         return np.asarray(errors @ errors.T)
 
     def _changes_of(self, R_world_body: Array, vector_world: Array) -> Array:
-        """Of a vector by the scale and by the rotation of the cameras on the body, world, (3, 4)."""
+        """Of a vector by the errors, world, (3, 8)."""
+        by_direction = by_mounting = -R_world_body @ so3.hat(R_world_body.T @ vector_world)
         if self._imu_on_cameras:
-            by_rotation = np.outer(-np.cross(_UP, vector_world), self._vertical)
-        else:
-            by_rotation = -R_world_body @ so3.hat(R_world_body.T @ vector_world)
-        return np.column_stack((vector_world, by_rotation))
+            by_mounting = np.outer(-np.cross(_UP, vector_world), self._vertical)
+        by_heading = self._turned_rad * np.cross(_UP, vector_world)
+        return np.column_stack((vector_world, by_mounting, by_direction, by_heading))

@@ -237,6 +237,19 @@ class SmootherConfig(StageConfig):
         float,
         Field(ge=0, lt=0.2, description="error of the cameras' mounting, each axis, in the covariance of vins, rad"),
     ] = 0.004
+    direction_sigma_rad: Annotated[
+        float,
+        Field(
+            ge=0,
+            lt=0.2,
+            description="error of the direction of displacements by vision that lasts, about each axis of the body, in "
+            "the covariance of every mode with cameras, rad",
+        ),
+    ] = 0.0005
+    heading_sigma: Annotated[
+        float,
+        Field(ge=0, lt=0.2, description="error of the heading there, as a share of how far the body has turned"),
+    ] = 0.0005
     noise: Annotated[PixelNoiseConfig, Field(description="noise of the tracks")] = PixelNoiseConfig()
     disparity_offset: Annotated[DisparityOffsetConfig, Field(description="estimated offset of all disparities")] = (
         DisparityOffsetConfig()

@@ -93,7 +93,11 @@ class SlidingWindowSmoother:
         self._vision_ns = 0  # last frame with vision
         turned_rad = self.config.camera_rotation_sigma_rad if measures_gravity else 0.0
         self._calibration_errors = CalibrationErrors(
-            self.config.stereo_scale_sigma, turned_rad, imu_on_cameras=imu_on_cameras
+            scale_sigma=self.config.stereo_scale_sigma,
+            rotation_sigma_rad=turned_rad,
+            direction_sigma_rad=self.config.direction_sigma_rad,
+            heading_sigma=self.config.heading_sigma,
+            imu_on_cameras=imu_on_cameras,
         )
         self._tilt_errors = TiltErrors()
         self._anew: tuple[str, float] | None = None  # why the next frame begins a window, and how much later it is
@@ -332,7 +336,8 @@ class SlidingWindowSmoother:
             gyroscope, accelerometer = source.biases_body
             rate = source.rate_body
         if self._updater.given_start is None:
-            covariance += self._calibration_errors.advance(frame)
+            self._calibration_errors.follow(frame.T_world_body)
+            covariance += self._calibration_errors.covariance(frame.T_world_body, frame.velocity_world)
             if self._sources.measures_gravity:
                 covariance[3:6, 3:6] += self._tilt_errors.advance(frame)
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)

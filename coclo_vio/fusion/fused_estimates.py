@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The two trajectories of legs and vision together, with errors of vision that last in their covariance.
+
+Filter and window take each motion between keyframes for independent of the one before. Errors that are the same all
+along change no estimate, as nothing shows them, and stay out of what the two exchange. Stereo scale and mounting are
+states of the filter, and not among them.
+"""
+
+from dataclasses import replace
+
+from coclo_vio.backend.window.calibration_errors import CalibrationErrors
+from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.values.estimates import StateEstimate
+from coclo_vio.values.outputs import Estimate
+
+
+class FusedEstimates:
+    """Makes the outputs of an estimator at its frames and at its joint samples."""
+
+    def __init__(self, joint_name: str, frame_name: str, config: SmootherConfig | None = None) -> None:
+        """Name them.
+
+        Args:
+            joint_name: of the trajectory at the joint rate.
+            frame_name: of that at the rate of the frames.
+            config: how wrong the direction and the heading by vision may be; not at all if None.
+        """
+        self._joint_name, self._frame_name = joint_name, frame_name
+        self._errors = CalibrationErrors(
+            direction_sigma_rad=0.0 if config is None else config.direction_sigma_rad,
+            heading_sigma=0.0 if config is None else config.heading_sigma,
+        )
+
+    def of_frame(self, estimate: StateEstimate) -> Estimate:
+        """The estimate of the next frame."""
+        self._errors.follow(estimate.nav.T_world_body)
+        return Estimate(self._frame_name, self._with_errors(estimate))
+
+    def of_joints(self, estimate: StateEstimate) -> Estimate:
+        """An estimate after the last frame."""
+        return Estimate(self._joint_name, self._with_errors(estimate))
+
+    def _with_errors(self, estimate: StateEstimate) -> StateEstimate:
+        added = self._errors.covariance(estimate.nav.T_world_body, estimate.nav.velocity_world)
+        return replace(estimate, covariance=estimate.covariance + added)
