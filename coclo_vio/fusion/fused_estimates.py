@@ -8,8 +8,11 @@ states of the filter, and not among them.
 
 from dataclasses import replace
 
+import numpy as np
+
 from coclo_vio.backend.window.calibration_errors import CalibrationErrors
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.outputs import Estimate
 
@@ -30,10 +33,14 @@ class FusedEstimates:
             direction_sigma_rad=0.0 if config is None else config.direction_sigma_rad,
             heading_sigma=0.0 if config is None else config.heading_sigma,
         )
+        self._added: Array | None = None  # covariance that they add at the last frame, all of it in world axes, (9, 9)
 
     def of_frame(self, estimate: StateEstimate) -> Estimate:
         """The estimate of the next frame."""
-        self._errors.follow(estimate.nav.T_world_body)
+        T_world_body = estimate.nav.T_world_body
+        self._errors.follow(T_world_body)
+        to_world = _to_world(T_world_body)
+        self._added = to_world @ self._errors.covariance(T_world_body, estimate.nav.velocity_world) @ to_world.T
         return Estimate(self._frame_name, self._with_errors(estimate))
 
     def of_joints(self, estimate: StateEstimate) -> Estimate:
@@ -41,5 +48,14 @@ class FusedEstimates:
         return Estimate(self._joint_name, self._with_errors(estimate))
 
     def _with_errors(self, estimate: StateEstimate) -> StateEstimate:
-        added = self._errors.covariance(estimate.nav.T_world_body, estimate.nav.velocity_world)
-        return replace(estimate, covariance=estimate.covariance + added)
+        if self._added is None:
+            return estimate
+        to_world = _to_world(estimate.nav.T_world_body)
+        return replace(estimate, covariance=estimate.covariance + to_world.T @ self._added @ to_world)
+
+
+def _to_world(T_world_body: Array) -> Array:
+    """From the axes of the covariance of ``StateEstimate`` to those of the world, (9, 9)."""
+    to_world = np.eye(9)
+    to_world[:3, :3] = to_world[3:6, 3:6] = T_world_body[:3, :3]
+    return to_world
