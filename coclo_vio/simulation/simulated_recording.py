@@ -34,6 +34,7 @@ from coclo_vio.simulation.visuals.stereo_renderer import render_stereo
 from coclo_vio.values.config import StageConfig, merged, write_yaml
 from coclo_vio.values.errors import DatasetError
 from coclo_vio.values.measurements import EncodedStereoFrame
+from coclo_vio.values.script_guard import refuse_while_imported
 from coclo_vio.values.trajectory import Trajectory, write_tum
 from coclo_vio.values.units import NS_PER_S
 
@@ -215,7 +216,9 @@ def record(
     Raises:
         DatasetError: a path exists, cannot be written, or does not fit the format.
         SimulationError: the robot fell, or there is no OpenGL to render with.
+        CocloError: called by a script without ``if __name__ == "__main__":``, in a process that renders for it.
     """
+    refuse_while_imported("a simulation")
     recording_format = RecordingFormat.of(path, recording_format)
     execution = execution or Execution()
     on_simulated, planned_s = execution.on_simulated, plan.planned_s
