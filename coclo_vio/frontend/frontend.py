@@ -77,9 +77,9 @@ class StereoFrontend:
         return dict(self._counts)
 
     @property
-    def pair_errors(self) -> Array:
-        """Errors of the right camera's calibration as estimated, as those of ``PairCalibration``, (7,)."""
-        return self._calibration.errors
+    def pair_calibration(self) -> PairCalibration:
+        """Errors of the right camera's calibration as estimated so far."""
+        return self._calibration
 
     def track(self, frame: StereoFrame, T_previous_current: Array | None = None) -> StereoTracks:
         """The tracks of a frame.

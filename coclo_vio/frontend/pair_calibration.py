@@ -56,6 +56,11 @@ class PairCalibration:
         """
         return np.asarray(self._jacobians(left_px, disparity)[1] @ self.errors)
 
+    def row_sigmas(self, left_px: Array, disparity: Array) -> Array:
+        """One sigma of ``rows``, px, (N,)."""
+        by_row = self._jacobians(left_px, disparity)[1]
+        return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", by_row, self._regression.covariance, by_row)))
+
     def corrected(self, left_px: Array, right_px: Array) -> Array:
         """The pixels in the right image (N, 2) of a pair without these errors; NaN remains.
 

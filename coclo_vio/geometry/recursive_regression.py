@@ -43,7 +43,12 @@ class RecursiveRegression:
     @property
     def sigmas(self) -> Array:
         """One sigma of each constant, (k,)."""
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(self._prior + self._information))))
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def covariance(self) -> Array:
+        """Of the constants, (k, k)."""
+        return np.asarray(np.linalg.inv(self._prior + self._information))
 
     def learn(self, rows: Array, values: Array, added: Array | None = None) -> None:
         """Take a batch.

@@ -8,6 +8,7 @@ from textured_room import FOCAL_PX, HEIGHT, WIDTH, rig
 from coclo_vio.frontend.config import FrontendConfig, PairConfig
 from coclo_vio.frontend.frontend import StereoFrontend
 from coclo_vio.frontend.pair_calibration import PairCalibration
+from coclo_vio.frontend.pair_rows import row_difference
 from coclo_vio.geometry import se3, so3
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import RectifiedStereo
@@ -78,4 +79,15 @@ def test_the_front_end_finds_a_roll_that_its_calibration_lacks(walked: tuple[lis
 def test_interchanged_images_teach_nothing(walked: tuple[list[StereoFrame], Array]) -> None:
     frontend, frame = StereoFrontend(rig()), walked[0][0]
     frontend.track(replace(frame, left=frame.right, right=frame.left))
-    np.testing.assert_array_equal(frontend.pair_errors, 0.0)
+    np.testing.assert_array_equal(frontend.pair_calibration.errors, 0.0)
+
+
+@pytest.mark.parametrize("roll", [0.0, 4e-3, -4e-3])
+def test_rows_differ_in_the_corners_by_a_roll(walked: tuple[list[StereoFrame], Array], roll: float) -> None:
+    exact = rig()
+    turned = exact.T_body_right_camera @ se3.transform(so3.exp(np.array([0.0, 0.0, roll])), np.zeros(3))
+    calibration = exact.model_copy(update={"body_right_camera": tuple(map(tuple, turned.tolist()))})
+    found = row_difference(calibration, walked[0][:4])
+    assert found.roll_rad == pytest.approx(-roll, abs=0.4e-3)
+    assert abs(found.rows_px) == pytest.approx(0.5 * WIDTH * abs(roll), abs=3.0 * found.sigma_px)
+    assert 0.0 < found.sigma_px < 0.5

@@ -9,6 +9,7 @@ import numpy as np
 from coclo_vio.diagnosis.evidence import Evidence
 from coclo_vio.diagnosis.finding import Finding, Stage, error, warning
 from coclo_vio.frontend.pair_match import PairMatch, pair_match
+from coclo_vio.frontend.pair_rows import RowDifference, row_difference
 from coclo_vio.frontend.rectification import Rectifier
 from coclo_vio.values.calibration import CameraCalibration, StereoCalibration
 from coclo_vio.values.errors import ConfigError
@@ -25,6 +26,7 @@ _BY_CHANCE, _FEW = (
     1.6,
     0.03,
 )  # of a true pair more corners are matched than this many times by chance, and than this share
+_ROWS_PX, _SURE = 2.0, 2.0  # by which rows of a good calibration differ at most; sigmas beyond that
 _SHIFTED = 1.6  # times as many matches some rows away
 _FOCAL_PX = (0.2, 10.0)  # of the image's width
 _CENTRE = 0.25  # of the width and the height that a principal point may lie off the middle
@@ -106,12 +108,29 @@ def find_pairs(evidence: Evidence) -> Iterator[Finding]:
         yield error("no_rectification", Stage.CAMERAS, "stereo", f"the cameras cannot be rectified: {problem}")
         return
     as_is = _joined([pair_match(rectifier, frame) for frame in frames])
-    if as_is.corners < _FEWEST_CORNERS or as_is.matched > _SURE_PAIR * as_is.corners:
+    if as_is.corners < _FEWEST_CORNERS:
+        return
+    if as_is.matched > _SURE_PAIR * as_is.corners:
+        yield from _rows_off(row_difference(stereo, frames))
         return
     as_is = _joined([pair_match(rectifier, frame, searches_rows=True) for frame in frames])
     swapped = _joined([pair_match(rectifier, StereoFrame(f.stamp_ns, f.right, f.left)) for f in frames])
     setting = f"dataset.corrections.stereo.is_swapped={str(not evidence.corrections.stereo.is_swapped).lower()}"
     yield from _no_pair(as_is, swapped, len(frames), setting)
+
+
+def _rows_off(found: RowDifference) -> Iterator[Finding]:
+    if abs(found.rows_px) - _SURE * found.sigma_px > _ROWS_PX:
+        yield warning(
+            "pair_calibration",
+            Stage.CAMERAS,
+            "stereo",
+            f"the rows of the rectified images differ by up to {abs(found.rows_px):.1f} +- {found.sigma_px:.1f} px, in "
+            f"a corner; at most {_ROWS_PX:g} px is expected: by its images the right camera is rolled by "
+            f"{1e3 * abs(found.roll_rad):.1f} mrad against its calibration, and its rows are off by "
+            f"{abs(found.offset_px):.1f} px in the middle; the front end corrects what rows show, and distances stay "
+            "wrong by the rest: calibrate the cameras again",
+        )
 
 
 def _joined(matches: list[PairMatch]) -> PairMatch:
