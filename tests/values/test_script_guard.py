@@ -19,7 +19,7 @@ def work():
 
 
 @pytest.mark.parametrize(("last", "is_refused"), [("work()", True), ('if __name__ == "__main__":\n    work()', False)])
-def test_a_script_without_the_guard_is_told_so_by_its_processes(tmp_path: Path, last: str, is_refused: bool) -> None:
+def test_a_script_without_the_guard_fails_with_that_advice(tmp_path: Path, last: str, is_refused: bool) -> None:
     script = tmp_path / "script.py"
     script.write_text(WORK + last, encoding="utf-8")
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
