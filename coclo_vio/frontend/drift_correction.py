@@ -46,7 +46,9 @@ class DriftCorrector:
         if is_certain.any() and is_similar.mean() < 1.0 - self._config.dissimilar_share:
             everyone = np.ones(len(tracks), dtype=np.bool_)
             return self._with_new_templates(smooth_left, tracks, everyone), is_similar | is_certain
-        left_px = np.where(is_similar[:, None], found.centres, tracks.left_px)
+        bent = self._aligner.bend_shifts(tracks.templates, tracks.bends)
+        centres = found.centres - np.matmul(found.warps, bent[:, :, None])[:, :, 0]
+        left_px = np.where(is_similar[:, None], centres, tracks.left_px)
         moved = replace(tracks, left_px=left_px, warps=found.warps)
         is_outdated = is_similar & self._is_stretched(found.warps)
         return self._with_new_templates(smooth_left, moved, is_outdated), is_similar
@@ -67,4 +69,5 @@ class DriftCorrector:
             return tracks
         templates = self.templates(smooth_left, tracks.left_px[chosen])
         warps = np.where(chosen[:, None, None], np.eye(2), tracks.warps)
-        return replace(tracks, templates=tracks.templates.replaced(chosen, templates), warps=warps)
+        bends = np.where(chosen[:, None], 0.0, tracks.bends)
+        return replace(tracks, templates=tracks.templates.replaced(chosen, templates), warps=warps, bends=bends)

@@ -128,6 +128,21 @@ class PatchAligner:
         noise = self._config.noise / np.sqrt(len(self._weights))
         return np.asarray(noise * np.sqrt(np.diagonal(templates.inverses, axis1=1, axis2=2)))
 
+    def bend_shifts(self, templates: Templates, bends: Array) -> Array:
+        """How far a warp without bend is shifted by the bend of the image, in the template's axes, px, (N, 2).
+
+        Where a step ``u`` of the template goes to ``warp u / (1 + bend u)``, an affine warp has to make up for the
+        displacement ``-u (bend u)``, which is the same on both sides of the centre.
+
+        Args:
+            templates: N patches, whose first two parameters are the shift.
+            bends: 1/px, (N, 2).
+        """
+        bent = (bends @ self._steps)[:, None] * self._steps  # (N, 2, P)
+        change = (templates.gradients[:, :2] * bent).sum(axis=1) * self._weights
+        by_parameter = np.matmul(templates.gradients, change[:, :, None].astype(np.float32))
+        return -np.asarray(np.matmul(templates.inverses, by_parameter)[:, :2, 0])
+
     def align(
         self, templates: Templates, image: FloatImage, centres: Array, warps: Array, start: Array | None = None
     ) -> Alignment:

@@ -47,12 +47,14 @@ def predicted_warps(
     rig: RectifiedStereo,
     tracks: ActiveTracks,
     T_previous_current: Array,
-) -> Array:
+) -> tuple[Array, Array]:
     """Affine warps (N, 2, 2) after a motion: from a step about each point in the last left image to one in this.
+
+    With them how their image bends (N, 2), 1/px: relative change of the growth of the depth per column and row.
 
     A point on a plane has an inverse depth ``n^T x`` that is linear in its normalised coordinates x, so the plane's
     image moves by the homography ``R + t n^T`` (Hartley and Zisserman, "Multiple View Geometry", 13.1); the warp is its
-    derivative. The plane is that of the point's disparity and slants; a point of unknown disparity is at infinity.
+    derivative, and a step ``u`` goes to ``warp u / (1 + bend u)``. The plane is that of the point's disparity and slants; a point of unknown disparity is at infinity.
 
     Args:
         rig: the cameras.
@@ -72,5 +74,6 @@ def predicted_warps(
     is_ahead = moved[:, 2] > _MIN_DEPTH_RATIO
     depth_ratio = np.where(is_ahead, moved[:, 2], 1.0)[:, None, None]
     warps = (homography[:, :2, :2] - (moved[:, :2, None] / depth_ratio) * homography[:, 2:, :2]) / depth_ratio
-    warps = warps * focal[:, None] / focal
-    return np.where(is_ahead[:, None, None], warps, np.eye(2))
+    warps = np.where(is_ahead[:, None, None], warps * focal[:, None] / focal, np.eye(2))
+    bends = homography[:, 2, :2] / depth_ratio[:, :, 0] / focal
+    return warps, np.where(is_ahead[:, None], bends, 0.0)

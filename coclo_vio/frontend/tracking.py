@@ -131,7 +131,15 @@ class PointTracker:
         self._counts["searched_by_motion"] += int(is_recoverable.sum())
         left_px = np.where(is_recoverable[:, None], expected_px, left_px)
         right_px = left_px - np.column_stack((disparity, np.zeros(len(left_px))))
-        warps = predicted_warps(self._rig, previous, T) @ previous.warps
-        moved = replace(previous, left_px=left_px, right_px=right_px, ages=previous.ages + 1, warps=warps)
+        warps, bends = predicted_warps(self._rig, previous, T)
+        bends = previous.bends + np.einsum("nji,nj->ni", previous.warps, bends)
+        moved = replace(
+            previous,
+            left_px=left_px,
+            right_px=right_px,
+            ages=previous.ages + 1,
+            warps=warps @ previous.warps,
+            bends=bends,
+        )
         chosen = np.asarray((is_found | is_recoverable) & self._is_allowed(left_px))
         return chosen, moved.select(chosen)

@@ -22,6 +22,7 @@ class ActiveTracks:
         slants: change of the disparity per column and per row, (N, 2): the slant of the surface.
         templates: reference templates of the patches.
         warps: map a step inside the template to one in the left image, (N, 2, 2).
+        bends: relative change, per column and row of the template, of how much the depth has grown since, 1/px, (N, 2).
     """
 
     ids: IntArray
@@ -31,6 +32,7 @@ class ActiveTracks:
     slants: Array
     templates: Templates
     warps: Array
+    bends: Array
 
     @classmethod
     def new(cls, first_id: int, left_px: Array, templates: Templates) -> Self:
@@ -45,6 +47,7 @@ class ActiveTracks:
             np.zeros((count, 2)),
             templates,
             np.tile(np.eye(2), (count, 1, 1)),
+            np.zeros((count, 2)),
         )
 
     def __len__(self) -> int:
@@ -72,6 +75,7 @@ class ActiveTracks:
             self.slants[chosen],
             self.templates.select(chosen),
             self.warps[chosen],
+            self.bends[chosen],
         )
 
     def joined(self, other: Self) -> Self:
@@ -86,4 +90,5 @@ class ActiveTracks:
             np.concatenate((self.slants, other.slants)),
             self.templates.joined(other.templates),
             np.concatenate((self.warps, other.warps)),
+            np.concatenate((self.bends, other.bends)),
         )
