@@ -54,7 +54,8 @@ def predicted_warps(
 
     A point on a plane has an inverse depth ``n^T x`` that is linear in its normalised coordinates x, so the plane's
     image moves by the homography ``R + t n^T`` (Hartley and Zisserman, "Multiple View Geometry", 13.1); the warp is its
-    derivative, and a step ``u`` goes to ``warp u / (1 + bend u)``. The plane is that of the point's disparity and slants; a point of unknown disparity is at infinity.
+    derivative, and a step ``u`` goes to ``warp u / (1 + bend u)``. The plane is that of the point's disparity and
+    slants; a point of unknown disparity is at infinity.
 
     Args:
         rig: the cameras.

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from textured_room import rig
@@ -32,7 +34,7 @@ def scene(count: int = 120, seed: int = 5, noise_px: float = 0.1) -> tuple[Activ
     moved, _ = RIG.pixels(se3.apply(se3.inverse(MOTION), points))
     ids = np.arange(count, dtype=np.int64)
     nothing = np.zeros((count, 2))
-    tracks = ActiveTracks(ids, left_px, right_px, ids + 1, nothing, NO_TEMPLATES, np.zeros((count, 2, 2)))
+    tracks = ActiveTracks(ids, left_px, right_px, ids + 1, nothing, NO_TEMPLATES, np.zeros((count, 2, 2)), nothing)
     return tracks, moved + noise_px * rng.standard_normal((count, 2))
 
 
@@ -70,9 +72,7 @@ def test_points_of_unknown_depth_are_not_checked() -> None:
     right_px = before.right_px.copy()
     right_px[::2] = np.nan
     now[::2] += 30.0
-    left_only = ActiveTracks(
-        before.ids, before.left_px, right_px, before.ages, before.slants, before.templates, before.warps
-    )
+    left_only = replace(before, right_px=right_px)
     motion = checked(left_only, now)
     assert motion.is_inlier.all()
     assert motion.checked == 60
@@ -86,6 +86,7 @@ def test_too_few_points_are_not_checked(count: int) -> None:
         before.slants[:count],
         NO_TEMPLATES,
         before.warps[:count],
+        before.bends[:count],
     )
     motion = checked(few, now[:count])
     assert motion.T_previous_current is None
@@ -106,13 +107,5 @@ def test_the_same_tracks_give_the_same_motion() -> None:
 def test_coincident_points_have_no_motion() -> None:
     before, now = scene()
     index = np.zeros(120, dtype=np.int64)
-    coincident = ActiveTracks(
-        before.ids,
-        before.left_px[index],
-        before.right_px[index],
-        before.ages,
-        before.slants,
-        NO_TEMPLATES,
-        before.warps,
-    )
+    coincident = replace(before, left_px=before.left_px[index], right_px=before.right_px[index])
     assert checked(coincident, now).is_inlier.all()

@@ -55,6 +55,28 @@ def test_a_patch_without_shear_is_biased_on_a_slanted_surface() -> None:
     assert np.abs(stiff.centres - truth).mean() > 10.0 * np.abs(free.centres - truth).mean()
 
 
+@pytest.mark.parametrize("bend", [(0.0, -0.0015), (0.0015, 0.0), (0.001, 0.001)])
+def test_the_perspective_that_an_affine_warp_lacks_is_taken_off_its_shift(bend: tuple[float, float]) -> None:
+    """An image in perspective, as of a floor that comes nearer: its point 200 + u was at u / (1 + bend u) + 200."""
+    about, b = np.array([[1.0, 0.0, 200.0], [0.0, 1.0, 200.0], [0.0, 0.0, 1.0]]), np.array(bend)
+    homography = about @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [*bend, 1.0]]) @ np.linalg.inv(about)
+    image = cv2.warpPerspective(
+        TEXTURE, homography, (400, 400), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    grid = GRID[np.abs(GRID - 200.0).max(axis=1) < 100.0]
+    steps, growth = grid - 200.0, 1.0 + (grid - 200.0) @ b
+    truth = steps / growth[:, None] + 200.0
+    warps = (np.eye(2) - (truth - 200.0)[:, :, None] * b) / growth[:, None, None]
+    bends = b / growth[:, None]
+    templates = ALIGNER.templates(ALIGNER.smooth_image(plain()), grid, FREE)
+    found = ALIGNER.align(templates, ALIGNER.smooth_image(image), truth + 0.3, warps)
+    shifts = np.matmul(found.warps, ALIGNER.bend_shifts(templates, bends)[:, :, None])[:, :, 0]
+    along = b / np.linalg.norm(b)
+    before, after = (np.mean((centres - truth) @ along) for centres in (found.centres, found.centres - shifts))
+    assert before < -0.02
+    assert abs(after) < 0.15 * abs(before)
+
+
 @pytest.mark.parametrize(("gain", "offset"), [(0.5, 10.0), (0.8, 40.0)])
 def test_alignment_is_invariant_to_exposure(gain: float, offset: float) -> None:
     shift = np.array([0.4, 0.7])

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from textured_room import rig
 
 from coclo_vio.frontend.config import PatchConfig
@@ -20,7 +23,7 @@ def tracks(disparity: np.ndarray = DISPARITY) -> ActiveTracks:
     ids = np.arange(len(LEFT_PX), dtype=np.int64)
     right_px = LEFT_PX - np.column_stack((disparity, np.zeros(len(ids))))
     templates = PatchAligner(PatchConfig()).templates(np.zeros((4, 4), np.float32), np.zeros((0, 2)), np.ones(6))
-    return ActiveTracks(ids, LEFT_PX, right_px, ids, SLANTS, templates, np.tile(np.eye(2), (len(ids), 1, 1)))
+    return replace(ActiveTracks.new(0, LEFT_PX, templates), right_px=right_px, slants=SLANTS)
 
 
 def test_pixels_are_predicted_from_depth_and_motion() -> None:
@@ -35,7 +38,9 @@ def test_without_motion_nothing_moves() -> None:
     pixels, disparity = PointPredictor(RIG, tracks()).pixels(np.eye(4))
     np.testing.assert_allclose(pixels, LEFT_PX)
     np.testing.assert_allclose(disparity, DISPARITY)
-    np.testing.assert_allclose(predicted_warps(RIG, tracks(), np.eye(4)), np.tile(np.eye(2), (4, 1, 1)), atol=1e-12)
+    warps, bends = predicted_warps(RIG, tracks(), np.eye(4))
+    np.testing.assert_allclose(warps, np.tile(np.eye(2), (4, 1, 1)), atol=1e-12)
+    np.testing.assert_array_equal(bends, 0.0)
 
 
 def test_a_point_of_unknown_depth_moves_with_the_median_and_stays_unknown() -> None:
@@ -53,16 +58,24 @@ def test_a_point_that_would_be_behind_the_camera_keeps_its_pixel() -> None:
     pixels, disparity = PointPredictor(RIG, tracks()).pixels(ahead)
     np.testing.assert_allclose(pixels, LEFT_PX)
     assert np.isfinite(disparity).all()
-    assert np.isfinite(predicted_warps(RIG, tracks(), ahead)).all()
+    assert all(np.isfinite(each).all() for each in predicted_warps(RIG, tracks(), ahead))
+
+
+def moved(offset: np.ndarray) -> np.ndarray:
+    """Pixels of the neighbours of the points, on the same planes, after the motion."""
+    points = RIG.points(LEFT_PX + offset, DISPARITY + SLANTS @ offset)
+    return RIG.pixels(se3.apply(se3.inverse(MOTION), points))[0]
 
 
 def test_the_warp_is_the_derivative_of_the_motion_of_the_plane() -> None:
     step = 1e-4
-
-    def moved(offset: np.ndarray) -> np.ndarray:
-        """Pixels of the neighbours of the points, on the same planes, after the motion."""
-        points = RIG.points(LEFT_PX + offset, DISPARITY + SLANTS @ offset)
-        return RIG.pixels(se3.apply(se3.inverse(MOTION), points))[0]
-
     columns = [(moved(step * axis) - moved(-step * axis)) / (2.0 * step) for axis in np.eye(2)]
-    np.testing.assert_allclose(predicted_warps(RIG, tracks(), MOTION), np.stack(columns, axis=2), atol=1e-7)
+    np.testing.assert_allclose(predicted_warps(RIG, tracks(), MOTION)[0], np.stack(columns, axis=2), atol=1e-7)
+
+
+@pytest.mark.parametrize("offset", [(8.0, 0.0), (0.0, -8.0), (5.0, 6.0)])
+def test_warp_and_bend_are_the_whole_motion_of_the_plane(offset: tuple[float, float]) -> None:
+    warps, bends = predicted_warps(RIG, tracks(), MOTION)
+    step = np.array(offset)
+    expected = moved(np.zeros(2)) + warps @ step / (1.0 + bends @ step)[:, None]
+    np.testing.assert_allclose(moved(step), expected, atol=1e-9)
