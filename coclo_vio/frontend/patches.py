@@ -129,10 +129,11 @@ class PatchAligner:
         return np.asarray(noise * np.sqrt(np.diagonal(templates.inverses, axis1=1, axis2=2)))
 
     def bend_shifts(self, templates: Templates, bends: Array) -> Array:
-        """How far a warp without bend is shifted by the bend of the image, in the template's axes, px, (N, 2).
+        """How far ``align`` puts patches off because their image bends, in the template's axes, px, (N, 2).
 
-        Where a step ``u`` of the template goes to ``warp u / (1 + bend u)``, an affine warp has to make up for the
-        displacement ``-u (bend u)``, which is the same on both sides of the centre.
+        A step ``u`` of the template goes to ``warp u / (1 + bend u)``: it is displaced by ``-u (bend u)``, to first
+        order, in the same direction on both sides of the centre. The affine warp that fits best makes up for it by a
+        shift, which follows from the template's gradients and priors as every step of ``align`` does.
 
         Args:
             templates: N patches, whose first two parameters are the shift.

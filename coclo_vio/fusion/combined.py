@@ -58,7 +58,7 @@ class CombinedOdometry(KeyframeBridge[FramesInTurn]):
             smoother: a fresh one without an IMU.
             frontend: a fresh one; None where a recording has tracks, not frames.
             config: policy and latency.
-            outputs: fresh makers of the estimates; by the names ``combined_coclo`` and ``combined_vins`` if None.
+            outputs: makes the estimates, a fresh one; with the names ``combined_coclo`` and ``combined_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.

@@ -73,7 +73,7 @@ class CombinedBeside(KeyframeBridge[VisionProcess]):
             leg_filter: a fresh filter that remembers frames; with ``held_frame_block`` one frame can wait.
             process: of the vision.
             config: of the exchange.
-            outputs: fresh makers of the estimates; by the names ``combined_coclo`` and ``combined_vins`` if None.
+            outputs: makes the estimates, a fresh one; with the names ``combined_coclo`` and ``combined_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             reports_innovations: whether the innovation of each keyframe's evidence is an output.

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from coclo_vio.backend.window.calibration_errors import CalibrationErrors
 from coclo_vio.backend.window.config import SmootherConfig
+from coclo_vio.backend.window.lasting_errors import LastingErrors
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.estimates import StateEstimate
 from coclo_vio.values.outputs import Estimate
@@ -29,7 +29,7 @@ class FusedEstimates:
             config: how wrong the direction and the heading by vision may be; not at all if None.
         """
         self._joint_name, self._frame_name = joint_name, frame_name
-        self._errors = CalibrationErrors(
+        self._errors = LastingErrors(
             direction_sigma_rad=0.0 if config is None else config.direction_sigma_rad,
             heading_sigma=0.0 if config is None else config.heading_sigma,
         )

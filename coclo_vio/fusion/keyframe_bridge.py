@@ -115,7 +115,7 @@ class KeyframeBridge(Continuing, StreamingEstimator, Generic[Frames]):
             leg_filter: a fresh filter that remembers frames.
             frames: processes frames; its smoother is a fresh one without an IMU.
             config: of the exchange.
-            outputs: fresh makers of the estimates; by the names ``combined_coclo`` and ``combined_vins`` if None.
+            outputs: makes the estimates, a fresh one; with the names ``combined_coclo`` and ``combined_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscope and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             reports_innovations: whether the innovation of each keyframe's evidence is an output.

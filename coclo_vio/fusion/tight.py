@@ -83,7 +83,7 @@ class TightOdometry(Continuing, StreamingEstimator):
             leg_filter: a fresh filter that can remember a keyframe's state.
             make_smoother: makes a fresh smoother once the legs' first state is known.
             frontend: a fresh one; None where a recording has tracks, not frames.
-            outputs: fresh makers of the estimates; by the names ``tight`` and ``tight_vins`` if None.
+            outputs: makes the estimates, a fresh one; with the names ``tight`` and ``tight_vins`` if None.
             check: a fresh comparison of rotations by cameras, gyroscopes and legs; None for none.
             time_offset_s: stamp of a frame plus this is the clock of the joints and the body's IMU, s.
             pictures_every: draw the tracks on every n-th frame; on none if None.

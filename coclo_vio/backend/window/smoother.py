@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from coclo_vio.backend.window.calibration_errors import CalibrationErrors
 from coclo_vio.backend.window.config import SmootherConfig
 from coclo_vio.backend.window.disparity_offset import DisparityOffset
 from coclo_vio.backend.window.event_log import EventLog
@@ -23,6 +22,7 @@ from coclo_vio.backend.window.inertial import is_possible
 from coclo_vio.backend.window.inertial_source import InertialSource
 from coclo_vio.backend.window.keyframe_selection import has_lost_overlap, is_keyframe, tracks_are_still
 from coclo_vio.backend.window.keyframe_source import KeyframeSource
+from coclo_vio.backend.window.lasting_errors import LastingErrors
 from coclo_vio.backend.window.motion_model import ConstantVelocityModel, PredictedMotion
 from coclo_vio.backend.window.odometry_source import ExternalOdometry, TwistSource
 from coclo_vio.backend.window.pixel_noise import PixelNoise
@@ -92,7 +92,7 @@ class SlidingWindowSmoother:
         self._outputs_from_ns = 0
         self._vision_ns = 0  # last frame with vision
         turned_rad = self.config.camera_rotation_sigma_rad if measures_gravity else 0.0
-        self._calibration_errors = CalibrationErrors(
+        self._lasting_errors = LastingErrors(
             scale_sigma=self.config.stereo_scale_sigma,
             rotation_sigma_rad=turned_rad,
             direction_sigma_rad=self.config.direction_sigma_rad,
@@ -336,8 +336,8 @@ class SlidingWindowSmoother:
             gyroscope, accelerometer = source.biases_body
             rate = source.rate_body
         if self._updater.given_start is None:
-            self._calibration_errors.follow(frame.T_world_body)
-            covariance += self._calibration_errors.covariance(frame.T_world_body, frame.velocity_world)
+            self._lasting_errors.follow(frame.T_world_body)
+            covariance += self._lasting_errors.covariance(frame.T_world_body, frame.velocity_world)
             if self._sources.measures_gravity:
                 covariance[3:6, 3:6] += self._tilt_errors.advance(frame)
         nav = NavState(frame.T_world_body, frame.velocity_world, rate, gyroscope, accelerometer)

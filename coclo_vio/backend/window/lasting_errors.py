@@ -12,9 +12,9 @@ definition, so the vertical part of e turns the path instead. The lever from the
 errs by itself times e.
 
 Where depths are wrong by an amount that depends on the place in the image, such as those of the floor against those of
-walls, displacements are turned too, and no rotation of the body shows it: a right camera that is rolled by 0.6 mrad
-turns them by 0.8 mrad where a gyroscope measures rotations. A wrong focal length, and the scale of a gyroscope, make
-the heading wrong by a constant share of how far the body has turned.
+walls, displacements are turned too, and no rotation of the body shows it. A right camera that is rolled by 0.6 mrad
+turns them by 0.8 mrad where a gyroscope measures rotations (computed for two frames of a floor and walls). A wrong
+focal length, and the scale of a gyroscope, make the heading wrong by a constant share of how far the body has turned.
 """
 
 import numpy as np
@@ -23,10 +23,10 @@ from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
 _UP = np.array([0.0, 0.0, 1.0])
-_ERRORS = 8  # scale, mounting (3), direction (3), share of the heading
+_MOUNTING, _HEADING, _ERRORS = slice(1, 4), 7, 8  # after the scale, and with the direction (3) between the two
 
 
-class CalibrationErrors:
+class LastingErrors:
     """Follows a path, and holds the covariance that errors which last add to it."""
 
     def __init__(
@@ -69,8 +69,8 @@ class CalibrationErrors:
         R = T_world_body[:3, :3]
         errors = np.zeros((9, _ERRORS))
         if self._imu_on_cameras:
-            errors[:3, 1:4] = np.eye(3) - np.outer(R[2], self._vertical)
-        errors[:3, 7] = self._turned_rad * R[2]
+            errors[:3, _MOUNTING] = np.eye(3) - np.outer(R[2], self._vertical)
+        errors[:3, _HEADING] = self._turned_rad * R[2]
         errors[3:6] = R.T @ self._changes
         errors[6:] = self._changes_of(R, velocity_world)
         errors *= self._sigmas
