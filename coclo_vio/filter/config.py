@@ -43,6 +43,21 @@ class InitialConfig(StageConfig):
     ] = 0.005
 
 
+class GroundConfig(StageConfig):
+    """The plane of the ground under rolling feet, by the last footholds."""
+
+    is_enabled: Annotated[
+        bool, Field(description="whether feet roll on the plane of the last footholds, where they lie in one")
+    ] = True
+    evenness_m: Annotated[
+        float, Field(gt=0, lt=0.1, description="one sigma of a foothold's distance from the plane of an even slope, m")
+    ] = 0.004
+    leg_height_sigma_m: Annotated[
+        float, Field(gt=0, lt=0.2, description="one sigma of the constant error of height of a leg's kinematics, m")
+    ] = 0.01
+    least_stance_s: Annotated[float, Field(ge=0, description="a foot that stood for less leaves no foothold, s")] = 0.05
+
+
 class RobustConfig(StageConfig):
     """The ``robust`` profile."""
 
@@ -122,6 +137,7 @@ class RobustConfig(StageConfig):
         ),
     ] = 0.35
     rolls_feet: Annotated[bool, Field(description="whether spherical feet roll about their contact point")] = True
+    ground: GroundConfig = GroundConfig()
     estimates_leg_scale: Annotated[
         bool, Field(description="whether the effective leg length is estimated, from the gyroscope against the legs")
     ] = False

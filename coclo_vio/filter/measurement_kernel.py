@@ -114,7 +114,7 @@ def _triples_of(
     if sensed.is_stationary:
         at = _set_imu(table, at, REST_VELOCITY, sensing.standstill_velocity_noise_mps)
         at = _set_imu(table, at, REST_RATE, sensing.standstill_rate_noise_radps)
-    at = _set_velocities(table, at, sensed, motion, rotation[2], compliance_m, sensing)
+    at = _set_velocities(table, at, sensed, motion, rotation, compliance_m, sensing)
     _set_positions(table, at, sensed, motion, rotation[2], foot_noise, sensing.hips_body)
     return table
 
@@ -133,17 +133,17 @@ def _set_velocities(
     at: int,
     sensed: Sensed,
     motion: FootMotion,
-    up: Array,
+    rotation: Array,
     compliance_m: float,
     sensing: SensingConstants,
 ) -> int:
     """Velocity of the body over the contact point of each used leg: ``measurement_model`` with ``_velocity_of``."""
-    arm = np.empty(3)
+    up, arm = rotation[2], np.empty(3)
     for leg in range(len(sensed.is_used)):
         if not sensed.is_used[leg]:
             continue
-        for i in range(3):
-            arm[i] = sensing.radii_m[leg] * up[i]
+        normal, radius = motion.normals[leg], sensing.radii_m[leg]
+        arm[0], arm[1], arm[2] = rotated_back(rotation, radius * normal[0], radius * normal[1], radius * normal[2])
         sigmas = sensing.joint_velocity_noise_radps, sensed.foot_velocity_noise_mps
         set_noise_factor(table.noise[at], sensed.jacobian[leg], arm, sigmas[0], sigmas[1])
         turn = sensed.angular_velocity_body[leg]

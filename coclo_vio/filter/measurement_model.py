@@ -154,7 +154,7 @@ def blocks(
         sensing: the legs and the parameters.
         reading: the measured values.
         motion: how the feet moved.
-        mean: the predicted mean, for the direction of the ground under a rolling foot.
+        mean: the predicted mean, for the direction of gravity and of the ground's normal in the body.
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
         dt_s: time since the last joint sample, s.
@@ -199,7 +199,7 @@ def _velocity_block(
     """
     feet = reading.feet
     up_body = mean.rotation.T @ UP
-    arms = sensing.radii_m[legs, None] * up_body
+    arms = sensing.radii_m[legs, None] * (motion.normals[legs] @ mean.rotation)
     arms_cross = so3.hat(arms)
     jacobian = feet.jacobian[legs]
     contact_jacobian = jacobian[:, 3:] + arms_cross @ jacobian[:, :3]

@@ -113,8 +113,10 @@ def _set_moved(
         if motion.holds[leg]:
             m = motion.turn_body[leg]
             cx, cy, cz = cross(m[0], m[1], m[2], wx, wy, wz)
-            x, y, _ = rotated(R, wx + m[0] - 0.5 * cx, wy + m[1] - 0.5 * cy, wz + m[2] - 0.5 * cz)
-            _add(moved, at, constants.radii_m[leg] * y, -constants.radii_m[leg] * x, 0.0)
+            x, y, z = rotated(R, wx + m[0] - 0.5 * cx, wy + m[1] - 0.5 * cy, wz + m[2] - 0.5 * cz)
+            normal, radius = motion.normals[leg], constants.radii_m[leg]
+            x, y, z = cross(x, y, z, normal[0], normal[1], normal[2])
+            _add(moved, at, radius * x, radius * y, radius * z)
         else:
             p, hip, scale = motion.position_body[leg], constants.hips_body[leg], vector[_LEG_SCALE]
             x, y, z = rotated(R_moved, p[0] + scale * (p[0] - hip[0]), p[1] + scale * (p[1] - hip[1]), p[2])
@@ -315,7 +317,8 @@ def _set_world_noise(rows: Array, R: Array, mean: Array, motion: FootMotion, con
     """Noise of rotation (rows 0 to 2) and motion (3 to 5) on velocity, position and feet."""
     for leg in range(len(motion.holds)):
         at, p = BODY + 3 * leg, motion.position_body[leg]
-        lx, ly, lz = 0.0, 0.0, constants.radii_m[leg]
+        normal, radius = motion.normals[leg], constants.radii_m[leg]
+        lx, ly, lz = radius * normal[0], radius * normal[1], radius * normal[2]
         if not motion.holds[leg]:
             lx, ly, lz = rotated(R, p[0], p[1], p[2])
             for i in range(3):

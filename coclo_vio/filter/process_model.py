@@ -32,7 +32,6 @@ from coclo_vio.values.arrays import Array
 UP = np.array([0.0, 0.0, 1.0])
 UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its last known position
 _ACCELERATIONS = 6  # rows of noise of the body: angular and linear acceleration
-_HAT_UP = so3.hat(UP)
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
 
@@ -90,7 +89,7 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_
     commutator = -0.5 * np.einsum("nij,pj->pni", so3.hat(motion.turn_body), turn)
     foot_turn = turn[:, None, :] + motion.turn_body + commutator
     foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
-    rolled = stack.feet + radii_m[:, None] * (foot_turn_world @ _HAT_UP)
+    rolled = stack.feet + radii_m[:, None] * np.cross(foot_turn_world, motion.normals)
     rolled += slip_velocity(stack, motion.position_body) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
     legs = motion.position_body + leg_scale_offset(vector[:, LEG_SCALE], motion.position_body, hips_body)
     carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
@@ -129,7 +128,7 @@ def noise_rows(
     rows = np.zeros((own_rows.start + 3 * layout.legs, layout.dimension))
     _set_body_rows(rows, mean, interval, angular_acceleration)
     world_turn, moved = rows[0:3, ROTATION], rows[3:6, POSITION]
-    lever = np.where(motion.holds[:, None], radii_m[:, None] * UP, motion.position_body @ mean.rotation.T)
+    lever = np.where(motion.holds[:, None], radii_m[:, None] * motion.normals, motion.position_body @ mean.rotation.T)
     feet = rows[:, layout.feet].reshape(len(rows), layout.legs, 3)  # a copy: written back below
     feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
     feet[3:6, ~motion.holds] = moved[:, None]

@@ -14,6 +14,7 @@ from coclo_vio.filter.acceleration_input import AccelerationInput
 from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.gravity import GravityScale, GravityWindow
+from coclo_vio.filter.ground_plane import GroundPlane
 from coclo_vio.filter.imu_delay import ImuDelay
 from coclo_vio.filter.initialisation import FootPrior
 from coclo_vio.filter.leg_check import LegCheck
@@ -103,7 +104,8 @@ class RobustProfile:
 
     def start(self, reading: Reading) -> None:
         """Take the first reading; its feet in stance become footholds."""
-        self._footholds = Footholds(reading, self._robot.contact.on_force)
+        ground = GroundPlane(self.layout.legs, self._config.ground)
+        self._footholds = Footholds(reading, self._robot.contact.on_force, ground)
         self._rejecting_s = 0.0
         config = self._config.leg_check
         foot_m = float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).mean() / np.sqrt(3.0))
@@ -153,6 +155,8 @@ class RobustProfile:
         if self._soles is not None:
             self._soles.update(core, reading, reading.is_stance & ~rejected, is_gap=is_gap)
         self._compare_legs(core, reading, is_gap=is_gap)
+        if self._config.ground.is_enabled and self._config.rolls_feet:
+            self._footholds.ground.push(core.mean.feet, reading.is_stance & ~rejected, dt_s)
         if self.imu_delay is not None and self._config.imu_delay_sigma_s > 0.0:
             self.imu_delay.push(reading, core.mean.rotation[2], core.mean.vector[GYROSCOPE_BIAS])
         return reading.is_stance & ~rejected

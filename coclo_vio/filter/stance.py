@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coclo_vio.filter import stance_kernel
+from coclo_vio.filter.ground_plane import GroundPlane
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.leg_sensing import Reading
@@ -29,6 +30,7 @@ class FootMotion(NamedTuple):
         load_ratio: load on each foot as a multiple of the load from which a foot stands, (n,); where unknown the last
             known one, 0 before.
         load_ratio_rate: its rate of change, 1/s, (n,); 0 where unknown.
+        normals: of the ground under each foot, on which it rolls, world, (n, 3).
     """
 
     holds: BoolArray
@@ -37,6 +39,7 @@ class FootMotion(NamedTuple):
     is_known: BoolArray
     load_ratio: Array
     load_ratio_rate: Array
+    normals: Array
 
 
 def load_ratio_of(reading: Reading, standing_load: float, before: Array) -> Array:
@@ -58,9 +61,16 @@ class Footholds:
     A foot that swings, slips or is unknown is carried with the body until it stands again.
     """
 
-    def __init__(self, reading: Reading, standing_load: float) -> None:
-        """Args: the first reading, and the load (N or counts) from which a foot stands."""
+    def __init__(self, reading: Reading, standing_load: float, ground: GroundPlane | None = None) -> None:
+        """Remember the first reading.
+
+        Args:
+            reading: it.
+            standing_load: N or counts, from which a foot stands.
+            ground: follows the ground under the feet; None for level ground.
+        """
         self._standing_load = standing_load
+        self.ground = ground or GroundPlane(len(reading.contact.load))
         self._stamp_ns = reading.stamp_ns
         self._load_ratio = load_ratio_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
         self._is_loaded = np.isfinite(reading.contact.load)
@@ -70,6 +80,8 @@ class Footholds:
 
     def advance(self, reading: Reading, *, is_gap: bool) -> FootMotion:
         """Take the next reading; after a gap no foothold is valid."""
+        if is_gap:
+            self.ground.clear()
         is_known = reading.is_known
         holds = self._has_foothold & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
@@ -82,13 +94,14 @@ class Footholds:
         is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         load_ratio_rate = np.where(is_loaded & self._is_loaded, load_ratio - self._load_ratio, 0.0) / dt_s
         self._load_ratio, self._is_loaded, self._stamp_ns = load_ratio, is_loaded, reading.stamp_ns
-        return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate)
+        return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate, self.ground.normals)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from their last known positions, while there is no joint sample."""
         legs = len(self._has_foothold)
         none = np.zeros(legs, dtype=np.bool_)
-        return FootMotion(none, self._position_body, np.zeros((legs, 3)), none, self._load_ratio, np.zeros(legs))
+        normals, still = self.ground.normals, np.zeros((legs, 3))
+        return FootMotion(none, self._position_body, still, none, self._load_ratio, np.zeros(legs), normals)
 
     def release(self, legs: BoolArray) -> None:
         """Drop the footholds of these legs (n,): they slipped."""

@@ -14,6 +14,7 @@ from state_layouts import layout_of, state_of
 
 from coclo_vio.filter import stance, stance_kernel
 from coclo_vio.filter.config import InitialConfig, RobustConfig
+from coclo_vio.filter.ground_plane import GroundPlane
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.passive_states import PassiveStates
 from coclo_vio.filter.robust_profile import RobustProfile
@@ -50,6 +51,13 @@ def unknown(reading: Reading, leg: int) -> Reading:
     for array in arrays.values():
         array[leg] = np.nan
     return replace(reading, feet=replace(feet, **arrays))
+
+
+def on_slopes(ground: GroundPlane, *_: object) -> None:
+    """Each foot on a slope of its own, where the ground is followed."""
+    slopes = np.linspace(-0.4, 0.5, len(ground.normals))
+    normals = np.column_stack((slopes, slopes[::-1], np.ones(len(slopes))))
+    ground.normals = normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
 def lying(reading: Reading) -> Reading:
@@ -99,7 +107,9 @@ def test_every_step_equals_that_in_numpy(
     daisy: RobotModel,
     noisy_walk: AnalyticTrial,
     readings_of: Readings,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(GroundPlane, "push", on_slopes)
     readings = disturbed(readings_of(noisy_walk.measurements)[FIRST : FIRST + STEPS])
     config = RobustConfig(estimates_leg_scale=True, takes_slip_for_known=takes_slip_for_known)
     counts = Counter[str](), Counter[str]()

@@ -161,6 +161,7 @@ def test_noise_rows_against_finite_differences() -> None:
         np.array([True, True, False]),
         np.zeros(LEGS),
         np.zeros(LEGS),
+        np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
     )
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
@@ -173,13 +174,13 @@ def test_noise_rows_against_finite_differences() -> None:
         foot_noise=foot_noise,
         angular_acceleration=config.angular_acceleration_density,
     )
-    density, up = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0), np.array([0.0, 0.0, 1.0])
+    density = config.angular_acceleration_density * np.sqrt(0.01**3 / 4.0)
     for axis in range(3):
         turn = STEP * density * mean.rotation[:, axis]  # the body turns about its own axis, in world axes
         moved = stack_of(mean)
         vector = moved.vector.copy()
         feet = mean.feet.copy()
-        feet[0] += np.cross(turn, radii_m[0] * up)
+        feet[0] += np.cross(turn, radii_m[0] * motion.normals[0])
         feet[1:] = mean.vector[POSITION] + (feet[1:] - mean.vector[POSITION]) @ so3.exp(turn).T
         vector[0, layout.feet] = feet.ravel()
         vector[0, RATE] += STEP * rows[axis, RATE]
@@ -200,7 +201,7 @@ def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None
     layout = layout_of(1)
     mean = State(layout, np.eye(3), np.zeros(layout.dimension), np.tile(np.eye(3), (len(layout.poses), 1, 1)))
     held = np.array([True])
-    motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1))
+    motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1), np.zeros((1, 3)))
     config, dt_s = RobustConfig(), 0.02
     rows = process_model.noise_rows(
         mean,

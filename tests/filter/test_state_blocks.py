@@ -36,7 +36,8 @@ Model = Callable[[State], State]
 def random_motion(random: np.random.Generator) -> FootMotion:
     holds = np.array([True, False, True, False])
     places, turns, loads = random.normal(size=(LEGS, 3)), random.normal(size=(LEGS, 3)), random.uniform(size=LEGS)
-    return FootMotion(holds, places, turns, np.ones(LEGS, dtype=np.bool_), loads, random.normal(size=LEGS))
+    normals = random.normal(size=(LEGS, 3))
+    return FootMotion(holds, places, turns, np.ones(LEGS, dtype=np.bool_), loads, random.normal(size=LEGS), normals)
 
 
 def robust_process(random: np.random.Generator) -> Model:
