@@ -3,9 +3,9 @@
 
 A spherical foot rolls about its point of contact, which lies below its centre by the radius along the ground's normal.
 On a slope that is not the vertical: taken for it, the height of a climb is short by the radius times the rotation of
-the foot link times the sine of the slope, 0.7 % of the way of a robot with feet of 20 mm on 17 degrees. The slope is
-that of a plane through the last footholds. Where they do not lie in a plane, as on stairs, each foot is taken to stand
-on level ground.
+the foot link times the sine of the slope, half a per cent of the way and more for feet of 20 mm on 16 degrees. The
+slope is that of a plane through the last footholds next to the foot. Where they do not lie in a plane, as on stairs,
+the foot is taken to stand on level ground.
 """
 
 from collections import deque

@@ -15,7 +15,8 @@ from functools import partial
 import numpy as np
 
 from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.process_model import UP, leg_scale_offset, slip_velocity
+from coclo_vio.filter.ground_plane import UP
+from coclo_vio.filter.process_model import leg_scale_offset, slip_velocity
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import (
     ACCELEROMETER_BIAS,

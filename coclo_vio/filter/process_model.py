@@ -29,7 +29,6 @@ from coclo_vio.filter.state import (
 from coclo_vio.geometry import so3
 from coclo_vio.values.arrays import Array
 
-UP = np.array([0.0, 0.0, 1.0])
 UNKNOWN_LEG_NOISE_M = 0.1  # of a foot whose joints are unknown: it is near its last known position
 _ACCELERATIONS = 6  # rows of noise of the body: angular and linear acceleration
 _HORIZONTAL = np.array([1.0, 1.0, 0.0])

@@ -12,7 +12,7 @@ import pytest
 
 from coclo_vio.experiments import benchmark
 from coclo_vio.experiments.filterpy_rival import FilterpyRival
-from coclo_vio.filter.config import InitialConfig, RobustConfig
+from coclo_vio.filter.config import GroundConfig, InitialConfig, RobustConfig
 from coclo_vio.filter.initialisation import initial_filter
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.state import ACCELEROMETER_BIAS, LEG_COMPLIANCE, POSITION, RATE, ROTATION
@@ -29,7 +29,11 @@ def test_filterpy_runs_the_same_models() -> None:
     density = robot.description.imu.gyroscope_noise_density
     initial = InitialConfig(moving_tilt_rad=0.01, moving_velocity_mps=0.1, accelerometer_bias_mps2=0.05)
     config = RobustConfig(  # the rival learns nothing
-        imu_delay_s=0.0, imu_delay_sigma_s=0.0, gravity_least_scale=1.0, acceleration_input_density=1.0
+        imu_delay_s=0.0,
+        imu_delay_sigma_s=0.0,
+        gravity_least_scale=1.0,
+        acceleration_input_density=1.0,
+        ground=GroundConfig(is_enabled=False),
     )
     profile = RobustProfile(robot, config, Counter(), initial=initial)
     core = initial_filter(
