@@ -25,6 +25,7 @@ from coclo_vio.filter.state import (
     GYROSCOPE_BIAS,
     LEG_COMPLIANCE,
     LEG_SCALE,
+    LOAD_SLIP,
     POSITION,
     RATE,
     ROTATION,
@@ -120,8 +121,9 @@ class FilterpyRival:
         rolled[:, 0] += self._radii_m * turned[:, 1]
         rolled[:, 1] -= self._radii_m * turned[:, 0]
         slip = x[SLIP] + np.cross(x[SLIP_TURN], motion.position_body)
-        rolled += slip @ rotation.T * (inputs.speed_mps * dt_s)
-        moved[SLIP_TURN.start : SLIP.stop] *= math.exp(-dt_s / self._config.slip_memory_s)
+        slip = inputs.speed_mps * slip + motion.takeover_speed * x[LOAD_SLIP]
+        rolled += slip @ rotation.T * dt_s
+        moved[SLIP_TURN.start : LOAD_SLIP.stop] *= math.exp(-dt_s / self._config.slip_memory_s)
         legs = motion.position_body.copy()
         legs[:, :2] += x[LEG_SCALE] * (legs - self._hips)[:, :2]
         carried = position + legs @ rotated.T
@@ -134,6 +136,7 @@ class FilterpyRival:
         rotation = _rotation(x[ROTATION])
         scale, compliance_m, legs = x[LEG_SCALE], x[LEG_COMPLIANCE], inputs.legs
         slip = inputs.speed_mps * np.stack((x[SLIP], x[SLIP_TURN]))
+        slip[0] += inputs.motion.takeover_speed * x[LOAD_SLIP]
         velocity = x[VELOCITY] @ rotation - slip[0] + (x[RATE] - slip[1]) @ inputs.levers_cross
         velocity[:, :2] -= scale * (velocity - inputs.rolling)[:, :2]
         velocity += inputs.compliance_velocity
@@ -162,7 +165,8 @@ class FilterpyRival:
 
     def _inputs(self, reading: Reading, footholds: Footholds, dt_s: float, gyroscope_noise: float) -> _Inputs:
         config, robot = self._config, self._robot.description
-        motion, feet = footholds.advance(reading, is_gap=False), reading.feet
+        speed_mps = float(np.linalg.norm(self.ukf.x[VELOCITY]))
+        motion, feet = footholds.advance(reading, speed_mps=speed_mps, is_gap=False), reading.feet
         linear = feet.jacobian[:, 3:]
         encoders = linear @ np.swapaxes(linear, 1, 2) * robot.encoder_noise_rad**2
         position_noise = encoders + config.foot_position_noise_m**2 * np.eye(3)
@@ -192,7 +196,7 @@ class FilterpyRival:
             motion.load_ratio[held, None] * up_body,
             np.concatenate(measured),
             noise,
-            float(np.linalg.norm(self.ukf.x[VELOCITY])),
+            speed_mps,
         )
 
     def _process_noise(self, inputs: _Inputs) -> Array:

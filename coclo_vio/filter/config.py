@@ -159,6 +159,15 @@ class RobustConfig(StageConfig):
             ge=0, lt=1, description="one sigma of the common slip of all standing feet, as a share of the body's speed"
         ),
     ] = 0.015
+    load_slip_part: Annotated[
+        float | None,
+        Field(
+            ge=0,
+            le=1,
+            description="part of the variance of that slip that comes while standing feet take over the weight of one "
+            "that lifts off; null: half with more than four legs, otherwise none",
+        ),
+    ] = None
     slip_turn_per_m: Annotated[
         float,
         Field(

@@ -105,6 +105,7 @@ def _triples_of(
         np.zeros((count, 3)),
         np.zeros((count, 3)),
         np.zeros((count, 3)),
+        motion.takeover_speed,
     )
     at = 0
     if has_rate:
@@ -199,7 +200,7 @@ def _set_linear(predicted: Array, vector: Array, R: Array, scale: float, table: 
             x, y, z = vector[at], vector[at + 1], vector[at + 2]
         elif kind == LEG_VELOCITY:
             x, y, z = cross(wx, wy, wz, lever[0], lever[1], lever[2])
-            sx, sy, sz = slip_velocity(vector, lever, speed)
+            sx, sy, sz = slip_velocity(vector, lever, speed, table.takeover_speed)
             x, y, z = (1.0 - scale) * (x + bx - sx), (1.0 - scale) * (y + by - sy), z + bz - sz
         else:
             foot, compliance = BODY + 3 * table.leg[row], vector[_LEG_COMPLIANCE]

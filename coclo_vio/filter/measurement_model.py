@@ -75,7 +75,9 @@ def _rest(stack: State) -> Array:
     return np.concatenate((stack.vector[:, VELOCITY], stack.vector[:, RATE]), axis=1)
 
 
-def _velocity_of(levers: Array, rolling: Array, compliance_velocity: Array) -> Callable[[State], Array]:
+def _velocity_of(
+    levers: Array, rolling: Array, compliance_velocity: Array, takeover_speed: float
+) -> Callable[[State], Array]:
     """Velocities ``R^T v + w x lever`` of body points at contacts, body frame, as legs of nominal length measure them.
 
     Args:
@@ -84,6 +86,7 @@ def _velocity_of(levers: Array, rolling: Array, compliance_velocity: Array) -> C
         compliance_velocity: velocity at which each leg is compressed, m/s, body frame, (k, 3), at the mean of the leg
             compliance: a constant here, because the rate of a noisy load is mostly noise, and an estimate from it would
             be biased to zero.
+        takeover_speed: as in ``FootMotion``.
     """
     cross = np.concatenate(list(so3.hat(levers)), axis=1)
 
@@ -91,7 +94,7 @@ def _velocity_of(levers: Array, rolling: Array, compliance_velocity: Array) -> C
         count = len(stack.vector)
         velocity = (stack.vector[:, RATE] @ cross).reshape(count, -1, 3)
         velocity += stack.vector[:, None, VELOCITY] @ stack.rotation
-        velocity -= slip_velocity(stack, levers)
+        velocity -= slip_velocity(stack, levers, takeover_speed)
         velocity[..., :2] -= stack.vector[:, LEG_SCALE, None] * (velocity - rolling)[..., :2]
         velocity += compliance_velocity
         return np.asarray(velocity.reshape(count, -1))
@@ -208,7 +211,7 @@ def _velocity_block(
     rolling = -(arms_cross @ feet.angular_velocity_body[legs, :, None])[:, :, 0]
     measured = rolling - feet.velocity_body[legs]
     compliance_velocity = mean.vector[LEG_COMPLIANCE] * motion.load_ratio_rate[legs, None] * up_body
-    model = _velocity_of(feet.position_body[legs] - arms, rolling, compliance_velocity)
+    model = _velocity_of(feet.position_body[legs] - arms, rolling, compliance_velocity, motion.takeover_speed)
     noise = np.asarray(np.linalg.cholesky(squared + sigma_mps**2 * np.eye(3)))
     return Block(measured.ravel(), model, noise, legs)
 

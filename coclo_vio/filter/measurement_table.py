@@ -70,6 +70,7 @@ class Triples(NamedTuple):
             to the contact; of a foot's position: upward direction times load ratio; body frame, (k, 3).
         added: (k, 3).
         scaled: (k, 3).
+        takeover_speed: as in ``FootMotion``.
     """
 
     kind: IntArray
@@ -79,6 +80,7 @@ class Triples(NamedTuple):
     lever: Array
     added: Array
     scaled: Array
+    takeover_speed: float
 
 
 class Measured(NamedTuple):
@@ -108,4 +110,4 @@ def gravity_table(force_body: Array, sigma: float) -> Triples:
     """
     nothing, row = np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
     noise = sigma * np.eye(3)[None]
-    return Triples(row + GRAVITY, row + NO_LEG, force_body[None], noise, nothing, nothing, nothing)
+    return Triples(row + GRAVITY, row + NO_LEG, force_body[None], noise, nothing, nothing, nothing, 0.0)

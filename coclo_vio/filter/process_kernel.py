@@ -21,6 +21,7 @@ from coclo_vio.filter.state import (
 from coclo_vio.filter.state import (
     LEG_COMPLIANCE,
     LEG_SCALE,
+    LOAD_SLIP,
     POSITION,
     RATE,
     SLIP,
@@ -33,6 +34,7 @@ from coclo_vio.geometry.compiled import compiled, inlined
 from coclo_vio.geometry.so3_kernels import cross, rotated, rotated_back, set_exp, set_product, set_product_transposed
 
 _LEG_SCALE, _RATE, _LEG_COMPLIANCE, _SLIP_TURN = LEG_SCALE.start, RATE.start, LEG_COMPLIANCE.start, SLIP_TURN.start
+_LOAD_SLIP = LOAD_SLIP.start
 _SLIP, _VELOCITY, _POSITION = SLIP.start, VELOCITY.start, POSITION.start
 _ACCELERATIONS = 6  # rows of noise of the body: angular and linear acceleration
 
@@ -59,11 +61,15 @@ class Step(NamedTuple):
 
 
 @compiled
-def slip_velocity(vector: Array, position_body: Array, speed: float) -> tuple[float, float, float]:
+def slip_velocity(vector: Array, position_body: Array, speed: float, takeover: float) -> tuple[float, float, float]:
     """Velocity of a standing foot's slip, body axes, m/s: ``process_model.slip_velocity`` of one foot (3,)."""
     x, y, z = position_body[0], position_body[1], position_body[2]
     x, y, z = cross(x, y, z, vector[_SLIP_TURN], vector[_SLIP_TURN + 1], vector[_SLIP_TURN + 2])
-    return speed * (vector[_SLIP] - x), speed * (vector[_SLIP + 1] - y), speed * (vector[_SLIP + 2] - z)
+    return (
+        speed * (vector[_SLIP] - x) + takeover * vector[_LOAD_SLIP],
+        speed * (vector[_SLIP + 1] - y) + takeover * vector[_LOAD_SLIP + 1],
+        speed * (vector[_SLIP + 2] - z) + takeover * vector[_LOAD_SLIP + 2],
+    )
 
 
 @inlined
@@ -89,7 +95,7 @@ def _set_flat(moved: Array, vector: Array, R: Array, motion: FootMotion, step: S
     for leg in range(len(motion.holds)):
         at = BODY + 3 * leg
         if motion.holds[leg]:
-            sx, sy, sz = slip_velocity(vector, motion.position_body[leg], step.speed)
+            sx, sy, sz = slip_velocity(vector, motion.position_body[leg], step.speed, motion.takeover_speed)
             x, y, z = rotated(R, sx, sy, sz)
             _add(moved, at, x * step.dt_s, y * step.dt_s, z * step.dt_s)
         else:

@@ -18,6 +18,7 @@ from coclo_vio.filter.stance import FootMotion
 from coclo_vio.filter.state import (
     LEG_COMPLIANCE,
     LEG_SCALE,
+    LOAD_SLIP,
     POSITION,
     RATE,
     ROTATION,
@@ -60,7 +61,7 @@ def leg_scale_offset(scale: Array, position_body: Array, hips_body: Array) -> Ar
     return added
 
 
-def slip_velocity(stack: State, position_body: Array) -> Array:
+def slip_velocity(stack: State, position_body: Array, takeover_speed: float) -> Array:
     """Velocity at which standing feet at ``position_body`` (n, 3) slip together, body axes, m/s, (points, n, 3).
 
     In proportion to the speed of the mean (the stack's first point is its centre), which is a constant here: the slip
@@ -68,7 +69,7 @@ def slip_velocity(stack: State, position_body: Array) -> Array:
     """
     speed = float(np.linalg.norm(stack.vector[0, VELOCITY]))
     slip = stack.vector[:, None, SLIP] - position_body @ so3.hat(stack.vector[:, SLIP_TURN])
-    return np.asarray(speed * slip)
+    return np.asarray(speed * slip + takeover_speed * stack.vector[:, None, LOAD_SLIP])
 
 
 def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_body: Array) -> State:
@@ -89,7 +90,9 @@ def predict(stack: State, dt_s: float, motion: FootMotion, radii_m: Array, hips_
     foot_turn = turn[:, None, :] + motion.turn_body + commutator
     foot_turn_world = foot_turn @ np.swapaxes(stack.rotation, -1, -2)
     rolled = stack.feet + radii_m[:, None] * np.cross(foot_turn_world, motion.normals)
-    rolled += slip_velocity(stack, motion.position_body) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
+    rolled += (
+        slip_velocity(stack, motion.position_body, motion.takeover_speed) @ np.swapaxes(stack.rotation, -1, -2) * dt_s
+    )
     legs = motion.position_body + leg_scale_offset(vector[:, LEG_SCALE], motion.position_body, hips_body)
     carried = vector[:, None, POSITION] + legs @ np.swapaxes(rotation, -1, -2)
     carried[..., 2] += vector[:, LEG_COMPLIANCE] * motion.load_ratio

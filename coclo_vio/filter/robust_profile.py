@@ -24,16 +24,14 @@ from coclo_vio.filter.robust_models import DirectModels, Expectation, RobustMode
 from coclo_vio.filter.sole_rotation import SOLES, SoleRotation, sole_block
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
-from coclo_vio.filter.state import CONSIDERED_BY_LEGS, GYROSCOPE_BIAS, StateLayout
-from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas, robust_blocks
+from coclo_vio.filter.state import CONSIDERED_BY_LEGS, GYROSCOPE_BIAS, VELOCITY, StateLayout
+from coclo_vio.filter.state_blocks import FEW_LEGS, StateBlock, bias_sigmas, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
 from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.robot.model import RobotModel
 from coclo_vio.values.arrays import Array, BoolArray
-
-_FEW_LEGS = 4  # in a trot two of them stand: their measurements contradict each other with one sign for long
 
 
 class RobustProfile:
@@ -127,7 +125,7 @@ class RobustProfile:
     ) -> BoolArray:
         """Predict to the reading and update by it; returns the legs that were used as stance, (n,)."""
         assert self._footholds is not None, "start() comes first"
-        motion = self._footholds.advance(reading, is_gap=is_gap)
+        motion = self._footholds.advance(reading, speed_mps=_speed_of(core), is_gap=is_gap)
         foot_noise = self._models.foot_noise(reading)
         self._counts["no_contact"] += not reading.is_stance.any()
         if self.imu_delay is not None:
@@ -233,6 +231,11 @@ class RobustProfile:
         expectation.update(core, expectation.rejected)
 
 
+def _speed_of(core: SquareRootFilter) -> float:
+    """Speed of the body, m/s."""
+    return float(np.linalg.norm(core.mean.vector[VELOCITY]))
+
+
 def _move_footholds(core: SquareRootFilter, rotation_before: Array, shift_body: Array) -> None:
     """Footholds move with their point of contact, by ``(R_before s_before + R s) / 2``.
 
@@ -256,5 +259,5 @@ def _legs_of(robot: RobotModel, config: RobustConfig, *, has_frame: bool) -> Leg
         robot.hip_position_body,
         robot.description.joint_velocity_noise_radps,
         config,
-        takes_slip_for_known=(legs <= _FEW_LEGS and not has_frame) if known is None else known,
+        takes_slip_for_known=(legs <= FEW_LEGS and not has_frame) if known is None else known,
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from coclo_vio.filter import stance_kernel
 from coclo_vio.filter.ground_plane import GroundPlane
+from coclo_vio.filter.load_transfer import LoadTransfer
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.leg_sensing import Reading
@@ -31,6 +32,7 @@ class FootMotion(NamedTuple):
             known one, 0 before.
         load_ratio_rate: its rate of change, 1/s, (n,); 0 where unknown.
         normals: of the ground under each foot, on which it rolls, world, (n, 3).
+        takeover_speed: speed that the slip by takeover of weight is a share of, m/s (``LoadTransfer``).
     """
 
     holds: BoolArray
@@ -40,6 +42,7 @@ class FootMotion(NamedTuple):
     load_ratio: Array
     load_ratio_rate: Array
     normals: Array
+    takeover_speed: float
 
 
 def load_ratio_of(reading: Reading, standing_load: float, before: Array) -> Array:
@@ -53,6 +56,12 @@ def turns_of(holds: BoolArray, rotation: Array, before: Array) -> Array:
     """Rotation vectors (n, 3) from earlier to later rotations of the feet (n, 3, 3); 0 where one does not hold."""
     relative = np.where(holds[:, None, None], rotation @ np.swapaxes(before, 1, 2), np.eye(3))
     return so3.log_below_pi(relative)
+
+
+def _weights_of(reading: Reading) -> Array:
+    """What each foot carries, (n,): by the loads where all are known, otherwise by the probabilities of contact."""
+    load = reading.contact.load
+    return np.maximum(load, 0.0) if np.isfinite(load).all() else reading.contact.probability
 
 
 class Footholds:
@@ -71,6 +80,7 @@ class Footholds:
         """
         self._standing_load = standing_load
         self.ground = ground or GroundPlane(len(reading.contact.load))
+        self._transfer = LoadTransfer(len(reading.contact.load))
         self._stamp_ns = reading.stamp_ns
         self._load_ratio = load_ratio_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
         self._is_loaded = np.isfinite(reading.contact.load)
@@ -78,10 +88,11 @@ class Footholds:
         self._rotation_body_foot = np.nan_to_num(reading.feet.rotation_body_foot)
         self._position_body = np.nan_to_num(reading.feet.position_body)
 
-    def advance(self, reading: Reading, *, is_gap: bool) -> FootMotion:
-        """Take the next reading; after a gap no foothold is valid."""
+    def advance(self, reading: Reading, *, speed_mps: float, is_gap: bool) -> FootMotion:
+        """Take the next reading, with the body's speed before it, m/s; after a gap no foothold is valid."""
         if is_gap:
             self.ground.clear()
+            self._transfer.clear()
         is_known = reading.is_known
         holds = self._has_foothold & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
@@ -94,14 +105,16 @@ class Footholds:
         is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         load_ratio_rate = np.where(is_loaded & self._is_loaded, load_ratio - self._load_ratio, 0.0) / dt_s
         self._load_ratio, self._is_loaded, self._stamp_ns = load_ratio, is_loaded, reading.stamp_ns
-        return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate, self.ground.normals)
+        takeover_speed = self._transfer.push(_weights_of(reading), reading.is_stance, speed_mps, dt_s)
+        normals = self.ground.normals
+        return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate, normals, takeover_speed)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from their last known positions, while there is no joint sample."""
         legs = len(self._has_foothold)
         none = np.zeros(legs, dtype=np.bool_)
         normals, still = self.ground.normals, np.zeros((legs, 3))
-        return FootMotion(none, self._position_body, still, none, self._load_ratio, np.zeros(legs), normals)
+        return FootMotion(none, self._position_body, still, none, self._load_ratio, np.zeros(legs), normals, 0.0)
 
     def release(self, legs: BoolArray) -> None:
         """Drop the footholds of these legs (n,): they slipped."""

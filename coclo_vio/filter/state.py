@@ -5,11 +5,12 @@ Paper section III-B lists position, velocity, quaternion, angular velocity, gyro
 contacts. It counts 46 states and 32 measurements for six legs; the members it lists make 43 and 33. The error state
 here has 3 numbers for a rotation, so 42 of the paper's. The states in which the models are nonlinear come first (see
 ``unscented_transform``). The rate is in the body frame: the paper calls it a world rate but multiplies it from the
-right. Five kinds of states are not the paper's: the relative errors of the
+right. Six kinds of states are not the paper's: the relative errors of the
 gyroscope's scale (``GYROSCOPE_SCALE``, each axis) and of the effective leg length (``LEG_SCALE``), the compression of a
 leg under the load from which it stands (``LEG_COMPLIANCE``, m), and the common slip of all standing feet
-(``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, both in body axes) are zero and certain where they are
-not estimated; the errors of the cameras' calibration are there where frames are remembered, in either profile.
+(``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, and ``LOAD_SLIP``, a share of the speed at which they
+take over weight, all in body axes) are zero and certain where they are not estimated; the errors of the cameras'
+calibration are there where frames are remembered, in either profile.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,
 ``v = exp(e) (v_mean + e_v)`` and the same for position and feet (right-invariant error; Barrau and Bonnabel, "The
@@ -181,6 +182,7 @@ ROTATION, LEG_SCALE, RATE = _BODY.at("rotation"), _BODY.at("leg_scale"), _BODY.a
 GYROSCOPE_BIAS, GYROSCOPE_SCALE = _BODY.at("gyroscope_bias"), _BODY.at("gyroscope_scale")
 ACCELEROMETER_BIAS = _BODY.at("accelerometer_bias")
 LEG_COMPLIANCE, SLIP_TURN, SLIP = _BODY.at("leg_compliance"), _BODY.at("slip_turn"), _BODY.at("slip")
+LOAD_SLIP = _BODY.at("load_slip")
 VELOCITY, POSITION = _BODY.at("velocity"), _BODY.at("position")
 CONSIDERED_BY_LEGS = slice(SLIP.start, GYROSCOPE_SCALE.stop)
 """What legs and IMU do not correct: in a turn, slip and the gyroscope's scale look alike."""

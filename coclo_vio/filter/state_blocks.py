@@ -22,6 +22,11 @@ KNOWN_SIGMA = 1e-12
 KEYFRAME, FRAME, ANCHOR = "keyframe", "frame", "anchor"
 """Names of the remembered poses."""
 
+FEW_LEGS = 4
+"""Of a robot of so many legs two stand in a trot: their measurements contradict each other with one sign for long."""
+
+_LOAD_SLIP_PART = 0.5  # of the variance of slip, with more legs: feet stand long, and take over weight again and again
+
 HELD = "held_frame"
 """Name of the pose of a frame that waits until the one before it is processed, where there is one."""
 
@@ -77,8 +82,10 @@ class StateBlock:
     is_passive: bool = False
 
 
-def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibration) -> tuple[StateBlock, ...]:
-    """The blocks that every filter has, in their order: curved ones first."""
+def body_blocks(
+    robust: RobustConfig, initial: InitialConfig, imu: ImuCalibration, *, load_slip_part: float = 0.0
+) -> tuple[StateBlock, ...]:
+    """The blocks that every filter has, in their order: curved ones first; ``load_slip_part`` as it is resolved."""
     curved, moving_mps = Curvature.PROCESS_AND_MEASUREMENT, initial.moving_velocity_mps
     gyroscope_sigma, accelerometer_sigma = bias_sigmas(initial, imu)
     tilt, moving_tilt = ((rad, rad, ZERO_SIGMA) for rad in (initial.tilt_rad, initial.moving_tilt_rad))
@@ -103,7 +110,8 @@ def body_blocks(robust: RobustConfig, initial: InitialConfig, imu: ImuCalibratio
             is_reported=True,
         ),
         _slip("slip_turn", robust.slip_turn_per_m, robust.slip_memory_s),
-        _slip("slip", robust.slip_share, robust.slip_memory_s),
+        _slip("slip", robust.slip_share * math.sqrt(1.0 - load_slip_part), robust.slip_memory_s),
+        _slip("load_slip", robust.slip_share * math.sqrt(load_slip_part), robust.slip_memory_s),
         StateBlock("gyroscope_scale", 3, sigma=max(imu.gyroscope_scale, KNOWN_SIGMA), is_reported=True),
         StateBlock("velocity", 3, Retraction.WORLD, sigma=initial.velocity_mps, moving_sigma=moving_mps),
         StateBlock("position", 3, Retraction.WORLD),
@@ -148,7 +156,10 @@ def robust_blocks(
     remembered = remembered_blocks(initial) if has_frame else ()
     held = [block for block in extra if block.name == HELD]
     others = [block for block in extra if block.name != HELD]
-    return (*body_blocks(robust, initial, imu), feet, *held, *remembered, *others)  # poses: first of the passive ones
+    part = robust.load_slip_part
+    part = (_LOAD_SLIP_PART if legs > FEW_LEGS else 0.0) if part is None else part
+    body = body_blocks(robust, initial, imu, load_slip_part=part)
+    return (*body, feet, *held, *remembered, *others)  # poses: first of the passive ones
 
 
 def paper_blocks(
@@ -165,7 +176,7 @@ def paper_blocks(
         "velocity": paper.velocity_walk,
         "position": paper.position_walk,
     }
-    unknown_to_paper = {"gyroscope_scale", "leg_scale", "leg_compliance", "slip_turn", "slip"}
+    unknown_to_paper = {"gyroscope_scale", "leg_scale", "leg_compliance", "slip_turn", "slip", "load_slip"}
     body = []
     for block in body_blocks(RobustConfig(), initial, imu):
         if block.name in unknown_to_paper:

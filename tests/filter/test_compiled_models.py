@@ -16,6 +16,7 @@ from coclo_vio.filter import stance, stance_kernel
 from coclo_vio.filter.config import InitialConfig, RobustConfig
 from coclo_vio.filter.ground_plane import GroundPlane
 from coclo_vio.filter.initialisation import initial_filter
+from coclo_vio.filter.load_transfer import LoadTransfer
 from coclo_vio.filter.passive_states import PassiveStates
 from coclo_vio.filter.robust_profile import RobustProfile
 from coclo_vio.filter.square_root_filter import MAX_ROTATION_SIGMA_RAD, SquareRootFilter
@@ -110,6 +111,7 @@ def test_every_step_equals_that_in_numpy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(GroundPlane, "push", on_slopes)
+    monkeypatch.setattr(LoadTransfer, "push", lambda *_: 0.05)
     readings = disturbed(readings_of(noisy_walk.measurements)[FIRST : FIRST + STEPS])
     config = RobustConfig(estimates_leg_scale=True, takes_slip_for_known=takes_slip_for_known)
     counts = Counter[str](), Counter[str]()

@@ -162,6 +162,7 @@ def test_noise_rows_against_finite_differences() -> None:
         np.zeros(LEGS),
         np.zeros(LEGS),
         np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
+        0.0,
     )
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
@@ -201,7 +202,7 @@ def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None
     layout = layout_of(1)
     mean = State(layout, np.eye(3), np.zeros(layout.dimension), np.tile(np.eye(3), (len(layout.poses), 1, 1)))
     held = np.array([True])
-    motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1), np.zeros((1, 3)))
+    motion = FootMotion(held, np.zeros((1, 3)), np.zeros((1, 3)), held, np.zeros(1), np.zeros(1), np.zeros((1, 3)), 0.0)
     config, dt_s = RobustConfig(), 0.02
     rows = process_model.noise_rows(
         mean,

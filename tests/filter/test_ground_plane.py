@@ -86,7 +86,9 @@ def test_a_foot_rolls_along_the_slope(daisy: RobotModel) -> None:
     state.vector[:] = 0.0
     normal, angle, all_legs = np.array([-0.6, 0.0, 0.8]), 0.01, np.ones(6, dtype=np.bool_)
     turns = np.tile(state.rotation.T @ np.array([0.0, angle, 0.0]), (6, 1))
-    motion = FootMotion(all_legs, np.zeros((6, 3)), turns, all_legs, np.zeros(6), np.zeros(6), np.tile(normal, (6, 1)))
+    motion = FootMotion(
+        all_legs, np.zeros((6, 3)), turns, all_legs, np.zeros(6), np.zeros(6), np.tile(normal, (6, 1)), 0.0
+    )
     stack = state.__class__(state.layout, state.rotation[None], state.vector[None], state.remembered)
     feet = process_model.predict(stack, 0.01, motion, daisy.foot_radii_m, daisy.hip_position_body).feet[0]
     np.testing.assert_allclose(feet @ normal, 0.0, atol=1e-12)

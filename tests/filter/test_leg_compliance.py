@@ -130,7 +130,7 @@ def loaded_motion(daisy: RobotModel, walk: AnalyticTrial, *loads: np.ndarray) ->
     readings = [standing(daisy, walk, row, load) for row, load in enumerate(loads)]
     footholds = Footholds(readings[0], standing_load=20.0)
     for reading in readings[1:]:
-        motion = footholds.advance(reading, is_gap=False)
+        motion = footholds.advance(reading, speed_mps=0.0, is_gap=False)
     return motion
 
 

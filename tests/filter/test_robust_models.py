@@ -48,7 +48,7 @@ def foot_errors_m(robot: RobotModel, rate_hz: float) -> tuple[float, float]:
     footholds, dt_s = Footholds(true_reading(robot, trial, 0), robot.description.contact.on_force), 1.0 / rate_hz
     rolling, carried = [0.0], [0.0]
     for row in range(1, len(trial.truth)):
-        motion = footholds.advance(true_reading(robot, trial, row), is_gap=False)
+        motion = footholds.advance(true_reading(robot, trial, row), speed_mps=0.0, is_gap=False)
         state = true_state(trial, row - 1)
         turn = trial.body.rotation[row - 1].T @ trial.body.rotation[row]
         state.vector[RATE] = so3.log(turn) / dt_s
@@ -82,7 +82,7 @@ def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotMode
     row_counts = set()
     for row in range(1, len(clean_walk.truth), 1):
         reading = true_reading(daisy, clean_walk, row)
-        motion = footholds.advance(reading, is_gap=False)
+        motion = footholds.advance(reading, speed_mps=0.0, is_gap=False)
         state = true_state(clean_walk, row)
         state.vector[GYROSCOPE_BIAS] = 0.0
         blocks = blocks_of(daisy, reading, motion, state)
@@ -100,7 +100,7 @@ def test_a_velocity_that_is_not_the_bodys_leaves_a_residual(daisy: RobotModel, c
     legs = np.flatnonzero(reading.is_stance)
     state = true_state(clean_walk, 200)
     state.vector[VELOCITY] += (0.1, 0.0, 0.0)
-    motion = Footholds(true_reading(daisy, clean_walk, 199), 20.0).advance(reading, is_gap=False)
+    motion = Footholds(true_reading(daisy, clean_walk, 199), 20.0).advance(reading, speed_mps=0.0, is_gap=False)
     blocks = blocks_of(daisy, reading, motion, state)
     velocity = next(block for block in blocks if len(block.measured) == 3 * len(legs) and block.legs[0] >= 0)
     residual = (velocity.model(stack_of(state))[0] - velocity.measured).reshape(-1, 3)

@@ -37,7 +37,9 @@ def random_motion(random: np.random.Generator) -> FootMotion:
     holds = np.array([True, False, True, False])
     places, turns, loads = random.normal(size=(LEGS, 3)), random.normal(size=(LEGS, 3)), random.uniform(size=LEGS)
     normals = random.normal(size=(LEGS, 3))
-    return FootMotion(holds, places, turns, np.ones(LEGS, dtype=np.bool_), loads, random.normal(size=LEGS), normals)
+    return FootMotion(
+        holds, places, turns, np.ones(LEGS, dtype=np.bool_), loads, random.normal(size=LEGS), normals, 0.04
+    )
 
 
 def robust_process(random: np.random.Generator) -> Model:
@@ -57,7 +59,7 @@ def measurements(random: np.random.Generator) -> Callable[[State], Array]:
         partial(measurement_model.gyroscope, reading=random.normal(size=3)),
         measurement_model.specific_force_at_rest,
         measurement_model._rest,
-        measurement_model._velocity_of(places, random.normal(size=(LEGS, 3)), random.normal(size=(LEGS, 3))),
+        measurement_model._velocity_of(places, random.normal(size=(LEGS, 3)), random.normal(size=(LEGS, 3)), 0.04),
         measurement_model._position_of(legs, places, hips, random.normal(size=(LEGS, 3))),
     ]
     return lambda stack: np.concatenate([model(stack) for model in models], axis=1)
@@ -178,7 +180,15 @@ def test_reports_are_those_declared(daisy: RobotModel, noisy_walk: AnalyticTrial
     for measurement in noisy_walk.measurements[:330]:
         odometry.push(measurement)
     reports = odometry.reports()
-    assert set(reports) == {"leg_scale", "leg_compliance", "slip_turn", "slip", "gyroscope_scale", "leg_stretch"}
+    assert set(reports) == {
+        "leg_scale",
+        "leg_compliance",
+        "slip_turn",
+        "slip",
+        "load_slip",
+        "gyroscope_scale",
+        "leg_stretch",
+    }
     assert reports["leg_stretch"][1] > 0.02
     assert reports["leg_scale"][1] < 2.0 * KNOWN_SIGMA
 
