@@ -65,7 +65,8 @@ def slip_velocity(stack: State, position_body: Array, takeover_speed: float) -> 
     """Velocity at which standing feet at ``position_body`` (n, 3) slip together, body axes, m/s, (points, n, 3).
 
     In proportion to the speed of the mean (the stack's first point is its centre), which is a constant here: the slip
-    does not correct the speed, and a body at rest has no slip that would be observed.
+    does not correct the speed, and a body at rest has no slip that would be observed. The slip by load is in proportion
+    to ``takeover_speed``, m/s, as in ``FootMotion``.
     """
     speed = float(np.linalg.norm(stack.vector[0, VELOCITY]))
     slip = stack.vector[:, None, SLIP] - position_body @ so3.hat(stack.vector[:, SLIP_TURN])

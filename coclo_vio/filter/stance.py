@@ -60,8 +60,12 @@ def turns_of(holds: BoolArray, rotation: Array, before: Array) -> Array:
 
 def _weights_of(reading: Reading) -> Array:
     """What each foot carries, (n,): by the loads where all are known, otherwise by the probabilities of contact."""
-    load = reading.contact.load
-    return np.maximum(load, 0.0) if np.isfinite(load).all() else reading.contact.probability
+    return np.maximum(reading.contact.load, 0.0) if _has_loads(reading) else reading.contact.probability
+
+
+def _has_loads(reading: Reading) -> bool:
+    """Whether the loads on all feet are known."""
+    return bool(np.isfinite(reading.contact.load).all())
 
 
 class Footholds:
@@ -80,7 +84,7 @@ class Footholds:
         """
         self._standing_load = standing_load
         self.ground = ground or GroundPlane(len(reading.contact.load))
-        self._transfer = LoadTransfer(len(reading.contact.load))
+        self._transfer, self._has_loads = LoadTransfer(_weights_of(reading)), _has_loads(reading)
         self._stamp_ns = reading.stamp_ns
         self._load_ratio = load_ratio_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
         self._is_loaded = np.isfinite(reading.contact.load)
@@ -92,7 +96,6 @@ class Footholds:
         """Take the next reading, with the body's speed before it, m/s; after a gap no foothold is valid."""
         if is_gap:
             self.ground.clear()
-            self._transfer.clear()
         is_known = reading.is_known
         holds = self._has_foothold & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
@@ -105,9 +108,17 @@ class Footholds:
         is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
         load_ratio_rate = np.where(is_loaded & self._is_loaded, load_ratio - self._load_ratio, 0.0) / dt_s
         self._load_ratio, self._is_loaded, self._stamp_ns = load_ratio, is_loaded, reading.stamp_ns
-        takeover_speed = self._transfer.push(_weights_of(reading), reading.is_stance, speed_mps, dt_s)
+        takeover_speed = self._takeover_speed(reading, speed_mps, dt_s, is_gap=is_gap)
         normals = self.ground.normals
         return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate, normals, takeover_speed)
+
+    def _takeover_speed(self, reading: Reading, speed_mps: float, dt_s: float, *, is_gap: bool) -> float:
+        """By weights that continue those before; otherwise it begins with them, and is 0."""
+        had_loads, self._has_loads = self._has_loads, _has_loads(reading)
+        if is_gap or self._has_loads != had_loads:
+            self._transfer.restart(_weights_of(reading))
+            return 0.0
+        return self._transfer.push(_weights_of(reading), reading.is_stance, speed_mps, dt_s)
 
     def carried(self) -> FootMotion:
         """All feet carried with the body from their last known positions, while there is no joint sample."""

@@ -8,8 +8,8 @@ here has 3 numbers for a rotation, so 42 of the paper's. The states in which the
 right. Six kinds of states are not the paper's: the relative errors of the
 gyroscope's scale (``GYROSCOPE_SCALE``, each axis) and of the effective leg length (``LEG_SCALE``), the compression of a
 leg under the load from which it stands (``LEG_COMPLIANCE``, m), and the common slip of all standing feet
-(``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, and ``LOAD_SLIP``, a share of the speed at which they
-take over weight, all in body axes) are zero and certain where they are not estimated; the errors of the cameras'
+(``SLIP_TURN``, rad/m, and ``SLIP``, a share of the body's speed, and ``LOAD_SLIP``, a share of the speed of their
+takeover of weight, all in body axes) are zero and certain where they are not estimated; the errors of the cameras'
 calibration are there where frames are remembered, in either profile.
 
 A rotation error turns the world: ``R = exp(e) R_mean``, and with it everything measured in the world,

@@ -22,13 +22,13 @@ KNOWN_SIGMA = 1e-12
 KEYFRAME, FRAME, ANCHOR = "keyframe", "frame", "anchor"
 """Names of the remembered poses."""
 
-FEW_LEGS = 4
-"""Of a robot of so many legs two stand in a trot: their measurements contradict each other with one sign for long."""
-
-_LOAD_SLIP_PART = 0.5  # of the variance of slip, with more legs: feet stand long, and take over weight again and again
-
 HELD = "held_frame"
 """Name of the pose of a frame that waits until the one before it is processed, where there is one."""
+
+FEW_LEGS = 4
+"""Of a robot of at most so many legs two stand in a trot: they contradict each other with one sign for long."""
+
+_LOAD_SLIP_PART = 0.5  # of the variance of slip, with more legs: feet stand long, and take over weight again and again
 
 
 class Retraction(Enum):
@@ -129,8 +129,10 @@ def bias_sigmas(initial: InitialConfig, imu: ImuCalibration) -> tuple[float, flo
 
 def _slip(name: str, sigma: float, memory_s: float) -> StateBlock:
     """A slip that decays, with a walk that keeps its sigma."""
+    if sigma == 0.0:  # it is known for ever: what decays without a walk leaves no covariance
+        return StateBlock(name, 3, sigma=KNOWN_SIGMA, is_reported=True)
     walk = sigma * math.sqrt(2.0 / memory_s)
-    return StateBlock(name, 3, sigma=max(sigma, KNOWN_SIGMA), walk=walk, memory_s=memory_s, is_reported=True)
+    return StateBlock(name, 3, sigma=sigma, walk=walk, memory_s=memory_s, is_reported=True)
 
 
 def robust_blocks(
