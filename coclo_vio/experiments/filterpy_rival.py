@@ -18,6 +18,7 @@ import numpy as np
 
 from coclo_vio.filter import process_model
 from coclo_vio.filter.config import RobustConfig
+from coclo_vio.filter.foot_weights import unweighed
 from coclo_vio.filter.gravity import GravityReading, GravityWindow
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
 from coclo_vio.filter.state import (
@@ -202,10 +203,10 @@ class FilterpyRival:
     def _process_noise(self, inputs: _Inputs) -> Array:
         """Q of ``process_model.noise_rows``."""
         mean = replace(self._mean, rotation=_rotation(self.ukf.x[ROTATION]), vector=self.ukf.x)
-        config = self._config
+        config, legs = self._config, len(self._radii_m)
         rows = process_model.noise_rows(
             mean,
-            process_model.Interval(inputs.dt_s, 0.0, config.acceleration_density, config.foothold_creep),
+            process_model.Interval(inputs.dt_s, 0.0, config.acceleration_density, unweighed(legs, config).creep),
             inputs.motion,
             radii_m=self._radii_m,
             foot_noise=inputs.foot_noise,

@@ -15,6 +15,7 @@ from coclo_vio.filter import (
     process_kernel,
     state_kernels,
 )
+from coclo_vio.filter.foot_weights import unweighed
 from coclo_vio.filter.measurement_model import LegConstants
 from coclo_vio.filter.measurement_table import Measured, Sensed, SensingConstants, gravity_table
 from coclo_vio.filter.process_kernel import ProcessConstants
@@ -41,7 +42,7 @@ class CompiledModels:
         self._config = config = sensing.config
         self._is_conditional = sensing.takes_slip_for_known
         self.imu_delay_s, self.acceleration_density = 0.0, float(config.acceleration_density)
-        self.foothold_creep = float(config.foothold_creep)
+        self.stance_noise = unweighed(len(sensing.radii_m), config)
         self._encoder_noise_rad = float(encoder_noise_rad)
         radii_m, hips_body = np.array(sensing.radii_m), np.array(sensing.hips_body)
         self._sensing = SensingConstants(
@@ -79,7 +80,7 @@ class CompiledModels:
             motion,
             foot_noise,
             self._process,
-            Interval(dt_s, self.imu_delay_s, self.acceleration_density, self.foothold_creep),
+            Interval(dt_s, self.imu_delay_s, self.acceleration_density, self.stance_noise.creep),
             core.spread(layout.curved_in_process).width_squared,
         )
         triangle, _, _, _ = lapack.dgeqrf(rows, lwork=_BLOCK * length, overwrite_a=1)
@@ -96,18 +97,16 @@ class CompiledModels:
         *,
         foot_noise: Array,
         gyroscope_noise_radps: float,
-        dt_s: float,
     ) -> "CompiledExpectation | None":
         """By ``measurement_kernel``."""
-        mean, feet, rate, config = core.mean, reading.feet, reading.angular_velocity, self._config
-        has_stance = bool(reading.is_stance.any())
+        mean, feet, rate = core.mean, reading.feet, reading.angular_velocity
         sensed = Sensed(
             feet.position_body,
             np.ascontiguousarray(feet.velocity_body),
             np.ascontiguousarray(feet.angular_velocity_body),
             feet.jacobian,
-            reading.is_stance if has_stance else reading.is_known,
-            config.foot_velocity_noise_mps if has_stance else config.no_contact_velocity_density / float(np.sqrt(dt_s)),
+            reading.is_stance if reading.is_stance.any() else reading.is_known,
+            self.stance_noise.velocity,
             _NO_RATE if rate is None else rate,
             0.0 if rate is None else gyroscope_noise_radps,
             reading.is_stationary,

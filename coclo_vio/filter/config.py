@@ -88,6 +88,27 @@ class RobustConfig(StageConfig):
     foothold_creep: Annotated[
         float, Field(gt=0, description="random walk of a foot in stance (slip, soft ground), m/sqrt(s)")
     ] = 0.003
+    weighs_feet: Annotated[
+        bool | None,
+        Field(
+            description="whether a standing foot weighs less the further its velocity departs from the body's; "
+            "null: with at most four legs"
+        ),
+    ] = None
+    stepping_creep: Annotated[
+        float,
+        Field(
+            gt=0,
+            description="random walk of a foot in stance where feet are weighed and the robot moves (deflection, "
+            "roll-off, slip), m/sqrt(s)",
+        ),
+    ] = 0.02
+    foot_departure_mps: Annotated[
+        float,
+        Field(
+            gt=0, description="departure of a foot's velocity from which it weighs less, where feet are weighed, m/s"
+        ),
+    ] = 0.05
     holds_soles: Annotated[
         bool, Field(description="whether a flat foot that rests holds its orientation, not its place alone")
     ] = True

@@ -145,7 +145,7 @@ def _set_velocities(
             continue
         normal, radius = motion.normals[leg], sensing.radii_m[leg]
         arm[0], arm[1], arm[2] = rotated_back(rotation, radius * normal[0], radius * normal[1], radius * normal[2])
-        sigmas = sensing.joint_velocity_noise_radps, sensed.foot_velocity_noise_mps
+        sigmas = sensing.joint_velocity_noise_radps, sensed.foot_velocity_noise_mps[leg]
         set_noise_factor(table.noise[at], sensed.jacobian[leg], arm, sigmas[0], sigmas[1])
         turn = sensed.angular_velocity_body[leg]
         rolling = cross(turn[0], turn[1], turn[2], arm[0], arm[1], arm[2])

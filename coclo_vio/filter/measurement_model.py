@@ -149,8 +149,8 @@ def blocks(
     mean: State,
     *,
     foot_noise: Array,
+    foot_velocity_noise_mps: Array,
     gyroscope_noise_radps: float,
-    dt_s: float,
 ) -> list[Block]:
     """The measurements of one joint sample.
 
@@ -160,8 +160,8 @@ def blocks(
         motion: how the feet moved.
         mean: the predicted mean, for the direction of gravity and of the ground's normal in the body.
         foot_noise: lower factors of each foot position's covariance, body frame, m, (n, 3, 3).
+        foot_velocity_noise_mps: one sigma of the velocity of each foot beside that of its joints, m/s, (n,).
         gyroscope_noise_radps: one sigma of the gyroscope mean, rad/s.
-        dt_s: time since the last joint sample, s.
     """
     config = sensing.config
     result: list[Block] = []
@@ -172,13 +172,11 @@ def blocks(
     if reading.is_stationary:
         sigmas = (config.standstill_velocity_noise_mps, config.standstill_rate_noise_radps)
         result.append(_imu_block(np.zeros(6), _rest, *sigmas))
-    has_stance = bool(stance.any())
-    legs = np.flatnonzero(stance if has_stance else reading.is_known)
+    legs = np.flatnonzero(stance if stance.any() else reading.is_known)
     if not len(legs):
         return result
     up_body = mean.rotation.T @ UP
-    sigma_mps = config.foot_velocity_noise_mps if has_stance else config.no_contact_velocity_density / np.sqrt(dt_s)
-    result.append(_velocity_block(sensing, reading, motion, mean, legs, sigma_mps))
+    result.append(_velocity_block(sensing, reading, motion, mean, legs, foot_velocity_noise_mps[legs]))
     held = legs[motion.holds[legs]]
     if len(held):
         centres = reading.feet.position_body[held]
@@ -189,7 +187,7 @@ def blocks(
 
 
 def _velocity_block(
-    sensing: LegConstants, reading: Reading, motion: FootMotion, mean: State, legs: IntArray, sigma_mps: float
+    sensing: LegConstants, reading: Reading, motion: FootMotion, mean: State, legs: IntArray, sigmas_mps: Array
 ) -> Block:
     """Velocity of the body over the contact point of each of the ``legs`` (k,), eq. (6), 3 k rows.
 
@@ -199,7 +197,7 @@ def _velocity_block(
         motion: how the feet moved.
         mean: the predicted mean.
         legs: which.
-        sigma_mps: noise of a foot's velocity beside that of its joints, m/s.
+        sigmas_mps: noise of each one's velocity beside that of its joints, m/s, (k,).
     """
     feet = reading.feet
     up_body = mean.rotation.T @ UP
@@ -212,7 +210,7 @@ def _velocity_block(
     measured = rolling - feet.velocity_body[legs]
     compliance_velocity = mean.vector[LEG_COMPLIANCE] * motion.load_ratio_rate[legs, None] * up_body
     model = _velocity_of(feet.position_body[legs] - arms, rolling, compliance_velocity, motion.takeover_speed)
-    noise = np.asarray(np.linalg.cholesky(squared + sigma_mps**2 * np.eye(3)))
+    noise = np.asarray(np.linalg.cholesky(squared + sigmas_mps[:, None, None] ** 2 * np.eye(3)))
     return Block(measured.ravel(), model, noise, legs)
 
 

@@ -38,7 +38,7 @@ class Sensed(NamedTuple):
         angular_velocity_body: of the foot links relative to the body, rad/s, body axes, (n, 3).
         jacobian: of the feet, (n, 6, J).
         is_used: legs that give rows, (n,).
-        foot_velocity_noise_mps: of each used foot, one sigma.
+        foot_velocity_noise_mps: of each foot, one sigma, (n,).
         angular_velocity: gyroscope, rad/s, (3,).
         gyroscope_noise_radps: its sigma; 0 where there is no gyroscope sample.
         is_stationary: whether the robot stands still.
@@ -49,7 +49,7 @@ class Sensed(NamedTuple):
     angular_velocity_body: Array
     jacobian: Array
     is_used: BoolArray
-    foot_velocity_noise_mps: float
+    foot_velocity_noise_mps: Array
     angular_velocity: Array
     gyroscope_noise_radps: float
     is_stationary: bool

@@ -174,7 +174,7 @@ def predicted(
     noise = rows[length + CURVED + 1 :]
     _set_body_noise(noise, R, interval, constants)
     _set_world_noise(noise, R, mean, motion, constants)
-    _set_foot_noise(rows[feet_at:], R, motion, foot_noise, interval.foothold_creep * math.sqrt(dt_s))
+    _set_foot_noise(rows[feet_at:], R, motion, foot_noise, interval.foothold_creep, math.sqrt(dt_s))
     return R, mean, rows, new_cross
 
 
@@ -339,13 +339,13 @@ def _set_world_noise(rows: Array, R: Array, mean: Array, motion: FootMotion, con
 
 
 @inlined
-def _set_foot_noise(rows: Array, R: Array, motion: FootMotion, foot_noise: Array, creep_m: float) -> None:
-    """Noise of each foot by itself: creep of one that holds, otherwise of its kinematics."""
+def _set_foot_noise(rows: Array, R: Array, motion: FootMotion, foot_noise: Array, creep: Array, root_dt: float) -> None:
+    """Noise of each foot by itself: creep (n,) of one that holds, otherwise of its kinematics."""
     for leg in range(len(motion.holds)):
         at = BODY + 3 * leg
         for i in range(3):
             if motion.holds[leg]:
-                rows[3 * leg + i, at + i] = creep_m
+                rows[3 * leg + i, at + i] = creep[leg] * root_dt
             elif motion.is_known[leg]:
                 x, y, z = rotated(R, foot_noise[leg, 0, i], foot_noise[leg, 1, i], foot_noise[leg, 2, i])
                 rows[3 * leg + i, at], rows[3 * leg + i, at + 1], rows[3 * leg + i, at + 2] = x, y, z

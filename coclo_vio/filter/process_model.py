@@ -42,13 +42,13 @@ class Interval(NamedTuple):
         dt_s: its length.
         imu_delay_s: delay of the rate behind the rotation.
         acceleration: density of the body's white acceleration, m/s^2/sqrt(Hz).
-        foothold_creep: density of the random walk of a foot in stance, m/sqrt(s).
+        foothold_creep: density of the random walk of each foot in stance, m/sqrt(s), (n,).
     """
 
     dt_s: float
     imu_delay_s: float
     acceleration: float
-    foothold_creep: float
+    foothold_creep: Array
 
 
 def leg_scale_offset(scale: Array, position_body: Array, hips_body: Array) -> Array:
@@ -136,7 +136,7 @@ def noise_rows(
     feet[0:3] = np.einsum("nij,rj->rni", -so3.hat(lever), world_turn)
     feet[3:6, ~motion.holds] = moved[:, None]
     carried = np.where(motion.is_known[:, None, None], foot_noise, UNKNOWN_LEG_NOISE_M * np.eye(3))
-    creep = interval.foothold_creep * np.sqrt(interval.dt_s) * np.eye(3)
+    creep = (interval.foothold_creep * np.sqrt(interval.dt_s))[:, None, None] * np.eye(3)
     own = np.where(motion.holds[:, None, None], creep, np.swapaxes(mean.rotation @ carried, 1, 2))
     each = np.arange(layout.legs)
     feet[own_rows].reshape(layout.legs, 3, layout.legs, 3)[each, :, each] = own

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from coclo_vio.filter import measurement_model, process_model
+from coclo_vio.filter.foot_weights import StanceNoise, unweighed
 from coclo_vio.filter.measurement_model import NO_LEG, LegConstants
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
@@ -43,12 +44,12 @@ class RobustModels(Protocol):
     Attributes:
         imu_delay_s: of the gyroscope behind the joints, s: the state's rate is late by it, its rotation is not.
         acceleration_density: of the body's white acceleration in the next prediction, m/s^2/sqrt(Hz).
-        foothold_creep: density of the random walk of a foot in stance in the next prediction, m/sqrt(s).
+        stance_noise: of the feet in stance in the next prediction and measurement.
     """
 
     imu_delay_s: float
     acceleration_density: float
-    foothold_creep: float
+    stance_noise: StanceNoise
 
     def foot_noise(self, reading: Reading) -> Array:
         """Lower factors (n, 3, 3) of the covariance of each foot position, body frame, m; of an unknown leg any."""
@@ -64,7 +65,6 @@ class RobustModels(Protocol):
         *,
         foot_noise: Array,
         gyroscope_noise_radps: float,
-        dt_s: float,
     ) -> Expectation | None:
         """The measurements of a joint sample; None where there are none. Arguments as in ``measurement_model``."""
 
@@ -84,7 +84,7 @@ class DirectModels:
     def __init__(self, sensing: LegConstants, encoder_noise_rad: float, gate: dict[int, float]) -> None:
         self._sensing, self._encoder_noise_rad, self._gate = sensing, encoder_noise_rad, gate
         self.imu_delay_s, self.acceleration_density = 0.0, sensing.config.acceleration_density
-        self.foothold_creep = sensing.config.foothold_creep
+        self.stance_noise = unweighed(len(sensing.radii_m), sensing.config)
 
     def foot_noise(self, reading: Reading) -> Array:
         """Encoders through the Jacobian, and bending."""
@@ -96,7 +96,7 @@ class DirectModels:
     def predict(self, core: SquareRootFilter, motion: FootMotion, dt_s: float, foot_noise: Array) -> None:
         """By ``process_model``."""
         sensing = self._sensing
-        interval = process_model.Interval(dt_s, self.imu_delay_s, self.acceleration_density, self.foothold_creep)
+        interval = process_model.Interval(dt_s, self.imu_delay_s, self.acceleration_density, self.stance_noise.creep)
         core.predict(
             lambda stack: process_model.predict(stack, dt_s, motion, sensing.radii_m, sensing.hips_body),
             lambda mean: process_model.noise_rows(
@@ -117,7 +117,6 @@ class DirectModels:
         *,
         foot_noise: Array,
         gyroscope_noise_radps: float,
-        dt_s: float,
     ) -> "DirectExpectation | None":
         """By ``measurement_model``."""
         blocks = measurement_model.blocks(
@@ -126,8 +125,8 @@ class DirectModels:
             motion,
             core.mean,
             foot_noise=foot_noise,
+            foot_velocity_noise_mps=self.stance_noise.velocity,
             gyroscope_noise_radps=gyroscope_noise_radps,
-            dt_s=dt_s,
         )
         if not blocks:
             return None

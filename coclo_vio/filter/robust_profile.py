@@ -13,6 +13,7 @@ from coclo_vio.filter import measurement_model
 from coclo_vio.filter.acceleration_input import AccelerationInput
 from coclo_vio.filter.compiled_models import CompiledModels
 from coclo_vio.filter.config import InitialConfig, RobustConfig
+from coclo_vio.filter.foot_weights import FootWeights
 from coclo_vio.filter.gravity import GravityScale, GravityWindow
 from coclo_vio.filter.ground_plane import GroundPlane
 from coclo_vio.filter.imu_delay import ImuDelay
@@ -87,14 +88,14 @@ class RobustProfile:
         self._counts = counts
         sensing = _legs_of(robot, config, has_frame=has_frame)
         self._gate = {rows: float(chi2.ppf(config.gate_probability, rows)) for rows in (3, 6)}
-        encoder_noise_rad = robot.description.encoder_noise_rad
         self._models: RobustModels = (
-            CompiledModels(sensing, encoder_noise_rad, self._gate, self.layout)
+            CompiledModels(sensing, self._robot.encoder_noise_rad, self._gate, self.layout)
             if is_compiled
-            else DirectModels(sensing, encoder_noise_rad, self._gate)
+            else DirectModels(sensing, self._robot.encoder_noise_rad, self._gate)
         )
         self._imu_lever = so3.hat(np.array(imu.position_body_m))  # w @ it = w x position
         self._acceleration = AccelerationInput(config, self._imu_lever)
+        self._weights = FootWeights(sensing.radii_m, config)
         self._footholds: Footholds | None = None
         self._rejecting_s, self._stood_s = 0.0, np.zeros(len(robot.leg_names))
         self._gravity_scale = GravityScale(config.gravity_least_scale)
@@ -133,12 +134,12 @@ class RobustProfile:
         rotation_before = core.mean.rotation
         self._acceleration.predict(core, reading, dt_s, is_gap=is_gap)
         self._models.acceleration_density = self._acceleration.density
-        self._models.foothold_creep = self.creep_level * self._config.foothold_creep
+        self._models.stance_noise = self._weights.noise(core, reading, motion, dt_s=dt_s, creep_level=self.creep_level)
         self._models.predict(core, motion, dt_s, foot_noise)
         if reading.contact_shift_body is not None:
             _move_footholds(core, rotation_before, np.where(motion.holds[:, None], reading.contact_shift_body, 0.0))
         expectation = self._models.expect(
-            core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps, dt_s=dt_s
+            core, reading, motion, foot_noise=foot_noise, gyroscope_noise_radps=gyroscope_noise_radps
         )
         if expectation is None:
             self._counts["step_without_measurement"] += 1

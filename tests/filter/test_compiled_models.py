@@ -98,13 +98,21 @@ def assert_equal(core: SquareRootFilter, expected: SquareRootFilter) -> None:
 
 
 @pytest.mark.parametrize(
-    ("is_wide", "has_frame", "takes_slip_for_known"),
-    [(False, False, None), (True, False, None), (False, True, None), (True, True, None), (False, True, True)],
+    ("is_wide", "has_frame", "takes_slip_for_known", "weighs_feet"),
+    [
+        (False, False, None, None),
+        (True, False, None, None),
+        (False, True, None, None),
+        (True, True, None, None),
+        (False, True, True, None),
+        (False, False, None, True),
+    ],
 )
 def test_every_step_equals_that_in_numpy(
     is_wide: bool,
     has_frame: bool,
     takes_slip_for_known: bool | None,
+    weighs_feet: bool | None,
     daisy: RobotModel,
     noisy_walk: AnalyticTrial,
     readings_of: Readings,
@@ -113,7 +121,7 @@ def test_every_step_equals_that_in_numpy(
     monkeypatch.setattr(GroundPlane, "push", on_slopes)
     monkeypatch.setattr(LoadTransfer, "push", lambda *_: 0.05)
     readings = disturbed(readings_of(noisy_walk.measurements)[FIRST : FIRST + STEPS])
-    config = RobustConfig(estimates_leg_scale=True, takes_slip_for_known=takes_slip_for_known)
+    config = RobustConfig(estimates_leg_scale=True, takes_slip_for_known=takes_slip_for_known, weighs_feet=weighs_feet)
     counts = Counter[str](), Counter[str]()
     direct = RobustProfile(daisy, config, counts[0], has_frame=has_frame, is_compiled=False)
     ours = RobustProfile(daisy, config, counts[1], has_frame=has_frame, is_compiled=True)
@@ -140,8 +148,9 @@ def test_every_step_equals_that_in_numpy(
                 profile.coast(each, step, DT_S, GYROSCOPE_NOISE)
             assert_equal(copy, core)
     assert counts[0] == counts[1]
-    assert counts[0]["leg_rejected"] > 0
-    assert counts[0]["recovery"] > 0
+    if not weighs_feet:  # a foot that departs weighs less and stays within the gate
+        assert counts[0]["leg_rejected"] > 0
+        assert counts[0]["recovery"] > 0
     assert counts[0]["no_contact"] > 0
 
 

@@ -166,7 +166,7 @@ def test_noise_rows_against_finite_differences() -> None:
     )
     mean.vector[layout.feet] = (mean.vector[POSITION] + motion.position_body @ mean.rotation.T).ravel()
     foot_noise = np.tril(random.normal(size=(LEGS, 3, 3)))
-    interval = Interval(0.01, 0.0, config.acceleration_density, config.foothold_creep)
+    interval = Interval(0.01, 0.0, config.acceleration_density, np.full(LEGS, config.foothold_creep))
     rows = process_model.noise_rows(
         mean,
         interval,
@@ -206,7 +206,7 @@ def test_noise_of_the_body_is_that_of_accelerations_that_ramp_the_rate() -> None
     config, dt_s = RobustConfig(), 0.02
     rows = process_model.noise_rows(
         mean,
-        Interval(dt_s, 0.0, config.acceleration_density, config.foothold_creep),
+        Interval(dt_s, 0.0, config.acceleration_density, np.full(1, config.foothold_creep)),
         motion,
         radii_m=np.zeros(1),
         foot_noise=np.zeros((1, 3, 3)),

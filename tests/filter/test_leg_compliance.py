@@ -173,7 +173,13 @@ def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: Sta
     noise_radps = robot.description.joint_velocity_noise_radps
     sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
     return measurement_model.blocks(
-        sensing, reading, motion, mean, foot_noise=np.tile(np.eye(3), (6, 1, 1)), gyroscope_noise_radps=1e-3, dt_s=0.01
+        sensing,
+        reading,
+        motion,
+        mean,
+        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
+        foot_velocity_noise_mps=np.full(6, 0.05),
+        gyroscope_noise_radps=1e-3,
     )
 
 
