@@ -92,7 +92,7 @@ class RobustConfig(StageConfig):
         bool | None,
         Field(
             description="whether a standing foot weighs less the further its velocity departs from the body's; "
-            "null: with at most four legs"
+            "null: with at most four legs, none of them with a flat foot"
         ),
     ] = None
     stepping_creep: Annotated[

@@ -46,13 +46,17 @@ def unweighed(legs: int, config: RobustConfig, creep_level: float = 1.0) -> Stan
 
 
 class FootWeights:
-    """Follows how far the velocity of each standing foot departs from that of the body."""
+    """Follows how far the velocity of each standing foot departs from that of the body.
 
-    def __init__(self, radii_m: Array, config: RobustConfig) -> None:
-        """Take the radius of each foot, m, (n,), and the parameters."""
-        legs = len(radii_m)
+    Attributes:
+        is_used: whether feet are weighed.
+    """
+
+    def __init__(self, radii_m: Array, config: RobustConfig, *, has_soles: bool) -> None:
+        """Take the radius of each foot, m, (n,), the parameters, and whether there are flat feet."""
+        legs, asked = len(radii_m), config.weighs_feet
         self._radii_m, self._config = radii_m, config
-        self._is_used = legs <= FEW_LEGS if config.weighs_feet is None else config.weighs_feet
+        self.is_used = legs <= FEW_LEGS and not has_soles if asked is None else asked
         self._departure: Array = np.zeros((legs, 3))
         self._stood: BoolArray = np.zeros(legs, dtype=np.bool_)
 
@@ -73,7 +77,7 @@ class FootWeights:
         if not reading.is_stance.any():
             self._stood[:] = False
             return declared._replace(velocity=np.full(len(self._radii_m), config.no_contact_velocity_density / root_dt))
-        if not self._is_used:
+        if not self.is_used:
             return declared
         creep = declared.creep if reading.is_stationary else np.full(len(self._radii_m), config.stepping_creep)
         creep = creep * self._level(core, reading, motion, dt_s)

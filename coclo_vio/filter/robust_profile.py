@@ -95,7 +95,7 @@ class RobustProfile:
         )
         self._imu_lever = so3.hat(np.array(imu.position_body_m))  # w @ it = w x position
         self._acceleration = AccelerationInput(config, self._imu_lever)
-        self._weights = FootWeights(sensing.radii_m, config)
+        self._weights = FootWeights(sensing.radii_m, config, has_soles=robot.description.has_flat_feet)
         self._footholds: Footholds | None = None
         self._rejecting_s, self._stood_s = 0.0, np.zeros(len(robot.leg_names))
         self._gravity_scale = GravityScale(config.gravity_least_scale)

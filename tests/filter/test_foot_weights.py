@@ -47,7 +47,7 @@ class Walk:
         return Reading(int(trial.truth.stamps_ns[row]), feet, contact, rate, (), force, False)
 
     def noise(self, config: RobustConfig = WEIGHED, reading: Reading | None = None, level: float = 1.0) -> StanceNoise:
-        weights = FootWeights(self.radii_m, config)
+        weights = FootWeights(self.radii_m, config, has_soles=False)
         return weights.noise(self.core, reading or self.reading, self.motion, dt_s=DT_S, creep_level=level)
 
     def sliding(self, leg: int, velocity: np.ndarray) -> Reading:
@@ -89,7 +89,7 @@ def test_what_the_velocity_is_uncertain_by_is_no_departure(walk: Walk) -> None:
 
 
 def test_a_departure_counts_after_some_samples_and_is_forgotten_at_lift_off(walk: Walk) -> None:
-    weights, leg = FootWeights(walk.radii_m, WEIGHED), int(np.flatnonzero(walk.reading.is_stance)[0])
+    weights, leg = FootWeights(walk.radii_m, WEIGHED, has_soles=False), int(np.flatnonzero(walk.reading.is_stance)[0])
     sliding = walk.sliding(leg, np.array([0.5, 0.0, 0.0]))
 
     def push(reading: Reading) -> float:
@@ -123,11 +123,24 @@ def test_without_a_standing_foot_any_foot_has_the_noise_of_no_contact(walk: Walk
         np.testing.assert_allclose(noise.velocity, config.no_contact_velocity_density / np.sqrt(DT_S), rtol=1e-12)
 
 
-def test_more_than_four_legs_are_not_weighed_by_default(walk: Walk) -> None:
+def test_feet_that_are_not_weighed_have_the_declared_noise(walk: Walk) -> None:
     config = RobustConfig()
     leg = int(np.flatnonzero(walk.reading.is_stance)[0])
     noise = walk.noise(config, reading=walk.sliding(leg, np.array([1.0, 0.0, 0.0])), level=0.4)
     np.testing.assert_allclose(noise.creep, 0.4 * config.foothold_creep, rtol=1e-12)
     np.testing.assert_allclose(noise.velocity, config.foot_velocity_noise_mps, rtol=1e-12)
-    four = FootWeights(walk.radii_m[:4], config)
-    assert four._is_used
+
+
+@pytest.mark.parametrize(
+    ("legs", "has_soles", "asked", "expected"),
+    [
+        (4, False, None, True),
+        (2, True, None, False),
+        (6, False, None, False),
+        (6, False, True, True),
+        (4, False, False, False),
+    ],
+)
+def test_round_feet_of_few_legs_are_weighed(legs: int, has_soles: bool, asked: bool | None, expected: bool) -> None:
+    weights = FootWeights(np.zeros(legs), RobustConfig(weighs_feet=asked), has_soles=has_soles)
+    assert weights.is_used == expected
