@@ -21,7 +21,9 @@ from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import FootMotion, Reading
 from coclo_vio.filter.state import RATE, VELOCITY
 from coclo_vio.filter.state_blocks import FEW_LEGS
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.geometry.array_types import Array, BoolArray
+from coclo_vio.geometry.compiled import compiled
+from coclo_vio.geometry.so3_kernels import cross, rotated_back
 
 _AVERAGING_S = 0.005  # of a foot's departure, against the noise of joint velocities
 
@@ -85,13 +87,52 @@ class FootWeights:
 
     def _level(self, core: SquareRootFilter, reading: Reading, motion: FootMotion, dt_s: float) -> Array:
         """Multiple of the noise of each foot, (n,)."""
-        stands, feet, mean = reading.is_stance & reading.is_known, reading.feet, core.mean
-        arms = self._radii_m[:, None] * (motion.normals @ mean.rotation)
-        at_contact = mean.vector[VELOCITY] @ mean.rotation + np.cross(mean.vector[RATE], feet.position_body - arms)
-        by_joints = -np.cross(arms, feet.angular_velocity_body) - feet.velocity_body
-        departure = np.where(stands[:, None], by_joints - at_contact, 0.0)
+        feet, mean, stands = reading.feet, core.mean, reading.is_stance & reading.is_known
+        departures = _departures(
+            (mean.rotation, mean.vector[VELOCITY], mean.vector[RATE]),
+            self._radii_m[:, None] * motion.normals,
+            feet.position_body,
+            np.ascontiguousarray(feet.velocity_body),
+            np.ascontiguousarray(feet.angular_velocity_body),
+            stands,
+        )
         share = np.where(stands & self._stood, dt_s / (dt_s + _AVERAGING_S), 1.0)
-        self._departure = self._departure + share[:, None] * (departure - self._departure)
+        self._departure = self._departure + share[:, None] * (departures - self._departure)
         self._stood = stands
         variance = self._config.foot_departure_mps**2 + float(core.variance(VELOCITY).mean())
         return np.asarray(np.sqrt(1.0 + np.square(self._departure).sum(axis=1) / variance))
+
+
+@compiled
+def _departures(
+    motion: tuple[Array, Array, Array],
+    arms: Array,
+    position_body: Array,
+    velocity_body: Array,
+    angular_velocity_body: Array,
+    stands: BoolArray,
+) -> Array:
+    """Velocity of the body over each contact by the joints less that by the state, m/s, body axes, (n, 3).
+
+    Args:
+        motion: rotation of the body, (3, 3), its velocity, world, and its rate, body axes.
+        arms: from each contact to the foot's centre, m, world, (n, 3).
+        position_body: foot centres, m, body frame, (n, 3).
+        velocity_body: of the foot centres relative to the body, m/s, body axes, (n, 3).
+        angular_velocity_body: of the foot links relative to the body, rad/s, body axes, (n, 3).
+        stands: feet in stance, (n,); 0 for the others.
+    """
+    rotation, velocity, rate = motion
+    bx, by, bz = rotated_back(rotation, velocity[0], velocity[1], velocity[2])
+    departures = np.zeros(arms.shape)
+    for leg in range(len(arms)):
+        if not stands[leg]:
+            continue
+        ax, ay, az = rotated_back(rotation, arms[leg, 0], arms[leg, 1], arms[leg, 2])
+        p, turn = position_body[leg], angular_velocity_body[leg]
+        rx, ry, rz = cross(turn[0], turn[1], turn[2], ax, ay, az)
+        wx, wy, wz = cross(rate[0], rate[1], rate[2], p[0] - ax, p[1] - ay, p[2] - az)
+        departures[leg, 0] = rx - velocity_body[leg, 0] - bx - wx
+        departures[leg, 1] = ry - velocity_body[leg, 1] - by - wy
+        departures[leg, 2] = rz - velocity_body[leg, 2] - bz - wz
+    return departures
