@@ -5,8 +5,8 @@ In a trot a foot stands for 0.2 s and is at rest for hardly half of it: it defle
 slides, rolls off and extends before it lifts off. These errors last for tens of milliseconds, all standing feet make
 them together, and the accelerometer, which drives the velocity over so short a time, does not. So the noise of a foot
 grows with how far its velocity is from the predicted one, as under a Cauchy distribution: what departs by ``d`` times
-its sigma has ``sqrt(1 + d^2)`` times the noise. It is a weight and not a gate: a filter that is itself wrong still
-follows its feet, slowly at first.
+its sigma has ``sqrt(1 + d^2)`` times the noise. It is a weight and not a gate. Where hardly any foot has agreed for
+some steps, the predicted velocity is wrong (an accelerometer that is off), and all feet count in full.
 
 A foot that creeps by a random walk moves at a white velocity; the rows of velocity and of position share that one
 density, whatever the rate of the samples.
@@ -26,6 +26,9 @@ from coclo_vio.geometry.compiled import compiled
 from coclo_vio.geometry.so3_kernels import cross, rotated_back
 
 _AVERAGING_S = 0.005  # of a foot's departure, against the noise of joint velocities
+_AGREES = 9.0  # square of a departure over its variance below which a foot agrees
+_AGREEMENT_S = 0.5  # about two steps of a trot
+_LEAST_AGREEMENT = 0.1  # on trots more than half of the standing feet agree at any time
 
 
 class StanceNoise(NamedTuple):
@@ -61,6 +64,7 @@ class FootWeights:
         self.is_used = legs <= FEW_LEGS and not has_soles if asked is None else asked
         self._departure: Array = np.zeros((legs, 3))
         self._stood: BoolArray = np.zeros(legs, dtype=np.bool_)
+        self._agreement = 1.0  # share of standing feet that do not depart
 
     def noise(
         self, core: SquareRootFilter, reading: Reading, motion: FootMotion, *, dt_s: float, creep_level: float
@@ -100,7 +104,11 @@ class FootWeights:
         self._departure = self._departure + share[:, None] * (departures - self._departure)
         self._stood = stands
         variance = self._config.foot_departure_mps**2 + float(core.variance(VELOCITY).mean())
-        return np.asarray(np.sqrt(1.0 + np.square(self._departure).sum(axis=1) / variance))
+        squared = np.square(self._departure).sum(axis=1) / variance
+        if stands.any() and not reading.is_stationary:
+            agreeing = float((squared[stands] < _AGREES).mean())
+            self._agreement += dt_s / (dt_s + _AGREEMENT_S) * (agreeing - self._agreement)
+        return np.ones(len(squared)) if self._agreement < _LEAST_AGREEMENT else np.asarray(np.sqrt(1.0 + squared))
 
 
 @compiled

@@ -109,6 +109,27 @@ def test_a_departure_counts_after_some_samples_and_is_forgotten_at_lift_off(walk
     assert push(walk.reading) == pytest.approx(1.0, rel=1e-6)
 
 
+def test_where_no_foot_agrees_for_some_steps_the_prediction_is_wrong_and_all_count(walk: Walk) -> None:
+    """0.5 ln 10 s: until then the share of feet that agree is above a tenth."""
+    weights, velocity = FootWeights(walk.radii_m, WEIGHED, has_soles=False), walk.core.mean.vector[VELOCITY]
+    velocity[0] += 1.0
+    stands, levels = walk.reading.is_stance, []
+    for _ in range(700):
+        noise = weights.noise(walk.core, walk.reading, walk.motion, dt_s=DT_S, creep_level=1.0)
+        levels.append(noise.creep[stands] / WEIGHED.stepping_creep)
+    expected = np.hypot(1.0, 1.0 / LIMIT_MPS)
+    np.testing.assert_allclose(levels[550], expected, rtol=1e-3)
+    np.testing.assert_allclose(levels[600:], 1.0, rtol=1e-12)
+    velocity[0] -= 1.0
+    for _ in range(100):
+        weights.noise(walk.core, walk.reading, walk.motion, dt_s=DT_S, creep_level=1.0)
+    leg = int(np.flatnonzero(stands)[0])
+    sliding = walk.sliding(leg, np.array([1.0, 0.0, 0.0]))
+    for _ in range(20):
+        noise = weights.noise(walk.core, sliding, walk.motion, dt_s=DT_S, creep_level=1.0)
+    assert noise.creep[leg] > 10.0 * WEIGHED.stepping_creep
+
+
 def test_at_rest_feet_have_the_creep_of_rest(walk: Walk) -> None:
     noise = walk.noise(reading=replace(walk.reading, is_stationary=True), level=0.5)
     stands = walk.reading.is_stance
