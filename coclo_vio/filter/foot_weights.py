@@ -10,6 +10,8 @@ some steps, the predicted velocity is wrong (an accelerometer that is off), and 
 
 A foot that creeps by a random walk moves at a white velocity; the rows of velocity and of position share that one
 density, whatever the rate of the samples.
+
+Source of the weight: Holland, Welsch, "Robust regression using iteratively reweighted least-squares", 1977.
 """
 
 from typing import NamedTuple

@@ -39,7 +39,7 @@ class SlipReport:
             foot = self._names[slip.leg]
             detail = (
                 f"foot {foot} slid {1e3 * slip.distance_m:.0f} mm in {slip.duration_s:.2f} s while its contact was in "
-                "stance; the filter weighs its leg by how fast the foot moves"
+                "stance; the filter weighs or rejects its leg by how fast the foot moves"
             )
             self._events.append(
                 SlipEvent(slip.start_ns, "foot_slipped", detail, foot, slip.duration_s, slip.distance_m)

@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from measurement_blocks import blocks_of
 from state_layouts import layout_of
 
-from coclo_vio.filter import measurement_model, process_model
+from coclo_vio.filter import process_model
 from coclo_vio.filter.config import FilterConfig, RobustConfig
 from coclo_vio.filter.odometry import LegOdometryFilter
 from coclo_vio.filter.stance import Footholds, FootMotion, Reading
@@ -166,21 +167,6 @@ def spread_in_compliance(state: State, compliances_m: np.ndarray) -> State:
     vector = np.tile(state.vector, (len(compliances_m), 1))
     vector[:, LEG_COMPLIANCE] = compliances_m[:, None]
     return replace(state, rotation=np.tile(state.rotation, (len(compliances_m), 1, 1)), vector=vector)
-
-
-def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, mean: State) -> list[measurement_model.Block]:
-    """Gyroscope, velocities, positions."""
-    noise_radps = robot.description.joint_velocity_noise_radps
-    sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
-    return measurement_model.blocks(
-        sensing,
-        reading,
-        motion,
-        mean,
-        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
-        foot_velocity_noise_mps=np.full(6, 0.05),
-        gyroscope_noise_radps=1e-3,
-    )
 
 
 def test_compliance_lowers_a_loaded_foot_in_the_kinematics_but_not_an_unloaded_one(

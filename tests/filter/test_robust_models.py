@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from measurement_blocks import blocks_of
 from state_layouts import layout_of
 
-from coclo_vio.filter import measurement_model, process_model
-from coclo_vio.filter.config import RobustConfig
-from coclo_vio.filter.stance import Footholds, FootMotion, Reading
+from coclo_vio.filter import process_model
+from coclo_vio.filter.stance import Footholds, Reading
 from coclo_vio.filter.state import GYROSCOPE_BIAS, POSITION, RATE, VELOCITY, State
 from coclo_vio.geometry import so3
 from coclo_vio.robot.contact import ContactState
@@ -67,20 +67,6 @@ def test_a_rolling_foot_is_exact_to_third_order_in_the_step(daisy: RobotModel) -
     assert carried < 1e-9
     assert coarse < 5e-6
     assert 6.0 < coarse / fine < 12.0
-
-
-def blocks_of(robot: RobotModel, reading: Reading, motion: FootMotion, state: State) -> list[measurement_model.Block]:
-    noise_radps = robot.description.joint_velocity_noise_radps
-    sensing = measurement_model.LegConstants(robot.foot_radii_m, robot.hip_position_body, noise_radps, RobustConfig())
-    return measurement_model.blocks(
-        sensing,
-        reading,
-        motion,
-        state,
-        foot_noise=np.tile(np.eye(3), (6, 1, 1)),
-        foot_velocity_noise_mps=np.full(6, 0.05),
-        gyroscope_noise_radps=1e-3,
-    )
 
 
 def test_measurements_without_noise_are_those_of_the_true_state(daisy: RobotModel, clean_walk: AnalyticTrial) -> None:
