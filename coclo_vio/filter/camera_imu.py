@@ -11,6 +11,7 @@ body's, the camera's IMU measures ``w + m x w + b - d dw/dt`` and ``f + m x f + 
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,11 +25,13 @@ from coclo_vio.filter.state import ACCELEROMETER_BIAS, GYROSCOPE_BIAS, GYROSCOPE
 from coclo_vio.filter.state_blocks import StateBlock, bias_sigmas
 from coclo_vio.filter.unscented_transform import Correction, correct
 from coclo_vio.geometry import so3
+from coclo_vio.robot.gravity_check import GravityCheck
 from coclo_vio.robot.imu_comparison import ImuComparison, ImuDifference
 from coclo_vio.robot.standstill import ImuMeans, StandstillDetector
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.measurements import CameraImuSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.outputs import Event
 from coclo_vio.values.units import GRAVITY_MPS2
 
 _SILENT_NS = 50_000_000  # without a sample for so long the body's IMU is silent
@@ -81,28 +84,43 @@ class CameraImu:
         self._since_joints: list[Array] = []  # rate and force of each sample, (2, 3)
         self._body_ns: int | None = None
         self._camera_ns: int | None = None
+        self._gravity_check = GravityCheck("camera's")
 
-    def push(self, measurement: Measurement) -> None:
-        """Take a measurement, whatever it is of; a sample of an IMU out of order is refused."""
+    def push(self, measurement: Measurement, up_body: Array | None) -> None:
+        """Take a measurement, whatever it is of; a sample of an IMU out of order is refused.
+
+        Args:
+            measurement: the measurement.
+            up_body: upward direction by the estimated attitude while a foot stands, body axes, (3,); otherwise None.
+        """
         match measurement:
             case ImuSample():
                 if self._body_ns is None or measurement.stamp_ns > self._body_ns:
                     self._body_ns = measurement.stamp_ns
                     self._comparison.push(measurement, is_second=False)
             case CameraImuSample():
-                self._take(measurement)
+                self._take(measurement, up_body)
             case JointSample():
                 self._standstill.push(measurement)
 
-    def _take(self, sample: CameraImuSample) -> None:
+    def take_events(self) -> Sequence[Event]:
+        """Whether this IMU was set aside or used again since the last call."""
+        return self._gravity_check.take_events()
+
+    def _take(self, sample: CameraImuSample, up_body: Array | None) -> None:
         if self._camera_ns is not None and sample.stamp_ns <= self._camera_ns:
             self.counts["camera_imu_stamp_refused"] += 1
+            return
+        values = np.stack((sample.angular_velocity, sample.specific_force)) @ self.rotation_body_imu.T
+        if up_body is not None:
+            self._gravity_check.push(sample.stamp_ns, values[1], up_body)
+        if self._gravity_check.is_aside:
+            self.counts["camera_imu_set_aside"] += 1
             return
         self._camera_ns = sample.stamp_ns
         self._comparison.push(sample, is_second=True)
         self._standstill.push(sample)
-        values = np.stack((sample.angular_velocity, sample.specific_force))
-        self._since_joints.append(values @ self.rotation_body_imu.T)
+        self._since_joints.append(values)
 
     def replaces_body_imu(self, stamp_ns: int) -> bool:
         """Whether the body's IMU is silent while the camera's is not."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parameters of the filter. The noise of a robot's sensors is in its description, not here."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
@@ -316,6 +317,11 @@ class FilterConfig(StageConfig):
     def rolls_feet(self) -> bool:
         """Whether feet roll about their point of contact: spheres, and flat feet on heel and toe."""
         return self.profile == "robust" and self.robust.rolls_feet
+
+    def gyroscope_noise_radps(self, density: float, dt_s: float) -> float:
+        """One sigma of a gyroscope of a noise density, rad/s/sqrt(Hz), averaged over a step, rad/s."""
+        density = max(density, self.robust.gyroscope_noise_density) if self.profile == "robust" else density
+        return density / math.sqrt(dt_s)
 
     profile: Annotated[
         Literal["robust", "paper"], Field(description="paper: section III as printed; robust: recommended")

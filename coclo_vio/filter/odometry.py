@@ -105,15 +105,16 @@ class LegOdometryFilter:
                 holds_soles=not preintegrates,
             )
             self._profile.watch = self._innovations.add if reports_innovations else None
-        timeout_s, rest = self.config.force_timeout_s, self.config.standstill
-        self._sensing = LegSensing(robot, contact, rest, force_timeout_s=timeout_s, rocks_soles=self.config.rolls_feet)
+        rest, rocks, checks = self.config.standstill, self.config.rolls_feet, self.config.profile == "robust"
+        self._sensing = LegSensing(
+            robot, contact, rest, force_timeout_s=self.config.force_timeout_s, rocks_soles=rocks, checks_gravity=checks
+        )
         self._feet = FootEvents(self.config.slip, contact, robot.leg_names)
         self._start_rule, self._stamp_ns, self._is_interrupted = StartRule(self.config.rest_timeout_s), 0, False
         self._core: SquareRootFilter | None = None
         self._exchange: KeyframeExchange | None = None
         self._levels: SlipLevels | None = None
-        self._gate = EvidenceGate(self.config.feedback_gate)
-        self._trail = BodyTrail(self.config)
+        self._gate, self._trail = EvidenceGate(self.config.feedback_gate), BodyTrail(self.config)
         self._mounting_prior = Prior(np.zeros(3), np.eye(3) * self.config.initial.camera_rotation_sigma_rad**2)
         self._reading: Reading | None = None
         self._given: Learnt = {}
@@ -153,8 +154,8 @@ class LegOdometryFilter:
         """
         up_body = None if self._core is None else self._core.mean.rotation[2]
         reading = self._sensing.push(measurement, up_body)
-        if self._camera_imu is not None:
-            self._camera_imu.push(measurement)
+        if self._camera_imu is not None and not (self._sensing.is_imu_aside and isinstance(measurement, ImuSample)):
+            self._camera_imu.push(measurement, up_body if self._sensing.stands else None)
         if reading is None:
             return self._coast(measurement.stamp_ns) if isinstance(measurement, ImuSample) else None
         if self._camera_imu is not None:
@@ -224,7 +225,8 @@ class LegOdometryFilter:
         """What was reported since the last call: legs set aside or used again, feet, and requested innovations."""
         check = self._profile.leg_check
         of_legs = () if check is None else check.take_events()
-        return (*self._innovations.take(), *of_legs, *self._feet.take_events())
+        of_imu = () if self._camera_imu is None else self._camera_imu.take_events()
+        return (*self._innovations.take(), *self._sensing.take_events(), *of_imu, *of_legs, *self._feet.take_events())
 
     def mark_frame(self, stamp_ns: int) -> MarkedFrame:
         """Remember the pose at the first camera frame, at its own stamp between samples; starts a new exchange.
@@ -354,10 +356,7 @@ class LegOdometryFilter:
 
     def _gyroscope_noise(self, dt_s: float) -> float:
         """One sigma of the gyroscope averaged over a step, rad/s."""
-        density = self._robot.description.imu.gyroscope_noise_density
-        if self.config.profile == "robust":
-            density = max(density, self.config.robust.gyroscope_noise_density)
-        return float(density / np.sqrt(dt_s))
+        return self.config.gyroscope_noise_radps(self._robot.description.imu.gyroscope_noise_density, dt_s)
 
     def _try_to_start(self, reading: Reading) -> StateEstimate | None:
         rest, camera_rest = self._sensing.rest, None

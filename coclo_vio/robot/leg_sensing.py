@@ -16,6 +16,7 @@ from coclo_vio.robot.contact import ContactConfig, ContactDetector, ContactState
 from coclo_vio.robot.foot_load import FootLoad
 from coclo_vio.robot.foot_motion import FootMotion
 from coclo_vio.robot.foot_motion_model import FootMotionModel
+from coclo_vio.robot.gravity_check import GravityCheck
 from coclo_vio.robot.model import FeetKinematics, RobotModel
 from coclo_vio.robot.sole_contact import SoleContact
 from coclo_vio.robot.standstill import ImuMeans, StandstillConfig, StandstillDetector
@@ -23,6 +24,7 @@ from coclo_vio.robot.unloading import Unloading
 from coclo_vio.values.arrays import Array, BoolArray, frozen
 from coclo_vio.values.errors import RobotModelError
 from coclo_vio.values.measurements import FootForceSample, ImuSample, JointSample, Measurement
+from coclo_vio.values.outputs import Event
 
 _MAX_FORCES = 200  # accelerometer samples that are kept while no joint sample comes
 
@@ -94,6 +96,7 @@ class LegSensing:
         *,
         force_timeout_s: float,
         rocks_soles: bool = False,
+        checks_gravity: bool = False,
     ) -> None:
         """Take a robot.
 
@@ -103,6 +106,7 @@ class LegSensing:
             standstill: limits of a standstill.
             force_timeout_s: foot forces older than this count as missing, s.
             rocks_soles: whether a flat foot is taken at the point where it touches the ground, not at its centre.
+            checks_gravity: whether an IMU that contradicts the attitude is left out, as if it were silent.
         """
         self._robot = robot
         self._soles = SoleContact(robot) if rocks_soles else None
@@ -121,11 +125,23 @@ class LegSensing:
         self._forces_body: list[Array] = []  # since the last joint sample, and the one before
         self._joint_ns: int | None = None
         self._rest: ImuMeans | None = None
+        self._gravity = GravityCheck("body's") if checks_gravity else None
+        self._stands = False  # whether a foot was in stance at the last joint sample
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Samples refused or missing, unknown legs, standstills and loads, by name."""
         return {**self._counts, **self._contact.counts, **self._standstill.counts}
+
+    @property
+    def is_imu_aside(self) -> bool:
+        """Whether the samples of the body's IMU are left out."""
+        return self._gravity is not None and self._gravity.is_aside
+
+    @property
+    def stands(self) -> bool:
+        """Whether a foot was in stance at the last joint sample."""
+        return self._stands
 
     @property
     def rest(self) -> ImuMeans | None:
@@ -164,7 +180,7 @@ class LegSensing:
         """
         match measurement:
             case ImuSample():
-                self._take_imu(measurement)
+                self._take_imu(measurement, up_body)
             case FootForceSample():
                 self._take_force(measurement)
             case JointSample():
@@ -176,13 +192,22 @@ class LegSensing:
         taken, self._inertial, self._forces_body = self._inertial, [], self._forces_body[-1:]
         return taken
 
-    def _take_imu(self, sample: ImuSample) -> None:
+    def take_events(self) -> Sequence[Event]:
+        """Whether the IMU was set aside or used again since the last call."""
+        return () if self._gravity is None else self._gravity.take_events()
+
+    def _take_imu(self, sample: ImuSample, up_body: Array | None) -> None:
         if self._imu is not None and sample.stamp_ns <= self._imu.stamp_ns:
             self._counts["imu_stamp_refused"] += 1
             return
         self._imu = sample
-        self._standstill.push(sample)
         rate_body, force_body = (self._rotation_body_imu @ v for v in (sample.angular_velocity, sample.specific_force))
+        if self._gravity is not None and up_body is not None and self._stands:
+            self._gravity.push(sample.stamp_ns, force_body, up_body)
+        if self.is_imu_aside:
+            self._counts["imu_set_aside"] += 1
+            return
+        self._standstill.push(sample)
         self._inertial.append(InertialStep(sample.stamp_ns, rate_body, force_body))
         self._force_sum += force_body
         self._force_count += 1
@@ -223,7 +248,7 @@ class LegSensing:
         self._counts["imu_missing"] += rate is None
         self._inertial = []
         self._forces_body = self._forces_body[-1:]
-        self._joint_ns = sample.stamp_ns
+        self._joint_ns, self._stands = sample.stamp_ns, bool(contact.is_stance.any())
         reading = Reading(stamp_ns, feet, contact, rate, inertial, force, is_stationary, sample.position, shift, motion)
         self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
         self._counts["standstill"] += reading.is_stationary

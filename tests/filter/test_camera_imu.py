@@ -23,7 +23,8 @@ from coclo_vio.simulation.body_motion import BodyMotionConfig
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.calibration import ImuCalibration
 from coclo_vio.values.estimates import StateEstimate
-from coclo_vio.values.measurements import CameraImuSample, ImuSample, Measurement
+from coclo_vio.values.measurements import CameraImuSample, ImuSample, InertialReading, Measurement
+from coclo_vio.values.outputs import Event
 from coclo_vio.values.units import NS_PER_S
 
 WALK = BodyMotionConfig(rest_s=0.8, walk_s=3.2, stop_s=0.0, ramp_s=0.6, speed_mps=0.18, curvature_per_m=0.4)
@@ -233,6 +234,27 @@ def test_the_second_imu_carries_on_where_the_bodys_is_silent(daisy: RobotModel, 
     assert position_error_m(trial, estimates[-1]) < 0.03
     rotation_sigmas = [np.sqrt(np.trace(one[-1].covariance[:3, :3])) for one in (estimates, without)]
     assert rotation_sigmas[0] < 0.7 * rotation_sigmas[1]
+
+
+@pytest.mark.parametrize("kind", [ImuSample, CameraImuSample])
+def test_an_imu_that_is_reversed_on_the_way_is_set_aside(daisy: RobotModel, kind: type[InertialReading]) -> None:
+    """A cable or a driver turns all axes of one IMU from a sample to the next; the other one goes on."""
+    trial = walk_of(daisy, 3)
+
+    def reversed_from(since_s: float) -> Iterator[Measurement]:
+        for one in with_camera_imu(trial, drawn(3)):
+            if isinstance(one, kind) and one.stamp_ns / NS_PER_S > since_s:
+                yield replace(one, angular_velocity=-one.angular_velocity, specific_force=-one.specific_force)
+            else:
+                yield one
+
+    odometry, estimates = run(daisy, reversed_from(2.0))
+    found = [event for event in odometry.take_events() if isinstance(event, Event)]
+    (event,) = (each for each in found if each.kind == "imu_set_aside")
+    assert 2.0 < event.stamp_ns / NS_PER_S < 2.2
+    assert event.detail.startswith(f"the {'body' if kind is ImuSample else 'camera'}'s accelerometer")
+    assert np.linalg.norm(tilt_error_rad(trial, estimates[-1])) < 0.03
+    assert position_error_m(trial, estimates[-1]) < 0.03
 
 
 def test_a_step_of_a_bias_is_counted_and_followed(daisy: RobotModel) -> None:
