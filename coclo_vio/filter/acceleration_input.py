@@ -14,14 +14,16 @@ Where joints are missing or no foot stands the accelerometer is all there is, fo
 bias, which do not change meanwhile, make its velocity wrong by their size times the time, and the noise grows with it.
 """
 
-from dataclasses import replace
+import math
 
 import numpy as np
 
 from coclo_vio.filter.config import RobustConfig
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Reading
-from coclo_vio.filter.state import ACCELEROMETER_BIAS, POSITION, VELOCITY
+from coclo_vio.filter.state import ACCELEROMETER_BIAS, POSITION, VELOCITY, State
+from coclo_vio.geometry.compiled import compiled
+from coclo_vio.geometry.so3_kernels import rotated
 from coclo_vio.robot.leg_sensing import InertialStep
 from coclo_vio.values.arrays import Array
 from coclo_vio.values.units import GRAVITY_MPS2
@@ -31,7 +33,7 @@ _MEMORY = 8.0  # windows
 _MOST_SHARE = 0.5  # of the density without an accelerometer: with more noise it is not used
 _HOLD_S = 0.02  # a reading holds for so long where the IMU is slower than the joints
 _LONGEST_STEP_S = 0.05  # a sample that comes later tells nothing of the time before
-_TILT = slice(0, 2)
+_TILT, _BIAS = slice(0, 2), ACCELEROMETER_BIAS.start
 _MOST_MEAN_MPS2, _MEAN_S = 15.0, 0.03  # no body accelerates like this for so long: axes or signs are wrong
 
 
@@ -65,12 +67,12 @@ class AccelerationInput:
         """Of what the accelerometer predicts, by the windows so far, m/s^2/sqrt(Hz); None before the first."""
         if self._weight == 0.0:
             return None
-        return max(self._least, float(np.sqrt(self._sum / self._weight * _WINDOW_S)))
+        return max(self._least, math.sqrt(self._sum / self._weight * _WINDOW_S))
 
     def predict(self, core: SquareRootFilter, reading: Reading, dt_s: float, *, is_gap: bool) -> None:
         """Move the velocity of the mean over the step to a reading; the prediction of the filter comes after it."""
         self.density = self._without
-        self._count_alone(core, dt_s, is_alone=not reading.is_stance.any())
+        self._count_alone(core, dt_s, is_alone=not reading.stands)
         if is_gap:
             self._held = None
         sensed = None if is_gap else self._sensed(reading, dt_s)
@@ -108,9 +110,7 @@ class AccelerationInput:
     def _change(self, core: SquareRootFilter, force: Array, turned: Array, dt_s: float) -> Array:
         """Of the velocity, world, m/s, (3,), by a specific force and a change of the rate, body axes."""
         mean = core.mean
-        change = mean.rotation @ ((force - mean.vector[ACCELEROMETER_BIAS]) * dt_s - turned @ self._lever_cross)
-        change[2] -= GRAVITY_MPS2 * dt_s
-        return np.asarray(change)
+        return _velocity_change(mean.rotation, mean.vector, force, turned, self._lever_cross, dt_s)
 
     def _drive(self, core: SquareRootFilter, change: Array, dt_s: float) -> None:
         """Move the velocity of the mean where the accelerometer is known to agree with the legs.
@@ -122,11 +122,12 @@ class AccelerationInput:
         noise = self.noise_density
         if noise is None or noise > _MOST_SHARE * self._without or float(self._mean @ self._mean) > _MOST_MEAN_MPS2**2:
             return
-        self.density = float(np.sqrt(noise**2 + 2.0 * self._constant * self._alone_s))
-        moved = core.mean.vector.copy()
+        self.density = math.sqrt(noise**2 + 2.0 * self._constant * self._alone_s)
+        mean = core.mean
+        moved = mean.vector.copy()
         moved[VELOCITY] += change
         moved[POSITION] -= 0.5 * dt_s * change  # the prediction moves it by the velocity at the end
-        core.mean = replace(core.mean, vector=moved)
+        core.mean = State(mean.layout, mean.rotation, moved, mean.remembered)
 
     def learn(self, core: SquareRootFilter) -> None:
         """Compare a window that is complete with how the velocity changed; call it after the update of a step."""
@@ -150,3 +151,17 @@ class AccelerationInput:
 
     def _close(self) -> None:
         self._impulse, self._window_s, self._velocity_then = np.zeros(3), 0.0, None
+
+
+@compiled
+def _velocity_change(
+    rotation: Array, vector: Array, force: Array, turned: Array, lever_cross: Array, dt_s: float
+) -> Array:
+    """Of the body, world, m/s, (3,): ``R ((f - b) dt - turned x lever) - g dt``."""
+    own, change = np.empty(3), np.empty(3)
+    for i in range(3):
+        lever = turned[0] * lever_cross[0, i] + turned[1] * lever_cross[1, i] + turned[2] * lever_cross[2, i]
+        own[i] = (force[i] - vector[_BIAS + i]) * dt_s - lever
+    change[0], change[1], change[2] = rotated(rotation, own[0], own[1], own[2])
+    change[2] -= GRAVITY_MPS2 * dt_s
+    return change

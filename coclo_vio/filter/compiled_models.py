@@ -105,7 +105,7 @@ class CompiledModels:
             np.ascontiguousarray(feet.velocity_body),
             np.ascontiguousarray(feet.angular_velocity_body),
             feet.jacobian,
-            reading.is_stance if reading.is_stance.any() else reading.is_known,
+            reading.is_stance if reading.stands else reading.is_known,
             self.stance_noise.velocity,
             _NO_RATE if rate is None else rate,
             0.0 if rate is None else gyroscope_noise_radps,

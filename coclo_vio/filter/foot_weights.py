@@ -14,6 +14,7 @@ density, whatever the rate of the samples.
 Source of the weight: Holland, Welsch, "Robust regression using iteratively reweighted least-squares", 1977.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -80,69 +81,82 @@ class FootWeights:
             dt_s: time since the last joint sample, s.
             creep_level: multiple of ``foothold_creep``.
         """
-        config, root_dt = self._config, float(np.sqrt(dt_s))
-        declared = unweighed(len(self._radii_m), config, creep_level)
-        if not reading.is_stance.any():
+        config, legs, root_dt = self._config, len(self._radii_m), math.sqrt(dt_s)
+        if not reading.stands:
             self._stood[:] = False
-            return declared._replace(velocity=np.full(len(self._radii_m), config.no_contact_velocity_density / root_dt))
+            declared = unweighed(legs, config, creep_level)
+            return declared._replace(velocity=np.full(legs, config.no_contact_velocity_density / root_dt))
         if not self.is_used:
-            return declared
-        creep = declared.creep if reading.is_stationary else np.full(len(self._radii_m), config.stepping_creep)
-        creep = creep * self._level(core, reading, motion, dt_s)
-        return StanceNoise(creep, np.maximum(declared.velocity, creep / root_dt))
-
-    def _level(self, core: SquareRootFilter, reading: Reading, motion: FootMotion, dt_s: float) -> Array:
-        """Multiple of the noise of each foot, (n,)."""
-        feet, mean, stands = reading.feet, core.mean, reading.is_stance & reading.is_known
-        departures = _departures(
+            return unweighed(legs, config, creep_level)
+        creep = creep_level * config.foothold_creep if reading.is_stationary else config.stepping_creep
+        mean, feet = core.mean, reading.feet
+        agreeing, level = _levels(
             (mean.rotation, mean.vector[VELOCITY], mean.vector[RATE]),
-            self._radii_m[:, None] * motion.normals,
-            feet.position_body,
-            np.ascontiguousarray(feet.velocity_body),
-            np.ascontiguousarray(feet.angular_velocity_body),
-            stands,
+            (
+                self._radii_m,
+                motion.normals,
+                feet.position_body,
+                np.ascontiguousarray(feet.velocity_body),
+                np.ascontiguousarray(feet.angular_velocity_body),
+            ),
+            reading.is_stance & reading.is_known,
+            self._departure,
+            self._stood,
+            dt_s / (dt_s + _AVERAGING_S),
+            config.foot_departure_mps**2 + core.mean_variance(VELOCITY),
         )
-        share = np.where(stands & self._stood, dt_s / (dt_s + _AVERAGING_S), 1.0)
-        self._departure = self._departure + share[:, None] * (departures - self._departure)
-        self._stood = stands
-        variance = self._config.foot_departure_mps**2 + float(core.variance(VELOCITY).mean())
-        squared = np.square(self._departure).sum(axis=1) / variance
-        if stands.any() and not reading.is_stationary:
-            agreeing = float((squared[stands] < _AGREES).mean())
+        if agreeing >= 0.0 and not reading.is_stationary:
             self._agreement += dt_s / (dt_s + _AGREEMENT_S) * (agreeing - self._agreement)
-        return np.ones(len(squared)) if self._agreement < _LEAST_AGREEMENT else np.asarray(np.sqrt(1.0 + squared))
+        creeps = np.full(legs, creep) if self._agreement < _LEAST_AGREEMENT else creep * level
+        return StanceNoise(creeps, np.maximum(config.foot_velocity_noise_mps, creeps / root_dt))
 
 
 @compiled
-def _departures(
+def _levels(
     motion: tuple[Array, Array, Array],
-    arms: Array,
-    position_body: Array,
-    velocity_body: Array,
-    angular_velocity_body: Array,
+    feet: tuple[Array, Array, Array, Array, Array],
     stands: BoolArray,
-) -> Array:
-    """Velocity of the body over each contact by the joints less that by the state, m/s, body axes, (n, 3).
+    departure: Array,
+    stood: BoolArray,
+    share: float,
+    variance: float,
+) -> tuple[float, Array]:
+    """Follow the departures; the share of standing feet that agree, -1 without one, and multiples of their noise, (n,).
 
     Args:
         motion: rotation of the body, (3, 3), its velocity, world, and its rate, body axes.
-        arms: from each contact to the foot's centre, m, world, (n, 3).
-        position_body: foot centres, m, body frame, (n, 3).
-        velocity_body: of the foot centres relative to the body, m/s, body axes, (n, 3).
-        angular_velocity_body: of the foot links relative to the body, rad/s, body axes, (n, 3).
-        stands: feet in stance, (n,); 0 for the others.
+        feet: radii, m, (n,), and each (n, 3): normals of the ground, world; foot centres, m, body frame; their velocity
+            relative to the body, m/s, body axes; rate of the foot links relative to the body, rad/s, body axes.
+        stands: feet in stance, (n,).
+        departure: velocity of the body over each contact by the joints less that by the state, low-passed, m/s, body
+            axes, (n, 3), 0 for the others; is updated.
+        stood: feet that stood at the last sample, (n,); is updated.
+        share: of a departure in the low-passed one.
+        variance: of a departure, (m/s)^2.
     """
     rotation, velocity, rate = motion
+    radii_m, normals, position_body, velocity_body, angular_velocity_body = feet
     bx, by, bz = rotated_back(rotation, velocity[0], velocity[1], velocity[2])
-    departures = np.zeros(arms.shape)
-    for leg in range(len(arms)):
-        if not stands[leg]:
-            continue
-        ax, ay, az = rotated_back(rotation, arms[leg, 0], arms[leg, 1], arms[leg, 2])
-        p, turn = position_body[leg], angular_velocity_body[leg]
-        rx, ry, rz = cross(turn[0], turn[1], turn[2], ax, ay, az)
-        wx, wy, wz = cross(rate[0], rate[1], rate[2], p[0] - ax, p[1] - ay, p[2] - az)
-        departures[leg, 0] = rx - velocity_body[leg, 0] - bx - wx
-        departures[leg, 1] = ry - velocity_body[leg, 1] - by - wy
-        departures[leg, 2] = rz - velocity_body[leg, 2] - bz - wz
-    return departures
+    level = np.ones(len(stands))
+    standing = agreeing = 0
+    for leg in range(len(stands)):
+        new = np.zeros(3)
+        if stands[leg]:
+            r, up = radii_m[leg], normals[leg]
+            ax, ay, az = rotated_back(rotation, r * up[0], r * up[1], r * up[2])
+            p, turn = position_body[leg], angular_velocity_body[leg]
+            rx, ry, rz = cross(turn[0], turn[1], turn[2], ax, ay, az)
+            wx, wy, wz = cross(rate[0], rate[1], rate[2], p[0] - ax, p[1] - ay, p[2] - az)
+            new[0] = rx - velocity_body[leg, 0] - bx - wx
+            new[1] = ry - velocity_body[leg, 1] - by - wy
+            new[2] = rz - velocity_body[leg, 2] - bz - wz
+        kept = share if stands[leg] and stood[leg] else 1.0
+        squared = 0.0
+        for i in range(3):
+            departure[leg, i] += kept * (new[i] - departure[leg, i])
+            squared += departure[leg, i] ** 2
+        stood[leg] = stands[leg]
+        level[leg] = math.sqrt(1.0 + squared / variance)
+        standing += int(stands[leg])
+        agreeing += int(stands[leg] and squared / variance < _AGREES)
+    return (agreeing / standing if standing > 0 else -1.0), level

@@ -96,7 +96,7 @@ class GravityWindow:
             lever_cross: of the place of the accelerometer, body frame, m: ``w @ lever_cross`` is ``w x place``, (3, 3).
         """
         mean = core.mean
-        if not reading.is_stance.any():
+        if not reading.stands:
             return self.close()
         if force_body is None:
             return None

@@ -38,12 +38,12 @@ class GroundPlane:
         self._config = config or GroundConfig()
         self.normals = np.tile(UP, (legs, 1))
         self._footholds: list[deque[Array]] = [deque(maxlen=_KEPT) for _ in range(legs)]
-        self._stood_s, self._feet = np.zeros(legs), np.zeros((legs, 3))
+        self._stood_s, self._feet = [0.0] * legs, np.zeros((legs, 3))
 
     def clear(self) -> None:
         """Forget all footholds: the ground is level again."""
         self.normals = np.tile(UP, (len(self._footholds), 1))
-        self._stood_s[:] = 0.0
+        self._stood_s = [0.0] * len(self._stood_s)
         for each in self._footholds:
             each.clear()
 
@@ -55,12 +55,17 @@ class GroundPlane:
             is_stance: legs that stand and were used, (n,).
             dt_s: time since the sample before, s.
         """
-        has_stood = (self._stood_s >= self._config.least_stance_s) & ~is_stance
-        for leg in np.flatnonzero(has_stood):
-            self._footholds[leg].append(self._feet[leg].copy())
-        self._stood_s = np.where(is_stance, self._stood_s + dt_s, 0.0)
-        self._feet[is_stance] = feet[is_stance]
-        if has_stood.any():
+        has_left = False
+        for leg, stands in enumerate(is_stance.tolist()):
+            if stands:
+                self._stood_s[leg] += dt_s
+                self._feet[leg] = feet[leg]
+                continue
+            if self._stood_s[leg] >= self._config.least_stance_s:
+                self._footholds[leg].append(self._feet[leg].copy())
+                has_left = True
+            self._stood_s[leg] = 0.0
+        if has_left:
             self.normals = self._fitted_normals()
 
     def _fitted_normals(self) -> Array:

@@ -26,7 +26,7 @@ from coclo_vio.filter.sole_rotation import SOLES, SoleRotation, sole_block
 from coclo_vio.filter.square_root_filter import SquareRootFilter
 from coclo_vio.filter.stance import Footholds, Reading, load_ratio_of
 from coclo_vio.filter.state import CONSIDERED_BY_LEGS, GYROSCOPE_BIAS, VELOCITY, StateLayout
-from coclo_vio.filter.state_blocks import FEW_LEGS, StateBlock, bias_sigmas, robust_blocks
+from coclo_vio.filter.state_blocks import FEW_LEGS, KNOWN_SIGMA, StateBlock, bias_sigmas, robust_blocks
 from coclo_vio.geometry import so3
 from coclo_vio.geometry.compiled import IS_COMPILED
 from coclo_vio.robot.description import RobotDescription
@@ -104,7 +104,10 @@ class RobustProfile:
     def start(self, reading: Reading) -> None:
         """Take the first reading; its feet in stance become footholds."""
         ground = GroundPlane(self.layout.legs, self._config.ground)
-        self._footholds = Footholds(reading, self._robot.contact.on_force, ground)
+        slips_by_load = any(
+            each.name == "load_slip" and np.max(each.sigma) > KNOWN_SIGMA for each in self.layout.blocks
+        )
+        self._footholds = Footholds(reading, self._robot.contact.on_force, ground, follows_takeover=slips_by_load)
         self._rejecting_s = 0.0
         config = self._config.leg_check
         foot_m = float(np.linalg.norm(self._models.foot_noise(reading), axis=(1, 2)).mean() / np.sqrt(3.0))
@@ -128,7 +131,7 @@ class RobustProfile:
         assert self._footholds is not None, "start() comes first"
         motion = self._footholds.advance(reading, speed_mps=_speed_of(core), is_gap=is_gap)
         foot_noise = self._models.foot_noise(reading)
-        self._counts["no_contact"] += not reading.is_stance.any()
+        self._counts["no_contact"] += not reading.stands
         if self.imu_delay is not None:
             self._models.imu_delay_s = self.imu_delay.value_s
         rotation_before = core.mean.rotation
@@ -191,12 +194,15 @@ class RobustProfile:
     def _gated(self, rejected: BoolArray, footholds: Footholds, reading: Reading, dt_s: float) -> BoolArray:
         """The legs (n,) that the gate leaves out; none where all stance legs have been rejected for too long."""
         is_settling = self._settling(reading, dt_s)
+        if not np.count_nonzero(rejected):
+            self._rejecting_s = 0.0
+            if np.count_nonzero(is_settling):
+                footholds.release(is_settling)
+            return is_settling
         stands = reading.is_stance & ~is_settling
         is_rejecting_all = bool(stands.any() and not (stands & ~rejected).any())
         rejected = rejected | is_settling
         self._rejecting_s = self._rejecting_s + dt_s if is_rejecting_all else 0.0
-        if not rejected.any():
-            return rejected
         if self._rejecting_s > self._config.recovery_s:
             self._counts["recovery"] += 1
             self._rejecting_s = 0.0

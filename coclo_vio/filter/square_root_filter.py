@@ -162,6 +162,11 @@ class SquareRootFilter:
             return self.passive.own.diagonal()[errors.start - active : errors.stop - active].copy()
         return np.asarray(np.einsum("ij,ij->i", self.active_factor[errors], self.active_factor[errors]))
 
+    def mean_variance(self, errors: slice) -> float:
+        """Mean of the variances of some active errors."""
+        rows = self.active_factor[errors]
+        return float(np.vdot(rows, rows)) / len(rows)
+
     def add_noise(self, name: str, sigma: float) -> None:
         """Add independent noise to each error of a block, of this sigma in its unit."""
         at, active = self.mean.layout.at(name), len(self.active_factor)

@@ -52,6 +52,23 @@ def load_ratio_of(reading: Reading, standing_load: float, before: Array) -> Arra
     return np.where(np.isfinite(load), ratio, before)
 
 
+def load_change(load: Array, standing_load: float, most: float, ratio: Array, is_loaded: BoolArray) -> Array:
+    """Follow the load ratios of the feet; the change of each, (n,), 0 where the load is or was unknown.
+
+    Args:
+        load: on each foot, N or counts, (n,); not finite where unknown.
+        standing_load: from which a foot stands, in the same unit.
+        most: a larger ratio is a sensor fault.
+        ratio: last known load ratios, (n,); is updated.
+        is_loaded: feet whose load was known, (n,); is updated.
+    """
+    known = np.isfinite(load)
+    now = np.where(known, np.minimum(np.maximum(load / standing_load, 0.0), most), ratio)
+    change = np.where(known & is_loaded, now - ratio, 0.0)
+    ratio[:], is_loaded[:] = now, known
+    return change
+
+
 def turns_of(holds: BoolArray, rotation: Array, before: Array) -> Array:
     """Rotation vectors (n, 3) from earlier to later rotations of the feet (n, 3, 3); 0 where one does not hold."""
     relative = np.where(holds[:, None, None], rotation @ np.swapaxes(before, 1, 2), np.eye(3))
@@ -74,17 +91,26 @@ class Footholds:
     A foot that swings, slips or is unknown is carried with the body until it stands again.
     """
 
-    def __init__(self, reading: Reading, standing_load: float, ground: GroundPlane | None = None) -> None:
+    def __init__(
+        self,
+        reading: Reading,
+        standing_load: float,
+        ground: GroundPlane | None = None,
+        *,
+        follows_takeover: bool = True,
+    ) -> None:
         """Remember the first reading.
 
         Args:
             reading: it.
             standing_load: N or counts, from which a foot stands.
             ground: follows the ground under the feet; None for level ground.
+            follows_takeover: whether the speed by takeover of weight is wanted; otherwise it is 0.
         """
         self._standing_load = standing_load
         self.ground = ground or GroundPlane(len(reading.contact.load))
-        self._transfer, self._has_loads = LoadTransfer(_weights_of(reading)), _has_loads(reading)
+        self._transfer = LoadTransfer(_weights_of(reading)) if follows_takeover else None
+        self._has_loads = _has_loads(reading)
         self._stamp_ns = reading.stamp_ns
         self._load_ratio = load_ratio_of(reading, standing_load, before=np.zeros(len(reading.contact.load)))
         self._is_loaded = np.isfinite(reading.contact.load)
@@ -100,20 +126,26 @@ class Footholds:
         holds = self._has_foothold & reading.is_stance & (not is_gap)
         rotation = reading.feet.rotation_body_foot
         turns = (stance_kernel.turns_of if IS_COMPILED else turns_of)(holds, rotation, self._rotation_body_foot)
-        position = np.where(is_known[:, None], reading.feet.position_body, self._position_body)
+        position = reading.feet.position_body
+        if np.count_nonzero(is_known) < len(is_known):
+            position = np.where(is_known[:, None], position, self._position_body)
         self._has_foothold = reading.is_stance
         self._rotation_body_foot = rotation
         self._position_body = position
-        load_ratio = load_ratio_of(reading, self._standing_load, before=self._load_ratio)
-        is_loaded, dt_s = np.isfinite(reading.contact.load), (reading.stamp_ns - self._stamp_ns) / NS_PER_S
-        load_ratio_rate = np.where(is_loaded & self._is_loaded, load_ratio - self._load_ratio, 0.0) / dt_s
-        self._load_ratio, self._is_loaded, self._stamp_ns = load_ratio, is_loaded, reading.stamp_ns
+        dt_s, self._stamp_ns = (reading.stamp_ns - self._stamp_ns) / NS_PER_S, reading.stamp_ns
+        load_ratio = self._load_ratio = self._load_ratio.copy()  # what was returned before does not change
+        load_ratio_rate = (stance_kernel.load_change if IS_COMPILED else load_change)(
+            reading.contact.load, self._standing_load, _MAX_LOAD_RATIO, load_ratio, self._is_loaded
+        )
+        load_ratio_rate /= dt_s
         takeover_speed = self._takeover_speed(reading, speed_mps, dt_s, is_gap=is_gap)
         normals = self.ground.normals
         return FootMotion(holds, position, turns, is_known, load_ratio, load_ratio_rate, normals, takeover_speed)
 
     def _takeover_speed(self, reading: Reading, speed_mps: float, dt_s: float, *, is_gap: bool) -> float:
         """By weights that continue those before; otherwise it begins with them, and is 0."""
+        if self._transfer is None:
+            return 0.0
         had_loads, self._has_loads = self._has_loads, _has_loads(reading)
         if is_gap or self._has_loads != had_loads:
             self._transfer.restart(_weights_of(reading))

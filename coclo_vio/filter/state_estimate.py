@@ -51,11 +51,17 @@ def _estimate(core: SquareRootFilter, stamp_ns: int, contact: Array, is_stance: 
         covariance = rows @ rows.T
     if not is_finite(vector) or not is_finite(covariance):
         raise FilterError(f"the state is no longer finite at {stamp_ns} ns: {ADVICE}")
-    nav = NavState(
-        se3.transform(mean.rotation, vector[POSITION]),
-        vector[VELOCITY],
-        vector[RATE],
-        vector[GYROSCOPE_BIAS],
-        vector[ACCELEROMETER_BIAS],
+    layout, vector = mean.layout, vector.copy()
+    nav = NavState.of_own(
+        T_world_body=se3.transform(mean.rotation, vector[POSITION]),
+        velocity_world=vector[VELOCITY],
+        angular_velocity_body=vector[RATE],
+        gyroscope_bias=vector[GYROSCOPE_BIAS],
+        accelerometer_bias=vector[ACCELEROMETER_BIAS],
     )
-    return StateEstimate(stamp_ns, nav, covariance, FootState(mean.feet, contact, is_stance))
+    feet = FootState.of_own(
+        position_world=vector[layout.feet].reshape(layout.legs, 3),
+        contact_probability=contact.copy(),
+        is_stance=is_stance.copy(),
+    )
+    return StateEstimate.of_own(stamp_ns=stamp_ns, nav=nav, covariance=covariance, feet=feet)

@@ -36,7 +36,7 @@ class FootEvents:
         if self._last_ns is not None and stamp_ns - self._last_ns > _GAP_S * NS_PER_S and not self._is_unsupported:
             since_ns = self._supported_ns = stamp_ns
         self._last_ns = stamp_ns
-        if since_ns is None or stamp_ns < since_ns or reading.is_stance.any():
+        if since_ns is None or stamp_ns < since_ns or reading.stands:
             self._supported_ns = stamp_ns
             if self._is_unsupported and since_ns is not None:
                 without_s = (stamp_ns - since_ns) / NS_PER_S

@@ -7,6 +7,7 @@ to the next, and turn the gyroscope with it. A filter that takes such an acceler
 within a second, and its feet are then what departs.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,9 +54,9 @@ class GravityCheck:
             self._mean, self._agreed_s = np.zeros(3), 0.0
             return
         beside = force_body - GRAVITY_MPS2 * up_body
-        beside = beside * min(1.0, _LARGEST_MPS2 / max(float(np.linalg.norm(beside)), _LARGEST_MPS2))
-        self._mean = self._mean + dt_s / (dt_s + _WINDOW_S) * (beside - self._mean)
-        size = float(np.linalg.norm(self._mean))
+        largest = max(math.sqrt(float(beside @ beside)), _LARGEST_MPS2)
+        self._mean += dt_s / (dt_s + _WINDOW_S) * (_LARGEST_MPS2 / largest * beside - self._mean)
+        size = math.sqrt(float(self._mean @ self._mean))
         if not self.is_aside and size > _CONTRADICTS_MPS2:
             self._set_aside(stamp_ns, force_body, up_body, size)
         elif self.is_aside:

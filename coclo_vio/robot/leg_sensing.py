@@ -61,6 +61,7 @@ class Reading:
         motion: of the feet, as standing feet would measure the body; None where it was not kept.
         is_known: legs whose kinematics are known, (n,).
         is_stance: legs in stance, (n,): by contact, or all of them while the robot stands still; unknown legs never.
+        stands: whether any leg is in stance.
     """
 
     stamp_ns: int
@@ -75,11 +76,14 @@ class Reading:
     motion: FootMotion | None = None
     is_known: BoolArray = field(init=False)
     is_stance: BoolArray = field(init=False)
+    stands: bool = field(init=False)
 
     def __post_init__(self) -> None:
         is_known = np.isfinite(self.feet.velocity_body[:, 0])
+        is_stance = is_known & (self.contact.is_stance | self.is_stationary)
         frozen(self, "is_known", is_known)
-        frozen(self, "is_stance", is_known & (self.contact.is_stance | self.is_stationary))
+        frozen(self, "is_stance", is_stance)
+        frozen(self, "stands", bool(is_stance.any()))
 
 
 class LegSensing:
@@ -248,9 +252,10 @@ class LegSensing:
         self._counts["imu_missing"] += rate is None
         self._inertial = []
         self._forces_body = self._forces_body[-1:]
-        self._joint_ns, self._stands = sample.stamp_ns, bool(contact.is_stance.any())
+        self._joint_ns = sample.stamp_ns
         reading = Reading(stamp_ns, feet, contact, rate, inertial, force, is_stationary, sample.position, shift, motion)
-        self._counts["leg_unknown"] += int(np.count_nonzero(~reading.is_known))
+        self._stands = reading.stands
+        self._counts["leg_unknown"] += len(reading.is_known) - int(np.count_nonzero(reading.is_known))
         self._counts["standstill"] += reading.is_stationary
         return reading
 

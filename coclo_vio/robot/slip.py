@@ -137,9 +137,8 @@ class SlipSearch:
 
     def _ended(self, ends: BoolArray, now_ns: int, *, is_lifted: BoolArray) -> list[Slip]:
         found = []
-        for leg in np.flatnonzero(ends):
-            steps = self._steps[leg]
-            if not steps:
+        for leg, steps in enumerate(self._steps):
+            if not steps or not ends[leg]:
                 continue
             self._steps[leg] = []
             last_ns = now_ns - round(self._config.lift_off_s * NS_PER_S) * int(is_lifted[leg])
@@ -147,5 +146,5 @@ class SlipSearch:
             distance_m = sum(step[1] for step in kept)
             duration_s = (kept[-1][0] - kept[0][0]) / NS_PER_S if kept else 0.0
             if distance_m >= self._config.least_m and duration_s >= self._config.window_s:
-                found.append(Slip(int(leg), kept[0][0], duration_s, distance_m))
+                found.append(Slip(leg, kept[0][0], duration_s, distance_m))
         return found

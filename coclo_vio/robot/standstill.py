@@ -14,6 +14,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from coclo_vio.geometry.compiled import compiled
 from coclo_vio.values.arrays import Array, has_nan
 from coclo_vio.values.config import StageConfig
 from coclo_vio.values.measurements import InertialReading, JointSample
@@ -212,6 +213,15 @@ class StartRule:
         return rest is not None or stamp_ns - self._first_ns >= self._timeout_ns
 
 
+@compiled
+def _accumulate(total: Array, squares: Array, values: Array, reference: Array, sign: float) -> None:
+    """Add deviations from a reference to their sum and to that of their squares, or take them away."""
+    for i in range(len(values)):
+        deviation = values[i] - reference[i]
+        total[i] += sign * deviation
+        squares[i] += sign * deviation * deviation
+
+
 class _SlidingMoments:
     """Mean and variance of the vectors of the last ``window_ns``, by sums of deviations from a first sample.
 
@@ -248,16 +258,12 @@ class _SlidingMoments:
         if len(self._samples) == 1 or self._dropped > 10 * len(self._samples):
             self._recompute(values)
         else:
-            deviation = values - self._reference
-            self._sum += deviation
-            self._sum_of_squares += deviation * deviation
+            _accumulate(self._sum, self._sum_of_squares, values, self._reference, 1.0)
         return True
 
     def drop_before(self, stamp_ns: int) -> None:
         while self._samples and self._samples[0][0] < stamp_ns:
-            deviation = self._samples.popleft()[1] - self._reference
-            self._sum -= deviation
-            self._sum_of_squares -= deviation * deviation
+            _accumulate(self._sum, self._sum_of_squares, self._samples.popleft()[1], self._reference, -1.0)
             self._dropped += 1
 
     def mean(self) -> Array:

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from coclo_vio.geometry.compiled import compiled
 from coclo_vio.robot.contact import ContactState
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.units import NS_PER_S
 
 _BEARS = 2.0  # a foot bears a load by its torques from this multiple of the limit on
@@ -41,13 +42,34 @@ class Unloading:
             contact: by the foot sensors.
             load_n: on each foot by joint torques, N, (n,); NaN where unknown.
         """
-        stands, bears = contact.is_stance, load_n > _BEARS * self._limit_n
-        self._bears_since_ns = np.where(bears, self._bears_since_ns, stamp_ns)
-        stands_after_all = bears & (stamp_ns - self._bears_since_ns > _RETURN_NS)
-        lifts = self._has_borne & (load_n < self._limit_n)
-        self._has_lifted = stands & (self._has_lifted | lifts) & ~stands_after_all
-        self._has_borne = stands & ~self._has_lifted & (self._has_borne | bears)
-        if not self._has_lifted.any():
+        stands = contact.is_stance
+        if not _follow(
+            stamp_ns, stands, load_n, self._limit_n, self._has_borne, self._has_lifted, self._bears_since_ns
+        ):
             return contact
         probability = np.where(self._has_lifted, 0.0, contact.probability)
         return replace(contact, probability=probability, is_stance=stands & ~self._has_lifted)
+
+
+@compiled
+def _follow(
+    stamp_ns: int,
+    stands: BoolArray,
+    load_n: Array,
+    limit_n: float,
+    has_borne: BoolArray,
+    has_lifted: BoolArray,
+    bears_since_ns: IntArray,
+) -> bool:
+    """Follow which feet have borne a load, have lifted off, and since when they bear, (n,); whether any has lifted."""
+    any_lifted = False
+    for leg in range(len(stands)):
+        bears = load_n[leg] > _BEARS * limit_n
+        if not bears:
+            bears_since_ns[leg] = stamp_ns
+        lifts = has_lifted[leg] or (has_borne[leg] and load_n[leg] < limit_n)
+        stands_after_all = bears and stamp_ns - bears_since_ns[leg] > _RETURN_NS
+        has_lifted[leg] = stands[leg] and lifts and not stands_after_all
+        has_borne[leg] = stands[leg] and not has_lifted[leg] and (has_borne[leg] or bears)
+        any_lifted = any_lifted or has_lifted[leg]
+    return any_lifted

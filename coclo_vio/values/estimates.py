@@ -2,14 +2,34 @@
 """States of an estimator and their covariance, as frozen values."""
 
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from coclo_vio.values.arrays import Array, BoolArray, checked, frozen
 
 
+class _OwnArrays:
+    """A value that an estimator can make from arrays of its own without a copy and a check of each."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of_own(cls, **fields: Any) -> Self:
+        """The value of arrays that have the right shapes, are finite, and that nobody else writes to.
+
+        They are read only from then on. All fields are given.
+        """
+        value = object.__new__(cls)
+        for name, field in fields.items():
+            if isinstance(field, np.ndarray):
+                field.setflags(write=False)
+            frozen(value, name, field)
+        return value
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class NavState:
+class NavState(_OwnArrays):
     """Pose, velocity, rate and biases of the body at one time.
 
     Attributes:
@@ -33,7 +53,7 @@ class NavState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FootState:
+class FootState(_OwnArrays):
     """Positions and contacts of the feet, in the order of the robot's legs.
 
     Attributes:
@@ -59,7 +79,7 @@ class FootState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StateEstimate:
+class StateEstimate(_OwnArrays):
     """The state of the body at one time, with its uncertainty.
 
     Attributes:

@@ -189,6 +189,23 @@ def test_turns_of_feet_equal_those_in_numpy() -> None:
     assert not turns[~holds].any()
 
 
+def test_changes_of_loads_equal_those_in_numpy() -> None:
+    """Loads that appear, vanish, are negative, and too large to be true."""
+    random = np.random.default_rng(6)
+    followed = [(np.full(5, 0.2), np.zeros(5, dtype=np.bool_)) for _ in range(2)]
+    for _ in range(200):
+        load = random.normal(20.0, 200.0, 5)
+        load[random.random(5) < 0.3] = np.nan
+        changes = [
+            form(load, 15.0, 20.0, *state)
+            for form, state in zip((stance_kernel.load_change, stance.load_change), followed, strict=True)
+        ]
+        np.testing.assert_array_equal(changes[0], changes[1])
+        for ours, theirs in zip(*followed, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        assert (np.abs(changes[0]) <= 20.0).all()
+
+
 def test_rotation_kernels_equal_those_of_stacks() -> None:
     random = np.random.default_rng(4)
     R, vector = np.empty((3, 3)), np.empty(3)

@@ -160,3 +160,11 @@ def test_loads_that_are_known_at_times_make_no_takeover(
         daisy, readings, lambda number, load: np.full(LEGS, np.nan) if number % 45 == 44 else uneven
     )
     np.testing.assert_array_equal(speeds, 0.0)
+
+
+def test_a_robot_without_slip_by_load_has_no_takeover(
+    daisy: RobotModel, noisy_walk: AnalyticTrial, readings_of: Readings
+) -> None:
+    readings = readings_of(noisy_walk.measurements)[:100]
+    footholds = Footholds(readings[0], daisy.description.contact.on_force, follows_takeover=False)
+    assert {footholds.advance(each, speed_mps=SPEED_MPS, is_gap=False).takeover_speed for each in readings[1:]} == {0.0}
