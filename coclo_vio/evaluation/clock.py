@@ -33,6 +33,7 @@ from coclo_vio.evaluation.angular_motion import (
     numbered_motion,
     stamped_motion,
 )
+from coclo_vio.evaluation.frame_counts import frame_numbers
 from coclo_vio.evaluation.uneven_rows import attitude_errors, refine_rows
 from coclo_vio.values.arrays import Array, IntArray
 from coclo_vio.values.config import StageConfig
@@ -60,10 +61,19 @@ class ClockConfig(StageConfig):
     rate_window_s: Annotated[
         float, Field(gt=0, le=10, description="the same where the rate is estimated too: rows are uneven then, s")
     ] = 1.5
-    has_uneven_rows: Annotated[
+    counts_frames: Annotated[
         bool,
-        Field(description="let the rate of a ground truth without stamps vary, estimated from attitude alone"),
-    ] = False
+        Field(
+            description="count the frames between rows of a ground truth without stamps, where its motion shows them"
+        ),
+    ] = True
+    has_uneven_rows: Annotated[
+        bool | None,
+        Field(
+            description="let the rate of a ground truth without stamps vary, estimated from attitude alone; null: "
+            "where its frames were counted, as those of a rest are unknown"
+        ),
+    ] = None
     knot_s: Annotated[float, Field(gt=0, le=60, description="the varying rate may change over this long, s")] = 1.5
     stiffness: Annotated[
         float, Field(gt=0, description="attitude error that weighs as much as an e-fold of rate at one knot, rad")
@@ -92,12 +102,13 @@ class ClockFit:
 
     Attributes:
         offset_s: what is added to the ground truth's stamps; without stamps, to its first stamp.
-        rate_hz: rate of the rows of a ground truth without stamps; None where it has stamps.
+        rate_hz: rate of the rows, or of the frames, of a ground truth without stamps; None where it has stamps.
         is_estimated: False where the clock was given or could not be estimated.
         correlation: of the low-passed angular velocities over the overlap, 0..1; None where nothing turns.
         residual_deg: RMS of the attitude difference that is left after a constant rotation on either side and a
             linear drift, degrees; None where the two overlap too little.
         row_stamps_ns: stamps of the rows where they were found to be uneven, ns, (N,); None elsewhere.
+        counts_frames: whether the frames between rows were counted.
         problem: why the clock could not be estimated; None where it was, or was given.
     """
 
@@ -108,6 +119,7 @@ class ClockFit:
     residual_deg: float | None
     problem: str | None = None
     row_stamps_ns: IntArray | None = None
+    counts_frames: bool = False
 
     def apply(self, reference: Trajectory) -> Trajectory:
         """The ground truth on the clock of the estimate."""
@@ -133,8 +145,12 @@ def fit_clock(estimate: Trajectory, truth: GroundTruth, config: ClockConfig) -> 
         return _fit_of(estimate, truth, config, (config.offset_s, config.rate_hz))
     problem = _why_not_observable(estimate, truth, config)
     if problem is None:
-        search = _search_rate if not truth.has_stamps else _search_offset
-        fit = _fit_of(estimate, truth, config, search(estimate, truth.trajectory, config))
+        if truth.has_stamps:
+            fit = _fit_of(estimate, truth, config, _search_offset(estimate, truth.trajectory, config))
+        else:
+            frames = _frames_of(truth, config)
+            found = _search_rate(estimate, truth.trajectory, config, frames)
+            fit = _fit_of(estimate, truth, config, found, frames)
         if truth.has_stamps and (same := _if_no_better(estimate, truth, config, fit)) is not None:
             return same
         if fit.correlation is not None and fit.correlation >= config.min_correlation:
@@ -193,12 +209,20 @@ def _why_not_observable(estimate: Trajectory, truth: GroundTruth, config: ClockC
     return None
 
 
-def _restamped_ns(reference: Trajectory, offset_s: float, rate_hz: float | None) -> IntArray:
+def _restamped_ns(
+    reference: Trajectory, offset_s: float, rate_hz: float | None, frames: IntArray | None = None
+) -> IntArray:
     shifted = reference.stamps_ns + round(offset_s * NS_PER_S)
     if rate_hz is None:
         return shifted
-    rows = np.arange(len(reference))
-    return np.asarray(shifted[0] + np.rint(rows * (NS_PER_S / rate_hz)).astype(np.int64))
+    frames = np.arange(len(reference)) if frames is None else frames
+    return np.asarray(shifted[0] + np.rint(frames * (NS_PER_S / rate_hz)).astype(np.int64))
+
+
+def _frames_of(truth: GroundTruth, config: ClockConfig) -> IntArray | None:
+    """The number of the frame of each row (N,) where it is counted."""
+    counts = config.counts_frames and not truth.has_stamps and config.offset_s is None
+    return frame_numbers(truth.trajectory) if counts else None
 
 
 def _search_offset(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
@@ -223,13 +247,16 @@ def _search_offset(estimate: Trajectory, reference: Trajectory, config: ClockCon
     return float(np.clip(best[0], -limit_s, limit_s)), None
 
 
-def _search_rate(estimate: Trajectory, reference: Trajectory, config: ClockConfig) -> tuple[float, float | None]:
+def _search_rate(
+    estimate: Trajectory, reference: Trajectory, config: ClockConfig, frames: IntArray | None
+) -> tuple[float, float | None]:
     start_ns, window_s = int(estimate.stamps_ns[0]), config.rate_window_s
     estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, window_s, np.inf)
     correlator = RateCorrelator(estimated, window_s)
-    at = SteadyTurns.through(np.arange(float(len(reference))), reference.rotations)
+    rows = np.arange(len(reference)) if frames is None else frames
+    at = SteadyTurns.through(rows.astype(np.float64), reference.rotations)
     reach = np.log(config.max_duration_ratio)
-    candidates_hz = (len(reference) - 1) / estimated.span_s[1] * np.exp(np.arange(-reach, reach, _RATE_STEP))
+    candidates_hz = rows[-1] / estimated.span_s[1] * np.exp(np.arange(-reach, reach, _RATE_STEP))
     coarse = [correlator.best_shift(numbered_motion(at, rate_hz), (-np.inf, np.inf)) for rate_hz in candidates_hz]
     best_index = int(np.argmax([score for _, score in coarse]))
     samples = correlator.samples_for(numbered_motion(at, float(candidates_hz[best_index])))
@@ -258,24 +285,32 @@ def _spacing_s(trajectory: Trajectory) -> float:
 
 
 def _fit_of(
-    estimate: Trajectory, truth: GroundTruth, config: ClockConfig, clock: tuple[float, float | None]
+    estimate: Trajectory,
+    truth: GroundTruth,
+    config: ClockConfig,
+    clock: tuple[float, float | None],
+    frames: IntArray | None = None,
 ) -> ClockFit:
     """A clock with its quality: correlation of the rates over the overlap and residual attitude."""
     offset_s, rate_hz = clock
     even = ClockFit(offset_s, rate_hz, config.offset_s is None, None, None)
     if len(estimate) < 2 or len(truth.trajectory) < 2:
         return even
-    stamps_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz)
+    stamps_ns = _restamped_ns(truth.trajectory, offset_s, rate_hz, frames)
+    if frames is not None:
+        even = replace(even, row_stamps_ns=stamps_ns, counts_frames=True)
     correlated, residual_deg, R_estimated_tracked = _quality(estimate, truth, config, stamps_ns)
     fit = replace(even, correlation=correlated, residual_deg=residual_deg)
-    if truth.has_stamps or not config.has_uneven_rows or residual_deg is None:
+    is_uneven = frames is not None if config.has_uneven_rows is None else config.has_uneven_rows
+    if truth.has_stamps or not is_uneven or residual_deg is None:
         return fit
     start_ns = int(estimate.stamps_ns[0])
     estimated = stamped_motion(estimate, estimate.stamps_ns, start_ns, config.rate_window_s, np.inf)
     attitudes = Rotation.from_matrix(truth.trajectory.rotations @ R_estimated_tracked.T)
     first_s, interval_s = (stamps_ns[0] - start_ns) / NS_PER_S, (stamps_ns[-1] - stamps_ns[0]) / NS_PER_S
-    even_s = (float(first_s), float(interval_s) / (len(stamps_ns) - 1))
-    times_s = refine_rows(estimated, attitudes, even_s, knot_s=config.knot_s, stiffness=config.stiffness)
+    numbers = np.arange(len(stamps_ns)) if frames is None else frames
+    even_s = (float(first_s), float(interval_s) / float(numbers[-1]))
+    times_s = refine_rows(estimated, attitudes, even_s, numbers, knot_s=config.knot_s, stiffness=config.stiffness)
     row_stamps_ns = start_ns + np.rint(times_s * NS_PER_S).astype(np.int64)
     correlated, residual_deg, _ = _quality(estimate, truth, config, row_stamps_ns)
     return replace(fit, correlation=correlated, residual_deg=residual_deg, row_stamps_ns=row_stamps_ns)

@@ -281,19 +281,27 @@ def _clock_notes(truth: GroundTruth, clock: ClockFit) -> list[str]:
     notes = []
     if not truth.has_stamps:
         how = "estimated from the angular velocity of the body" if clock.is_estimated else "given"
-        rows = (
-            "rows are taken as evenly spaced, so dropped ones show as errors of velocity and of position along the path"
-            if clock.row_stamps_ns is None
-            else "the spacing of its rows was fitted to the attitude of the body"
-        )
+        what = "the rate of its frames" if clock.counts_frames else "its rate"
         notes.append(
-            f"The ground truth has no time stamps: its rate, {clock.rate_hz:.3f} Hz, and its offset were {how}; {rows}."
+            f"The ground truth has no time stamps: {what}, {clock.rate_hz:.3f} Hz, and its offset were {how}; "
+            f"{_spacing(clock)}."
         )
     elif clock.is_estimated:
         notes.append(f"The clock offset of the ground truth, {clock.offset_s:.4f} s, was estimated from angular speed.")
     if clock.problem is not None:
         notes.append(f"The clock offset of the ground truth was not estimated: {clock.problem}.")
     return notes
+
+
+def _spacing(clock: ClockFit) -> str:
+    """How rows without stamps are spaced."""
+    if clock.row_stamps_ns is None:
+        return (
+            "rows are taken as evenly spaced, so dropped ones show as errors of velocity and of position along the path"
+        )
+    fitted = "the spacing of its rows was fitted to the attitude of the body"
+    counted = "the frames between its rows were counted from the smoothness of its own motion"
+    return f"{counted}, and then {fitted}" if clock.counts_frames else fitted
 
 
 def _notes(compared: _Compared) -> list[str]:

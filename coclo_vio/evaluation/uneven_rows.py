@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from coclo_vio.evaluation.angular_motion import AngularMotion, SteadyTurns
-from coclo_vio.values.arrays import Array, BoolArray
+from coclo_vio.values.arrays import Array, BoolArray, IntArray
 
 _MOST_ROWS = 600
 _OUTLIER_RAD = 0.05
@@ -33,42 +33,47 @@ class RowTimes:
     """Times of rows under a local rate: the first row and the logarithm of the intervals at knots, linear between.
 
     Attributes:
-        rows: number of rows.
-        knots: rows at which the intervals are given, (K,).
+        frames: number of the frame of each row, increasing from 0, (N,); of rows that were all logged their own.
+        knots: frames at which the intervals are given, (K,).
     """
 
-    rows: int
+    frames: IntArray
     knots: Array
 
     def times_s(self, values: Array) -> Array:
-        """Times, s, (rows,), of ``[first time, log interval at each knot]`` (1 + K,)."""
-        log_interval = np.interp(np.arange(self.rows - 1) + 0.5, self.knots, values[1:])
-        return np.asarray(values[0] + np.append(0.0, np.cumsum(np.exp(log_interval))))
+        """Times, s, (N,), of ``[first time, log interval of a frame at each knot]`` (1 + K,)."""
+        log_interval = np.interp(0.5 * (self.frames[1:] + self.frames[:-1]), self.knots, values[1:])
+        return np.asarray(values[0] + np.append(0.0, np.cumsum(np.exp(log_interval) * np.diff(self.frames))))
 
 
 def refine_rows(
-    estimated: AngularMotion, attitudes: Rotation, even_s: tuple[float, float], *, knot_s: float, stiffness: float
+    estimated: AngularMotion,
+    attitudes: Rotation,
+    even_s: tuple[float, float],
+    frames: IntArray,
+    *,
+    knot_s: float,
+    stiffness: float,
 ) -> Array:
     """Times of the rows, s on the estimate's clock, (N,), increasing.
 
     Args:
         estimated: attitude of the estimate over time.
         attitudes: of the rows, N of them, turned to the estimate's body frame.
-        even_s: time of the first row and interval of the rows, s, of the even clock.
+        even_s: time of the first row and interval of the frames, s, of the even clock.
+        frames: number of the frame of each row, (N,).
         knot_s: the local rate may change over this long, s.
         stiffness: rad of attitude error that one e-fold of rate at one knot weighs as much as.
     """
     count = len(attitudes)
-    knots = np.linspace(0.0, count - 1.0, max(2, round(count * even_s[1] / knot_s) + 1))
-    model = RowTimes(count, knots)
+    knots = np.linspace(0.0, float(frames[-1]), max(2, round((frames[-1] + 1) * even_s[1] / knot_s) + 1))
+    model = RowTimes(frames, knots)
     used = np.arange(0, count, max(1, count // _MOST_ROWS))
     start = np.append(even_s[0], np.full(len(knots), np.log(even_s[1])))
 
     # rocking is periodic, and the mounting of the tracker about the turning axis is poorly known: only turns count
-    averaged, inverse = (
-        _averaged(estimated),
-        _low_passed(attitudes, max(1, round(_AVERAGING_S / even_s[1])))[used].inv(),
-    )
+    averaged = _averaged(estimated)
+    inverse = _low_passed(_every_frame(frames, attitudes), max(1, round(_AVERAGING_S / even_s[1])))[frames[used]].inv()
 
     def residuals(values: Array) -> Array:
         times_s = model.times_s(values)[used]
@@ -78,6 +83,14 @@ def refine_rows(
 
     found = least_squares(residuals, start, loss="soft_l1", f_scale=_OUTLIER_RAD, max_nfev=_MOST_EVALUATIONS)
     return model.times_s(np.asarray(found.x))
+
+
+def _every_frame(frames: IntArray, attitudes: Rotation) -> Rotation:
+    """Attitudes of all frames, those without a row between their neighbours: means of rows would be of other times."""
+    if frames[-1] == len(frames) - 1:
+        return attitudes
+    turns = SteadyTurns.through(frames.astype(np.float64), attitudes.as_matrix())
+    return Rotation.from_matrix(turns.at(np.arange(float(frames[-1] + 1))))
 
 
 def _averaged(estimated: AngularMotion) -> AngularMotion:
@@ -91,8 +104,8 @@ def _averaged(estimated: AngularMotion) -> AngularMotion:
 
 
 def _low_passed(attitudes: Rotation, width: int) -> Rotation:
-    """Attitudes averaged (chordal mean) over ``width`` neighbours."""
-    return Rotation.from_matrix(uniform_filter1d(attitudes.as_matrix(), width, axis=0, mode="nearest"))
+    """Attitudes averaged (chordal mean) over about ``width`` neighbours: an even number would be of another time."""
+    return Rotation.from_matrix(uniform_filter1d(attitudes.as_matrix(), width | 1, axis=0, mode="nearest"))
 
 
 def attitude_errors(relative: Rotation, times_s: Array, is_known: BoolArray) -> Array:
