@@ -23,10 +23,11 @@ from coclo_vio.values.arrays import Array, BoolArray, IntArray
 from coclo_vio.values.trajectory import Trajectory
 
 _MOST = 12  # frames between two rows
-_LEAST_ROWS, _MOST_ROWS = 100, 600  # that move, and that noises are found by
-_ROUNDS = 4  # of numbers and their shares in turn
+_LEAST_ROWS, _MOST_ROWS = 100, 400  # that move, and that noises are found by
+_ROUNDS = 3  # of numbers and their shares in turn
 _SHARES = (0.05, 0.05, 0.1, 0.1)  # of a typical step, from which noises are sought
 _OCTAVES = (2.0, 1.0, 0.5)  # by which they are changed
+_QUIET_SHARE, _QUIET_STEP = 0.15, 0.02  # of the rows, and most of a typical step
 _MOVES = 25.0  # square of a step over its variance by noise, in the median of so many rows
 _MEDIAN_ROWS = 11
 _EVEN_SHARE = 0.95  # of the rows with the same number: they are even
@@ -43,10 +44,10 @@ def frame_numbers(trajectory: Trajectory) -> IntArray | None:
     steps = _steps(trajectory)
     if len(steps) < _LEAST_ROWS:
         return None
-    chosen = _busiest(steps)
-    noise, cost = _fitted(chosen, _MOST)
-    moves = _moving(steps, noise)
-    if np.count_nonzero(moves) < _LEAST_ROWS or _fitted(chosen, 1)[1] - cost < _LEAST_GAIN * len(chosen):
+    chosen, quiet = _busiest(steps), _quiet(steps)
+    noise, cost = _fitted(chosen, quiet, _MOST)
+    moves = _moving(steps, quiet)
+    if np.count_nonzero(moves) < _LEAST_ROWS or _fitted(chosen, quiet, 1)[1] - cost < _LEAST_GAIN * len(chosen):
         return None
     counts, _ = _most_likely(steps, noise, _MOST)
     of_moving = np.bincount(counts[moves])
@@ -69,6 +70,13 @@ def _typical(steps: Array) -> Array:
     return np.asarray(np.maximum(np.median(sizes, axis=0), 1e-6))
 
 
+def _quiet(steps: Array) -> Array:
+    """The least noise of a pose, m and rad, (2,): by the smallest steps, which are noise alone where the body rests."""
+    sizes = np.linalg.norm(steps.reshape(-1, 2, 3), axis=2)
+    smallest = np.quantile(sizes, _QUIET_SHARE, axis=0) / np.sqrt(6.0)  # three axes, the noise of two poses
+    return np.asarray(np.minimum(smallest, _QUIET_STEP * _typical(steps)))
+
+
 def _busiest(steps: Array) -> Array:
     """The stretch of at most ``_MOST_ROWS`` rows in which the body moves most."""
     sizes = np.minimum(np.linalg.norm(steps.reshape(-1, 2, 3), axis=2) / _typical(steps), 3.0).sum(axis=1)
@@ -78,18 +86,20 @@ def _busiest(steps: Array) -> Array:
     return np.asarray(steps[start : start + width])
 
 
-def _moving(steps: Array, noise: Array) -> BoolArray:
+def _moving(steps: Array, quiet: Array) -> BoolArray:
     """Rows (N,) at which the body moves by much more than the noise of its poses, by translation or by rotation."""
-    squares = np.square(steps.reshape(-1, 2, 3) / noise[:2, None]).sum(axis=2) / 6.0
+    squares = np.square(steps.reshape(-1, 2, 3) / np.maximum(quiet, 1e-12)[:, None]).sum(axis=2) / 6.0
     return np.asarray(median_filter(squares.max(axis=1), _MEDIAN_ROWS) > _MOVES)
 
 
-def _fitted(steps: Array, most: int) -> tuple[Array, float]:
+def _fitted(steps: Array, quiet: Array, most: int) -> tuple[Array, float]:
     """Noises of pose, m and rad, and accelerations, m and rad a frame, (4,), of the largest likelihood, and the cost.
 
-    One after the other is doubled, halved or changed by less while that helps.
+    One after the other is multiplied and divided while that helps, by less and less. Noise of poses is no less than
+    ``quiet`` (2,): beside accelerations it is hardly seen, and rows at rest would be counted by it.
     """
-    noise = np.tile(_typical(steps), 2) * _SHARES
+    least = np.append(np.maximum(quiet, 1e-9), (1e-9, 1e-9))
+    noise = np.maximum(np.tile(_typical(steps), 2) * _SHARES, least)
     cost = _most_likely(steps, noise, most)[1]
     for octave in _OCTAVES:
         helps = True
@@ -98,7 +108,7 @@ def _fitted(steps: Array, most: int) -> tuple[Array, float]:
             for index in range(len(noise)):
                 for factor in (2.0**octave, 0.5**octave):
                     changed = noise.copy()
-                    changed[index] *= factor
+                    changed[index] = max(factor * changed[index], least[index])
                     its_cost = _most_likely(steps, changed, most)[1]
                     if its_cost < cost - 1e-6:
                         noise, cost, helps = changed, its_cost, True

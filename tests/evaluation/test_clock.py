@@ -14,6 +14,7 @@ from coclo_vio.values.errors import EvaluationError
 from coclo_vio.values.trajectory import GroundTruth, Trajectory
 
 EVEN = ClockConfig(counts_frames=False)
+SEEDS = [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3, 4))]
 GO1 = Path(__file__).parents[3] / "shared" / "data" / "go1_mocap"
 
 
@@ -61,7 +62,7 @@ def test_positions_are_not_used(walk):
     assert fits[0] == fits[1]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_rate_and_offset_of_a_ground_truth_without_stamps(walk, seed):
     rate_hz, first_s = 57.8, -1.6
     rows = first_s + np.arange(1610) / rate_hz
@@ -72,7 +73,7 @@ def test_rate_and_offset_of_a_ground_truth_without_stamps(walk, seed):
     assert fit.apply(truth).stamps_ns[-1] == pytest.approx(rows[-1] * 1e9, abs=2e7)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_rate_and_offset_with_dropped_rows(walk, seed):
     rng = np.random.default_rng(seed)
     rows = -1.0 + np.arange(1620) / 60.0
@@ -180,7 +181,7 @@ def test_go1_mocap_without_stamps_against_the_integrated_gyroscope(late_s):
     )
     fit = fit_clock(estimate, GroundTruth(truth, False, "mocap.csv"), ClockConfig())
     assert fit.counts_frames
-    assert fit.rate_hz == pytest.approx(118.0, abs=1.0)
+    assert fit.rate_hz == pytest.approx(118.0, abs=2.0)
     assert fit.residual_deg < 3.5
     assert fit.correlation > 0.97
     fit = fit_clock(estimate, GroundTruth(truth, False, "mocap.csv"), EVEN)
