@@ -129,8 +129,9 @@ class ClockFollower:
         reason = self._doubt(stream, raw_ns + stream.shift_ns, now_ns)
         stream.is_last_normal = reason is None
         if reason is None:
-            yield from self._settle_images(stream, raw_ns)
-            yield from self._refuse(stream, len(stream.doubts))
+            if stream.doubts:
+                yield from self._settle_images(stream, raw_ns)
+                yield from self._refuse(stream, len(stream.doubts))
             yield self._accept(arrival)
         else:
             yield from self._take_doubtful(arrival, reason)

@@ -13,6 +13,7 @@ _LEAST_NS, _MOST_NS = 1e3, 1e12  # 1 us to 1000 s
 _STEP = math.log(1.01)
 _BINS = int(math.log(_MOST_NS / _LEAST_NS) / _STEP) + 2
 _NS_PER_MS = 1e6
+_MOST_NEW = 256  # durations that are kept as they came: sorted in one by one they would take time from each push
 
 
 class _Part(BaseModel):
@@ -38,23 +39,32 @@ class DurationHistogram:
     def __init__(self) -> None:
         self._bins = np.zeros(_BINS, dtype=np.int64)
         self._count, self._sum_ns, self._most_ns = 0, 0, 0
+        self._new: list[int] = []
 
     def add(self, duration_ns: int) -> None:
         """Take a duration; a negative one counts as none."""
-        duration_ns = max(duration_ns, 0)
-        row = 0 if duration_ns <= _LEAST_NS else int(math.log(duration_ns / _LEAST_NS) / _STEP) + 1
-        self._bins[min(row, _BINS - 1)] += 1
-        self._count += 1
-        self._sum_ns += duration_ns
-        self._most_ns = max(self._most_ns, duration_ns)
+        self._new.append(duration_ns)
+        if len(self._new) >= _MOST_NEW:
+            self._sort_in()
 
     @property
     def count(self) -> int:
         """How many there are."""
-        return self._count
+        return self._count + len(self._new)
+
+    def _sort_in(self) -> None:
+        durations_ns, self._new = np.maximum(np.array(self._new, dtype=np.int64), 0), []
+        rows = np.log(np.maximum(durations_ns, _LEAST_NS) / _LEAST_NS) / _STEP
+        rows = np.where(durations_ns <= _LEAST_NS, 0, rows.astype(np.int64) + 1)
+        self._bins += np.bincount(np.minimum(rows, _BINS - 1), minlength=_BINS)
+        self._count += len(durations_ns)
+        self._sum_ns += int(durations_ns.sum())
+        self._most_ns = max(self._most_ns, int(durations_ns.max()))
 
     def spread(self) -> Spread:
         """What they come to."""
+        if self._new:
+            self._sort_in()
         if not self._count:
             return Spread(count=0, mean_ms=None, p50_ms=None, p95_ms=None, p99_ms=None, max_ms=None)
         return Spread(

@@ -136,7 +136,12 @@ def _received(source: ChildProcess, memory: SharedImages | None, times: PlayTime
     try:
         source.connection.send("begin")
         while True:
-            while ended is None and len(waiting) < _MOST_WAITING and source.has_message(0.0 if waiting else _LOOK_S):
+            while (
+                ended is None
+                and len(waiting) < _MOST_WAITING
+                and not (waiting and waiting[0][0] == times.due_ns)  # the rest of a message first
+                and source.has_message(0.0 if waiting else _LOOK_S)
+            ):
                 message: Due | Ended = source.connection.recv()
                 if isinstance(message, Ended):
                     ended = message

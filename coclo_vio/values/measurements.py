@@ -4,9 +4,10 @@
 Readers make them; filter, front end and smoother process them. Arrays are checked once, here, and are read-only.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -30,8 +31,29 @@ def check_stamp(sample: "Measurement | InertialReading") -> None:
         )
 
 
+class _Sample:
+    """A stamp and arrays of one length, which go to another process as one piece and are not checked again there."""
+
+    __slots__ = ()
+    _ARRAYS: ClassVar[tuple[str, ...]]
+    stamp_ns: int
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[type, int, bytes]]:
+        arrays = (getattr(self, name) for name in self._ARRAYS)
+        return _of_bytes, (type(self), self.stamp_ns, b"".join(array.tobytes() for array in arrays))
+
+
+def _of_bytes(kind: type[_Sample], stamp_ns: int, packed: bytes) -> _Sample:
+    sample = object.__new__(kind)
+    frozen(sample, "stamp_ns", stamp_ns)
+    arrays = np.frombuffer(packed).reshape(len(kind._ARRAYS), -1)
+    for name, array in zip(kind._ARRAYS, arrays, strict=True):
+        frozen(sample, name, array)
+    return sample
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class InertialReading:
+class InertialReading(_Sample):
     """One reading of an inertial measurement unit, in the frame of that unit.
 
     Attributes:
@@ -42,6 +64,8 @@ class InertialReading:
     Raises:
         ValueError: a wrong shape, or a reading that is not finite.
     """
+
+    _ARRAYS = ("angular_velocity", "specific_force")
 
     stamp_ns: int
     angular_velocity: Array
@@ -67,7 +91,7 @@ class CameraImuSample(InertialReading):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointSample:
+class JointSample(_Sample):
     """One reading of all leg joints, in the order of ``RobotModel.joint_names``.
 
     NaN marks a joint without a reading; its leg is left out, the others are used.
@@ -81,6 +105,8 @@ class JointSample:
     Raises:
         ValueError: arrays of different length, or an infinite reading.
     """
+
+    _ARRAYS = ("position", "velocity", "effort")
 
     stamp_ns: int
     position: Array
@@ -109,7 +135,7 @@ class JointSample:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FootForceSample:
+class FootForceSample(_Sample):
     """One reading of the foot sensors, in the order of the robot's legs.
 
     Attributes:
@@ -120,6 +146,8 @@ class FootForceSample:
     Raises:
         ValueError: not a vector, or an infinite reading.
     """
+
+    _ARRAYS = ("force",)
 
     stamp_ns: int
     force: Array

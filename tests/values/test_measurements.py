@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import dataclasses
+import pickle
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from coclo_vio.values.measurements import (
     FootForceSample,
     ImuSample,
     JointSample,
+    Measurement,
     StereoFrame,
     StereoTracks,
 )
@@ -136,3 +139,23 @@ def test_other_velocities_are_checked_like_the_first() -> None:
         sample.with_velocity(np.zeros(2))
     with pytest.raises(ValueError, match="must be finite, got inf at index"):
         sample.with_velocity(np.array([0.0, np.inf, 0.0]))
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [
+        ImuSample(3, np.arange(3.0), np.arange(3.0, 6.0)),
+        CameraImuSample(np.int64(4), np.zeros(3), np.ones(3)),
+        JointSample(5, np.array([0.1, np.nan]), np.array([np.nan, 0.2]), np.full(2, np.nan)),
+        FootForceSample(6, np.array([1.0, np.nan, 3.0])),
+        FootForceSample(7, np.zeros(0)),
+    ],
+    ids=lambda sample: type(sample).__name__,
+)
+def test_samples_are_the_same_in_another_process(sample: Measurement) -> None:
+    there = pickle.loads(pickle.dumps(sample))
+    assert type(there) is type(sample)
+    assert there.stamp_ns == sample.stamp_ns
+    for name in (field.name for field in fields(sample) if field.name != "stamp_ns"):
+        np.testing.assert_array_equal(getattr(there, name), getattr(sample, name))
+        assert not getattr(there, name).flags.writeable
