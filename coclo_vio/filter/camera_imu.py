@@ -112,8 +112,7 @@ class CameraImu:
             self.counts["camera_imu_stamp_refused"] += 1
             return
         values = np.stack((sample.angular_velocity, sample.specific_force)) @ self.rotation_body_imu.T
-        if up_body is not None:
-            self._gravity_check.push(sample.stamp_ns, values[1], up_body)
+        self._gravity_check.push(sample.stamp_ns, values[1], up_body)
         if self._gravity_check.is_aside:
             self.counts["camera_imu_set_aside"] += 1
             return

@@ -4,7 +4,8 @@
 Whatever a robot on its feet does, over some tenths of a second its accelerations cancel and gravity is left. Axes that
 are interchanged or reversed (a cable, a driver, a reset of the sensor) turn gravity by tens of degrees from one sample
 to the next, and turn the gyroscope with it. A filter that takes such an accelerometer as its input is off by a metre
-within a second, and its feet are then what departs.
+within a second, and its feet are then what departs. An accelerometer that has never agreed, such as one whose driver
+subtracts gravity, is another matter, and its gyroscope may be right: it is left as it is.
 """
 
 import math
@@ -27,8 +28,8 @@ _LONGEST_STEP_S = 0.1  # what is further apart is no mean
 class GravityCheck:
     """Follows the mean of what the accelerometer measures beside gravity.
 
-    ``imu_set_aside`` comes where it is more than 6 m/s^2 while a foot stands, ``imu_used_again`` once it has been
-    less than 2.5 m/s^2 for a second.
+    ``imu_set_aside`` comes where it is more than 6 m/s^2 while a foot stands, of an IMU that has agreed before, and
+    ``imu_used_again`` once it has been less than 2.5 m/s^2 for a second.
 
     Attributes:
         is_aside: whether the IMU's samples are to be left out.
@@ -37,19 +38,23 @@ class GravityCheck:
     def __init__(self, name: str) -> None:
         """Take whose IMU it is, as in "body's"."""
         self.is_aside, self._name = False, name
+        self._has_agreed = False  # for long enough, once
         self._mean: Array = np.zeros(3)  # body axes
         self._agreed_s, self._last_ns = 0.0, 0
         self._events: list[Event] = []
 
-    def push(self, stamp_ns: int, force_body: Array, up_body: Array) -> None:
-        """Take a sample while a foot stands.
+    def push(self, stamp_ns: int, force_body: Array, up_body: Array | None) -> None:
+        """Take a sample.
 
         Args:
             stamp_ns: of the sample, in nanoseconds.
             force_body: specific force, m/s^2, body axes, (3,).
-            up_body: upward direction by the estimated attitude, body axes, (3,).
+            up_body: upward direction by the estimated attitude, body axes, (3,); None while no foot stands, or before
+                the start.
         """
         dt_s, self._last_ns = (stamp_ns - self._last_ns) / NS_PER_S, stamp_ns
+        if up_body is None:
+            return
         if dt_s > _LONGEST_STEP_S:
             self._mean, self._agreed_s = np.zeros(3), 0.0
             return
@@ -57,12 +62,13 @@ class GravityCheck:
         largest = max(math.sqrt(float(beside @ beside)), _LARGEST_MPS2)
         self._mean += dt_s / (dt_s + _WINDOW_S) * (_LARGEST_MPS2 / largest * beside - self._mean)
         size = math.sqrt(float(self._mean @ self._mean))
-        if not self.is_aside and size > _CONTRADICTS_MPS2:
-            self._set_aside(stamp_ns, force_body, up_body, size)
-        elif self.is_aside:
-            self._agreed_s = self._agreed_s + dt_s if size < _AGREES_MPS2 else 0.0
+        self._agreed_s = self._agreed_s + dt_s if size < _AGREES_MPS2 else 0.0
+        self._has_agreed = self._has_agreed or self._agreed_s > _AGREES_S
+        if self.is_aside:
             if self._agreed_s > _AGREES_S:
                 self._use_again(stamp_ns)
+        elif self._has_agreed and size > _CONTRADICTS_MPS2:
+            self._set_aside(stamp_ns, force_body, up_body, size)
 
     def take_events(self) -> Sequence[Event]:
         """What was found since the last call."""
@@ -70,7 +76,7 @@ class GravityCheck:
         return events
 
     def _set_aside(self, stamp_ns: int, force_body: Array, up_body: Array, size: float) -> None:
-        self.is_aside, self._agreed_s = True, 0.0
+        self.is_aside = True
         cosine = float(force_body @ up_body) / max(float(np.linalg.norm(force_body)), 1e-9)
         degrees = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
         detail = (

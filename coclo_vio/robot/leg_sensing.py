@@ -206,8 +206,8 @@ class LegSensing:
             return
         self._imu = sample
         rate_body, force_body = (self._rotation_body_imu @ v for v in (sample.angular_velocity, sample.specific_force))
-        if self._gravity is not None and up_body is not None and self._stands:
-            self._gravity.push(sample.stamp_ns, force_body, up_body)
+        if self._gravity is not None:
+            self._gravity.push(sample.stamp_ns, force_body, up_body if self._stands else None)
         if self.is_imu_aside:
             self._counts["imu_set_aside"] += 1
             return
