@@ -114,7 +114,7 @@ class CameraImu:
         values = np.stack((sample.angular_velocity, sample.specific_force)) @ self.rotation_body_imu.T
         self._gravity_check.push(sample.stamp_ns, values[1], up_body)
         if self._gravity_check.is_aside:
-            self.counts["camera_imu_set_aside"] += 1
+            self.counts["camera_imu_contradicts_gravity"] += 1
             return
         self._camera_ns = sample.stamp_ns
         self._comparison.push(sample, is_second=True)

@@ -209,7 +209,7 @@ class LegSensing:
         if self._gravity is not None:
             self._gravity.push(sample.stamp_ns, force_body, up_body if self._stands else None)
         if self.is_imu_aside:
-            self._counts["imu_set_aside"] += 1
+            self._counts["imu_contradicts_gravity"] += 1
             return
         self._standstill.push(sample)
         self._inertial.append(InertialStep(sample.stamp_ns, rate_body, force_body))
