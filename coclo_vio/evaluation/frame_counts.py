@@ -54,7 +54,7 @@ def frame_numbers(trajectory: Trajectory) -> IntArray | None:
     if of_moving.max() > _EVEN_SHARE * of_moving.sum():
         return None
     frames = np.where(moves, counts, counts[moves].mean())
-    return np.append(0, np.rint(np.cumsum(frames)).astype(np.int64))
+    return np.append(0, np.floor(np.cumsum(frames) + 0.5).astype(np.int64))  # halves upwards: never the same twice
 
 
 def _steps(trajectory: Trajectory) -> Array:
